@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import ceil
 from typing import Any, Protocol
@@ -45,6 +46,7 @@ LONGEST = 1.15  # cells that a command may move particles without a note
 ASKEW = 5.0  # degrees that it may lead aside without a note
 PATIENCE = 10.0  # seconds without a new picture
 CYCLES = 3, 8  # least and most pairs of pulses that are measured
+FEW = 7  # particles, below which pulses back and forth begin at both sides
 ENOUGH = 20  # motions in each direction for which few particles need more pairs
 LONGER = 6  # times that a first pulse is doubled until particles move
 _AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
@@ -78,6 +80,8 @@ class TestPulse:
     before, after : ndarray of float64, shape (n, 2)
     ids : ndarray of int64, shape (n,)
         Numbers of the particles, the same from pulse to pulse.
+    room : str
+        Command that was sent before the pulses back and forth, if any.
     """
 
     command: str
@@ -86,6 +90,7 @@ class TestPulse:
     before: Points
     after: Points
     ids: NDArray[np.int64]
+    room: str = ""
 
 
 class TestRun:
@@ -106,6 +111,8 @@ class TestRun:
         Standard deviation of an observed position along each axis, in pixels.
     drift : ndarray of float64, shape (2,)
         Velocity without a pulse, in pixels a second; 0 if chance explains it.
+    few : bool
+        Whether there are so few particles that all may stand at walls.
     pairs : int
         Number of pairs of pulses that are measured along each axis.
     latencies : list of float
@@ -127,7 +134,9 @@ class TestRun:
         if not len(self._last.points):
             raise RigError("calibration: expected particles in the picture, got none")
         self.noise, self.drift = self._at_rest(frames)
+        self.few = len(self._last.points) < FEW
         self.pairs = int(np.clip(-(-ENOUGH // len(self._last.points)), *CYCLES))
+        self.pairs = -(-self.pairs // 2) if self.few else self.pairs  # of each order
         self._ids = np.arange(len(self._last.points))
         self._next_id = len(self._ids)
 
@@ -230,12 +239,21 @@ class TestRun:
         """
         done = []
         for pair in ("rl", "ud"):
-            for cycle in range(1 + self.pairs):
-                for letter in pair:
-                    pulse = self.push(letter, *pulses[letter], expected[letter])
-                    if cycle:
-                        done.append(pulse)
+            for room in self._rooms(pair):
+                for letter in room * 2:
+                    self.push(letter, *pulses[letter], expected[letter])
+                for cycle in range(1 + self.pairs):
+                    for letter in pair:
+                        pulse = self.push(letter, *pulses[letter], expected[letter])
+                        if cycle:
+                            done.append(replace(pulse, room=room))
         return done
+
+    def _rooms(self, pair: str) -> tuple[str, ...]:
+        """Return the commands before pulses back and forth. Few particles may all stand at walls,
+        which then stop the stronger of the two commands each time: both orders are tried.
+        """
+        return (pair[1], pair[0]) if self.few else ("",)
 
     def speeds(
         self, stated: Mapping[str, tuple[float, float]], *, whole: bool = False
@@ -254,15 +272,11 @@ class TestRun:
         for pair in ("rl", "ud"):
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
-                steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-                for letter in pair * CYCLES[0]:
-                    angle, seconds = stated[letter]
-                    pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
-                    steps[letter].append(pulse.after - pulse.before)
-                moved = {
-                    letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
-                    for letter in pair
-                }
+                moved = {letter: (np.full(2, np.nan), np.zeros(0, dtype=bool)) for letter in pair}
+                for room in self._rooms(pair):
+                    for letter, found_now in self._short(pair, room, stated, share, whole).items():
+                        if not _length(found_now[0]) <= 1.1 * _length(moved[letter][0]):
+                            moved[letter] = found_now
                 enough = [
                     letter
                     for letter, (motion, free) in moved.items()
@@ -290,6 +304,32 @@ class TestRun:
                 found[letter] = moved[letter][0] / (share * stated[letter][1])
         return found
 
+    def _short(
+        self,
+        pair: str,
+        room: str,
+        stated: Mapping[str, tuple[float, float]],
+        share: float,
+        whole: bool,
+    ) -> dict[str, tuple[Points, NDArray[np.bool_]]]:
+        """Return the free motions, in pixels, of short pulses back and forth."""
+        steps: dict[str, list[Points]] = {letter: [] for letter in pair}
+        for letter in room * 2 + pair * CYCLES[0]:
+            angle, seconds = stated[letter]
+            pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
+            steps[letter].append(pulse.after - pulse.before)
+        for letter in room:
+            del steps[letter][:2]
+        return {
+            letter: free_motion(np.vstack(each), self.noise * 2**0.5)
+            for letter, each in steps.items()
+        }
+
+
+def _length(motion: Points) -> float:
+    """Return the length of a motion, and 0 for none."""
+    return 0.0 if np.isnan(motion).any() else float(np.linalg.norm(motion))
+
 
 @dataclass(frozen=True, eq=False)
 class _Group:
@@ -305,13 +345,18 @@ class _Group:
 
 def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_Group]:
     """Return the free motions of the pulses of each angle and duration."""
-    together: dict[tuple[str, float, float], list[Points]] = {}
+    together: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
     for pulse in pulses:
-        key = pulse.command, pulse.angle, pulse.seconds
-        together.setdefault(key, []).append(motions_of(pulse, matrix))
+        rooms = together.setdefault((pulse.command, pulse.angle, pulse.seconds), {})
+        rooms.setdefault(pulse.room, []).append(motions_of(pulse, matrix))
     groups = []
-    for (command, angle, seconds), parts in together.items():
-        motions = np.vstack(parts)
+    for (command, angle, seconds), rooms in together.items():
+        every = [np.vstack(parts) for parts in rooms.values()]
+        lengths = [_length(free_motion(motions, noise)[0]) for motions in every]
+        # walls make motions shorter, never longer
+        motions = np.vstack(
+            [one for one, length in zip(every, lengths, strict=True) if length > 0.9 * max(lengths)]
+        )
         motion, free = free_motion(motions, noise)
         count, least = int(free.sum()), max(FEWEST, LEAST_FREE * len(motions))
         if count < least:
