@@ -70,7 +70,7 @@ class _Sensor(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class TestPulse:
+class MeasuredPulse:
     """One test pulse, with the positions of the particles that were followed, in pixels.
 
     Parameters
@@ -93,7 +93,7 @@ class TestPulse:
     room: str = ""
 
 
-class TestRun:
+class PulseRun:
     """Carries out test pulses, and follows the particles in the pictures.
 
     Parameters
@@ -118,8 +118,6 @@ class TestRun:
     latencies : list of float
         For each pulse, the time until the camera showed the particles at rest.
     """
-
-    __test__ = False  # no test of pytest
 
     def __init__(self, actuator: _Actuator, sensor: _Sensor, cell: float, wait: float) -> None:
         self.actuator, self.sensor, self.cell, self.wait = actuator, sensor, cell, wait
@@ -188,7 +186,7 @@ class TestRun:
 
     def push(
         self, command: str, angle: float, seconds: float, expected: ArrayLike | None
-    ) -> TestPulse:
+    ) -> MeasuredPulse:
         """Carry out a pulse that moves particles by about the expected motion in pixels. None means
         about a cell in any direction.
         """
@@ -205,7 +203,7 @@ class TestRun:
         self._ids[new] = self._next_id + np.arange(len(new))
         self._next_id += len(new)
         self._add_latency(frames)
-        return TestPulse(
+        return MeasuredPulse(
             command,
             angle,
             seconds,
@@ -233,7 +231,7 @@ class TestRun:
 
     def cycles(
         self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]
-    ) -> list[TestPulse]:
+    ) -> list[MeasuredPulse]:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
@@ -343,7 +341,7 @@ class _Group:
     count: int
 
 
-def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_Group]:
+def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> list[_Group]:
     """Return the free motions of the pulses of each angle and duration."""
     together: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
     for pulse in pulses:
@@ -371,7 +369,7 @@ def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_
     return groups
 
 
-def motions_of(pulse: TestPulse, matrix: Points) -> Points:
+def motions_of(pulse: MeasuredPulse, matrix: Points) -> Points:
     """Return the motions (x, y) in cells, y up (shape (n, 2))."""
     step = transformed(matrix, pulse.after) - transformed(matrix, pulse.before)
     return np.column_stack([step[:, 1], -step[:, 0]])
@@ -498,7 +496,7 @@ def calibrate(
         check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
     known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
-    run = TestRun(actuator, sensor, cell, wait)
+    run = PulseRun(actuator, sensor, cell, wait)
     speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
@@ -577,7 +575,7 @@ def check_frequencies(actuator: Any, frequencies: Sequence[float]) -> None:
 
 
 def measure_speed(
-    run: TestRun,
+    run: PulseRun,
     actuator: Any,
     responses: Responses,
     matrix: Points,
@@ -699,7 +697,7 @@ def _check_plausible(responses: Responses) -> None:
             )
 
 
-def _fastest(pulses: Sequence[TestPulse], matrix: Points, responses: Responses) -> float:
+def _fastest(pulses: Sequence[MeasuredPulse], matrix: Points, responses: Responses) -> float:
     """Return the speed that one particle in twenty exceeds, as a share of the usual one, of all
     particles that moved by at least half.
     """
@@ -712,7 +710,7 @@ def _fastest(pulses: Sequence[TestPulse], matrix: Points, responses: Responses) 
 
 
 def _own_gain(
-    pulses: Sequence[TestPulse], matrix: Points, responses: Responses, noise: float
+    pulses: Sequence[MeasuredPulse], matrix: Points, responses: Responses, noise: float
 ) -> float:
     """Return the standard deviation of the particles' speeds, without the errors of the pictures.
 
