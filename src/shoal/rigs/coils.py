@@ -22,6 +22,7 @@ from shoal.rigs.packets import Packet, Splitter
 from shoal.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OFF_TIMES, OFF_PAUSE = 3, 0.02  # how often a stop says "off" without an answer, seconds between
+CONVERTED = ("milliseconds", "microseconds", "angle_rad", "tilt_rad", "axis_rad")
 REOPENING = 3.0  # seconds for which a lost line is opened again to turn the field off
 PAUSE = 0.05  # seconds between two attempts
 PINGS = 4  # messages to the keep-alive process in the silence that it allows
@@ -230,8 +231,9 @@ class CoilActuator:
 
     @property
     def values(self) -> dict[str, float]:
-        """What was commanded and measured at the last push, by name."""
-        return self.last | ({} if self.temperature is None else {"temperature": self.temperature})
+        """What was commanded and measured at the last push, by name; each value in one unit."""
+        found = self.last | ({} if self.temperature is None else {"temperature": self.temperature})
+        return {name: round(value, 6) for name, value in found.items() if name not in CONVERTED}
 
     def _pulse(self, angle: float, seconds: float, packet: bytes) -> None:
         """Turn the field on and keep it on, until the time is over or the device says so."""
