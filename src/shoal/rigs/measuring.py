@@ -123,8 +123,7 @@ class PulseRun:
         self.actuator, self.sensor, self.cell, self.wait = actuator, sensor, cell, wait
         self.latencies: list[float] = []
         # a simulated camera has a clock of its own, which its pictures count
-        rate: float | None = getattr(sensor, "frame_rate", None)
-        self._rate = rate
+        self._rate: float | None = getattr(sensor, "frame_rate", None)
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
             frames.append(self._fresh(frames[-1].number))
@@ -272,9 +271,10 @@ class PulseRun:
                 share = 1.0 if whole else 2**power / 4
                 moved = {letter: (np.full(2, np.nan), np.zeros(0, dtype=bool)) for letter in pair}
                 for room in self._rooms(pair):
-                    for letter, found_now in self._short(pair, room, stated, share, whole).items():
-                        if not _length(found_now[0]) <= 1.1 * _length(moved[letter][0]):
-                            moved[letter] = found_now
+                    for letter, new in self._short(pair, room, stated, share, whole).items():
+                        # walls make motions shorter, never longer
+                        if _length(new[0]) > 1.1 * _length(moved[letter][0]):
+                            moved[letter] = new
                 enough = [
                     letter
                     for letter, (motion, free) in moved.items()
