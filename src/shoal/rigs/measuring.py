@@ -38,12 +38,14 @@ Points = NDArray[np.float64]
 
 LEAST_FREE = 0.15  # share of the motions in a direction that must be free
 UNEQUAL = 2.0  # ratio of the speeds of two commands from which on walls have held the particles
-CONTRADICTION = 0.2  # share by which full pulses may differ from what half pulses let expect
+CONTRADICTION = 0.2  # share by which corrected pulses may differ from what they are made for
 FEWEST = 3  # free motions that measure a direction
+SHORTEST = 0.95  # cells that the pulse of a command is made for at least
 LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
 DRIFT = 0.05  # cells a second, from which on a drift is told
 LONGEST = 1.15  # cells that a command may move particles without a note
 ASKEW = 5.0  # degrees that it may lead aside without a note
+ROUNDS = 3  # of corrected pulses, until they move particles as foreseen
 PATIENCE = 10.0  # seconds without a new picture
 CYCLES = 3, 8  # least and most pairs of pulses that are measured
 FEW = 7  # particles, below which pulses back and forth begin at both sides
@@ -517,16 +519,23 @@ def calibrate(
     responses = fit_responses(_groups(done, tie.matrix, noise), known)
     _check_plausible(responses)
     if aim is None:
-        aim = min(AIM, LEAP / _fastest(done, tie.matrix, responses))
-    if not whole:  # once more with corrected pulses of full length
-        wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+        aim = max(SHORTEST, min(AIM, LEAP / _fastest(done, tie.matrix, responses)))
+    wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+    for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
         full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
         again = run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
-        for group in _groups(again, tie.matrix, noise):
-            _check_expected(group, responses)
-        done += again
+        surprise = _surprise(_groups(again, tie.matrix, noise), responses)
+        done = again if surprise else done + again
         responses = fit_responses(_groups(done, tie.matrix, noise), known)
         _check_plausible(responses)
+        if not surprise:
+            break
+    else:
+        if not whole:
+            raise RigError(
+                f"calibration: expected corrected pulses to move particles as foreseen, got {surprise}:"
+                " walls hold the particles, or the pulses differ from each other"
+            )
     if responses.residual > limit:
         raise RigError(
             f"calibration: expected test pulses that agree within {limit:g} cells, got"
@@ -662,19 +671,14 @@ def _told_of_whole(found: BenchCalibration) -> list[str]:
     return notes
 
 
-def _check_expected(group: _Group, responses: Responses) -> None:
-    """Refuse a direction in which pulses of full length do not move particles as those of half
-    length let expect.
-    """
-    expected = responses.displacement(group.angle, group.seconds)
-    length = float(np.linalg.norm(expected))
-    if np.linalg.norm(group.motion - expected) > CONTRADICTION * length:
-        raise RigError(
-            f"calibration: expected the command {group.command} to move particles by {length:.2f}"
-            f" cells as pulses of half the length let expect, got"
-            f" {np.linalg.norm(group.motion):.2f}: walls hold the particles; put them where they have"
-            " room"
-        )
+def _surprise(groups: Sequence[_Group], responses: Responses) -> str:
+    """Return a direction in which pulses do not move particles as foreseen, or nothing."""
+    for group in groups:
+        expected = responses.displacement(group.angle, group.seconds)
+        length = float(np.linalg.norm(expected))
+        if np.linalg.norm(group.motion - expected) > CONTRADICTION * length:
+            return f"{np.linalg.norm(group.motion):.2f} instead of {length:.2f} cells at {group.command}"
+    return ""
 
 
 def _check_plausible(responses: Responses) -> None:
