@@ -1,5 +1,6 @@
 """Conformance checks for what people add to Shoal: worlds, tasks, policies, tours, planners,
-allocators, map formats, mission formats, rigs, actuators and sensors. Shoal's own pass them all.
+allocators, map formats, mission formats, rigs, actuators and sensors, and
+the vehicles, radios and sensors of search robots. Shoal's own pass them all.
 
 Each check runs the tested object on small random input. At the first violation of the object's
 contract, a check raises ``AssertionError`` with one sentence. Call the checks from your own tests:
@@ -13,9 +14,10 @@ contract, a check raises ``AssertionError`` with one sentence. Call the checks f
 from __future__ import annotations
 
 import copy
+import select
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,8 @@ from shoal.rigs.ports import checked_pulses
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
 from shoal.search.allocation.costs import TourCost
+from shoal.search.protocol.messages import SHORTEST
+from shoal.search.simulation.live.ports import Finding, Leg, Radio, SearchSensor, Vehicle
 from shoal.search.tours import find_tour_maker
 from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, polygon
 from shoal.swarm import (
@@ -61,10 +65,13 @@ __all__ = [
     "check_mission_format",
     "check_planner",
     "check_policy",
+    "check_radio",
     "check_rig",
+    "check_search_sensor",
     "check_sensor",
     "check_task",
     "check_tour_maker",
+    "check_vehicle",
     "check_world",
     "sample_workspaces",
 ]
@@ -695,4 +702,183 @@ def _check_frame(frame: Any, name: str) -> None:
     assert frame.time <= time.monotonic(), (
         f"{name}: a frame arrived {frame.time - time.monotonic():.3g} s from now: expected the"
         " monotonic clock of this computer"
+    )
+
+
+def check_vehicle(
+    vehicle: Vehicle,
+    cell: int,
+    goal: Sequence[float],
+    *,
+    near: float = 0.5,
+    clock: Callable[[], float] | None = None,
+    most: float = 1000.0,
+) -> None:
+    """Check the vehicle of a search robot: it halts one cell before the end of a leg, goes on when
+    it may, and then stays where it is.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    cell : int
+        A cell more than 1.5 cell sides from the vehicle.
+    goal : sequence of float
+        Centre of the cell in cell sides.
+    near : float
+        Largest distance in cell sides from a place at which a vehicle is there.
+    clock : callable, optional
+        Function that returns the time. By default, time passes from one `due` to the next at once.
+    most : float
+        Time within which each half of the leg must end.
+    """
+    name = type(vehicle).__name__
+    aim = tuple(float(value) for value in goal)
+    start = _checked_place(vehicle, len(aim))
+    length = float(np.linalg.norm(np.subtract(aim, start)))
+    assert length > 1.5, f"{name}: expected a goal more than 1.5 cell sides away, got {length:g}"
+    now = 0.0 if clock is None else clock()
+    assert vehicle.fault == "", f"{name}: expected no fault, got {vehicle.fault!r}"
+    left = vehicle.left()
+    assert left is None or 0 <= left <= 1, f"{name}: expected a left fraction or None, got {left!r}"
+    assert vehicle.step(now) is False, f"{name}: expected False without a leg"
+    vehicle.go(Leg(cell, aim, length, length), now)
+    now = _drive(vehicle, now, clock, most, name, "halted one cell before the end of its leg")
+    away = float(np.linalg.norm(np.subtract(aim, _checked_place(vehicle, len(aim)))))
+    assert 1 - near <= away <= 1 + near, (
+        f"{name}: expected a halt one cell before the goal, got {away:g} cell sides before it"
+    )
+    vehicle.enter()
+    now = _drive(vehicle, now, clock, most, name, "reached the end of its leg")
+    away = float(np.linalg.norm(np.subtract(aim, _checked_place(vehicle, len(aim)))))
+    assert away <= near, f"{name}: expected the goal, got a place {away:g} cell sides from it"
+    vehicle.stop(now)
+    for _ in range(20):
+        now = now + 0.1 if clock is None else max(now, clock())
+        vehicle.step(now)
+    moved = float(np.linalg.norm(np.subtract(aim, _checked_place(vehicle, len(aim)))))
+    assert moved <= 2 * near, f"{name}: expected that it stays, got {moved:g} cell sides away"
+    vehicle.secure()
+    vehicle.secure()
+
+
+def _checked_place(vehicle: Vehicle, ndim: int) -> tuple[float, ...]:
+    place = vehicle.where()
+    right = len(place) == ndim and bool(np.isfinite(place).all())
+    assert right, f"{type(vehicle).__name__}: expected {ndim} finite coordinates, got {place!r}"
+    return place
+
+
+def _drive(
+    vehicle: Vehicle,
+    now: float,
+    clock: Callable[[], float] | None,
+    most: float,
+    name: str,
+    what: str,
+) -> float:
+    """Let a vehicle go on until it says that it is where it may go, and return the time then."""
+    end = now + most
+    while now < end:
+        if vehicle.step(now):
+            return now
+        due = vehicle.due(now)
+        assert due >= now or clock is not None, f"{name}: expected a time to come, got {due!r}"
+        if clock is None:
+            now = min(max(due, now + 0.01), now + 1.0)
+        else:
+            time.sleep(0.005)
+            now = clock()
+        assert vehicle.fault == "", f"{name}: expected no fault, got {vehicle.fault!r}"
+    raise AssertionError(f"{name}: expected that it {what} within {most:g}")
+
+
+def check_radio(one: Radio, other: Radio, *, tries: int = 50, seconds: float = 0.2) -> None:
+    """Check two radios of search robots that hear each other. They may lose messages.
+
+    Parameters
+    ----------
+    one, other : Radio
+    tries : int
+        Number of times that a message is sent until it must have come.
+    seconds : float
+        Time for which a message is waited for.
+    """
+    for sender, receiver in ((one, other), (other, one)):
+        name = type(sender).__name__
+        assert sender.most >= SHORTEST, (
+            f"{name}: expected messages of {SHORTEST} bytes or more, got {sender.most}"
+        )
+        assert sender.fault == "", f"{name}: expected no fault, got {sender.fault!r}"
+        for size in (1, SHORTEST, min(sender.most, 1200)):
+            message = bytes(range(256)) * 5
+            message = message[:size]
+            for _ in range(tries):
+                refused = sender.broadcast(message)
+                right = isinstance(refused, int) and refused >= 0
+                assert right, (
+                    f"{name}: expected the number of copies that were not sent, got {refused!r}"
+                )
+                if message in _messages_of(receiver, seconds):
+                    break
+            else:
+                raise AssertionError(
+                    f"{name}: expected that a message of {size} bytes comes unchanged within"
+                    f" {tries} tries, got none"
+                )
+            echo = message in _messages_of(sender, 0.0)
+            assert not echo, f"{name}: expected no message of its own, got one"
+        _messages_of(receiver, 0.0)
+        assert receiver.receive() is None, f"{name}: expected None without a message"
+
+
+def _messages_of(radio: Radio, seconds: float) -> list[bytes]:
+    """Return the messages that come to a radio, as soon as there are some."""
+    select.select([radio], [], [], seconds)
+    found: list[bytes] = []
+    while (came := radio.receive()) is not None:
+        right = isinstance(came, tuple) and len(came) == 2 and isinstance(came[0], bytes)
+        assert right, (
+            f"{type(radio).__name__}: expected a message and where it came from, got {came!r}"
+        )
+        found.append(came[0])
+    return found
+
+
+def check_search_sensor(
+    sensor: SearchSensor, cells: Sequence[int], *, through: Sequence[int] = ()
+) -> None:
+    """Check the sensor of a search robot.
+
+    Parameters
+    ----------
+    sensor : SearchSensor
+    cells : sequence of int
+        Two or more cells that are free of other robots.
+    through : sequence of int
+        The cells of a path from the first of ``cells``.
+    """
+    name = type(sensor).__name__
+    for cell in cells:
+        assert sensor.enter(cell) is True, f"{name}: expected that the free cell {cell} is free"
+        assert sensor.enter(cell) is True, f"{name}: expected that a robot may stay in its own cell"
+        finding = sensor.search(cell)
+        assert isinstance(finding, Finding), f"{name}: expected a Finding, got {finding!r}"
+        assert isinstance(finding.found, bool), (
+            f"{name}: expected True or False, got {finding.found!r}"
+        )
+        assert cell not in finding.around, (
+            f"{name}: expected other cells than {cell} in around, got {finding.around}"
+        )
+        assert {*finding.beside} <= {*finding.around}, (
+            f"{name}: expected in beside cells of around {finding.around}, got {finding.beside}"
+        )
+        sensor.leave(cell)
+    assert sensor.obstacle_on(cells[0], ()) == (None, 0), (
+        f"{name}: expected no obstacle on a path without cells"
+    )
+    obstacle, free = sensor.obstacle_on(cells[0], tuple(through))
+    assert 0 <= free <= len(through), f"{name}: expected 0 to {len(through)} cells, got {free}"
+    assert (obstacle is None) == (free == len(through)), (
+        f"{name}: expected an obstacle after the free cells of a path alone, got {obstacle} after"
+        f" {free} of {len(through)}"
     )

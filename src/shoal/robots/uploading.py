@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
+from threading import BoundedSemaphore
 from typing import Any
 
 from shoal.core.checks import count_text
@@ -232,8 +233,7 @@ def upload_missions(
 ) -> list[Delivery]:
     """Upload what belongs on board of each robot's vehicle, and read it back.
 
-    Vehicles on one link get their items one after the other, vehicles on several links at the same
-    time. If one vehicle is of the wrong type, the mapping is wrong, and nothing is sent to any.
+    Each link serves as many vehicles at the same time as it can. If one vehicle is of the wrong type, the mapping is wrong, and nothing is sent to any.
     Nothing is sent to an armed vehicle. If what is read back differs after several attempts, or if
     a vehicle refuses items, what was on board before is restored, or cleared if it is not known.
 
@@ -288,27 +288,35 @@ def upload_missions(
             )
         return list(deliveries.values())
 
-    def serve(station: Station) -> None:
-        for robot in clear:
-            if found[robot][0] is station:
-                on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
-                try:
-                    deliver(station, found[robot][1], cargos[robot], deliveries[robot])
-                except BaseException:
-                    on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
-                    raise
+    turns = {id(one): BoundedSemaphore(one.link.at_once) for one in heard_by}
+    begun: list[int] = []
 
-    busy = [one for one in heard_by if any(found[robot][0] is one for robot in clear)]
-    if len(busy) == 1:
-        serve(busy[0])
-    elif busy:
-        with ThreadPoolExecutor(len(busy)) as pool:
-            try:
-                list(pool.map(serve, busy))
-            except BaseException:
-                for station in busy:
-                    station.stopped = True
-                raise
+    def serve(robot: int) -> None:
+        station, vehicle = found[robot]
+        with turns[id(station)]:
+            if station.stopped:
+                return
+            begun.append(robot)
+            on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
+            deliver(station, vehicle, cargos[robot], deliveries[robot])
+
+    try:
+        if len(clear) == 1 or (len(heard_by) == 1 and heard_by[0].link.at_once == 1):
+            for robot in clear:
+                serve(robot)
+        elif clear:
+            with ThreadPoolExecutor(len(clear)) as pool:
+                try:
+                    list(pool.map(serve, clear))
+                except BaseException:
+                    for station in heard_by:
+                        station.stopped = True  # the other threads end soon
+                    raise
+    except BaseException:
+        for robot in begun:
+            if deliveries[robot].status != EQUAL:
+                on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
+        raise
     return list(deliveries.values())
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,3 +199,18 @@ def test_a_wrong_time_is_refused(folder, capsys, at):
     about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2"]
     assert run(["missions", "start", *about, "--arm", "--at", at]) == 2
     assert "at: expected" in capsys.readouterr().err
+
+
+def test_the_page_has_vehicles_that_fit_the_missions(folder, monkeypatch):
+    page = (Path(__file__).parents[3] / "docs" / "concepts" / "missions.md").read_text()
+    (script,) = re.findall(r'```python title="vehicles.py"\n(.*?)```', page, re.S)
+    run_on = []
+    monkeypatch.setattr("shoal.robots.run_vehicles", lambda *about: run_on.append(about))
+    monkeypatch.chdir(folder.parent)
+    folder.rename(folder.parent / "missions")
+    exec(script, {})
+    ((vehicles, link),) = run_on
+    link.close()
+    assert [one.system for one in vehicles] == [1, 2]
+    fleet, _ = fleet_of(folder.parent / "missions", *vehicles)
+    assert check_fleet(fleet)

@@ -139,6 +139,30 @@ def test_quirks_of_autopilots_leave_nothing_different(folder, autopilot, quirks)
     assert on_board(folder, vehicles[0]) == NONE
 
 
+def test_several_vehicles_on_a_link_are_served_at_the_same_time(folder):
+    vehicles = two(silent_after=9)
+    made, _ = uploaded(folder, *vehicles, at_once=2, loss=0.1, delay=0.02)
+    assert [(one.status, one.different) for one in made.values()] == [("equal", 0)] * 2
+    assert [on_board(folder, one, robot) for robot, one in enumerate(vehicles, 1)] == [NONE] * 2
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_an_interrupted_upload_says_what_is_not_known(folder, at_once):
+    vehicles = two()
+    link = SimulatedLink(vehicles, at_once=at_once)
+    station = Station(link)
+    said = []
+
+    def interrupt(_vehicle, message):
+        if message.get_type() == "MISSION_REQUEST_INT" and message.seq == 3:
+            raise KeyboardInterrupt
+
+    station.on_message = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        upload_missions(pairs_of(folder), [station], on_event=said.append)
+    assert "robot 1: interrupted: what is on board is not known" in " ".join(said)
+
+
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("seed", range(4))
 def test_three_messages_in_ten_may_be_lost_in_each_direction(folder, autopilot, seed):
