@@ -38,7 +38,7 @@ from shoal.search import TourMaker, components, make_tour
 from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
 from shoal.search.allocation.costs import TourCost
 from shoal.search.protocol.messages import SHORTEST
-from shoal.search.simulation.live.ports import Finding, Leg, Radio, SearchSensor, Vehicle
+from shoal.search.simulation.live.ports import CellFinding, Leg, Radio, RobotVehicle, SearchSensor
 from shoal.search.tours import find_tour_maker
 from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, polygon
 from shoal.swarm import (
@@ -706,7 +706,7 @@ def _check_frame(frame: Any, name: str) -> None:
 
 
 def check_vehicle(
-    vehicle: Vehicle,
+    vehicle: RobotVehicle,
     cell: int,
     goal: Sequence[float],
     *,
@@ -719,7 +719,7 @@ def check_vehicle(
 
     Parameters
     ----------
-    vehicle : Vehicle
+    vehicle : RobotVehicle
     cell : int
         A cell more than 1.5 cell sides from the vehicle.
     goal : sequence of float
@@ -761,7 +761,7 @@ def check_vehicle(
     vehicle.secure()
 
 
-def _checked_place(vehicle: Vehicle, ndim: int) -> tuple[float, ...]:
+def _checked_place(vehicle: RobotVehicle, ndim: int) -> tuple[float, ...]:
     place = vehicle.where()
     right = len(place) == ndim and bool(np.isfinite(place).all())
     assert right, f"{type(vehicle).__name__}: expected {ndim} finite coordinates, got {place!r}"
@@ -769,7 +769,7 @@ def _checked_place(vehicle: Vehicle, ndim: int) -> tuple[float, ...]:
 
 
 def _drive(
-    vehicle: Vehicle,
+    vehicle: RobotVehicle,
     now: float,
     clock: Callable[[], float] | None,
     most: float,
@@ -862,7 +862,7 @@ def check_search_sensor(
         assert sensor.enter(cell) is True, f"{name}: expected that the free cell {cell} is free"
         assert sensor.enter(cell) is True, f"{name}: expected that a robot may stay in its own cell"
         finding = sensor.search(cell)
-        assert isinstance(finding, Finding), f"{name}: expected a Finding, got {finding!r}"
+        assert isinstance(finding, CellFinding), f"{name}: expected a CellFinding, got {finding!r}"
         assert isinstance(finding.found, bool), (
             f"{name}: expected True or False, got {finding.found!r}"
         )

@@ -14,7 +14,7 @@ from shoal.search.protocol.messages import Receiver
 from shoal.search.protocol.robot import advance
 from shoal.search.protocol.state import Begin, Brief, Heard, Wake, is_late
 from shoal.search.simulation.live.agent import Agent
-from shoal.search.simulation.live.ports import Finding
+from shoal.search.simulation.live.ports import CellFinding
 from shoal.search.simulation.live.radio import LiveTask, LoopbackRadio
 from shoal.search.simulation.live.vehicle import PointVehicle, ScenarioSensor
 from shoal.search.simulation.scenario import Scenario
@@ -160,7 +160,7 @@ def test_a_radio_that_hears_itself_or_spoils_messages_is_found():
 def test_a_sensor_that_contradicts_itself_is_found(ground):
     class Wrong(ScenarioSensor):
         def search(self, cell):
-            return Finding(False, (1, 2), (3,))
+            return CellFinding(False, (1, 2), (3,))
 
     with pytest.raises(AssertionError, match="expected in beside cells of around"):
         check_search_sensor(Wrong(task_of().scenario, 1, ground), (0, 5))

@@ -30,7 +30,7 @@ from shoal.search.protocol.state import (
     WakeAt,
     step_cost,
 )
-from shoal.search.simulation.live.ports import Leg, SearchSensor, Vehicle
+from shoal.search.simulation.live.ports import Leg, RobotVehicle, SearchSensor
 from shoal.search.simulation.live.radio import LiveTask, Messenger
 from shoal.search.simulation.scenario import RETRY, TRIES
 
@@ -57,7 +57,7 @@ class Agent:
     task : LiveTask
     robot : Robot
     messenger : Messenger
-    vehicle : Vehicle
+    vehicle : RobotVehicle
     sensor : SearchSensor
     clock : callable
         Function that returns the time since the start of the search.
@@ -74,7 +74,7 @@ class Agent:
         task: LiveTask,
         robot: Robot,
         messenger: Messenger,
-        vehicle: Vehicle,
+        vehicle: RobotVehicle,
         sensor: SearchSensor,
         *,
         clock: Callable[[], float],

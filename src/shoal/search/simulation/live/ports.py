@@ -40,7 +40,7 @@ class Leg:
     home: bool = False
 
 
-class Vehicle(Protocol):
+class RobotVehicle(Protocol):
     """Where am I, go there, what is left.
 
     Attributes
@@ -111,7 +111,7 @@ class Radio(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CellFinding:
     """What the sensor saw from a cell: whether there is something in it, the other cells that were
     seen, and those of them with something in it.
     """
@@ -124,7 +124,7 @@ class Finding:
 class SearchSensor(Protocol):
     """What is in this cell: something that is searched for, another robot, or an obstacle."""
 
-    def search(self, cell: int) -> Finding:
+    def search(self, cell: int) -> CellFinding:
         """Return what is seen from a cell, in which the vehicle stands."""
 
     def enter(self, cell: int) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from math import exp, inf
 
 from shoal.core.dataclass import dataclass
-from shoal.search.simulation.live.ports import Finding, Leg
+from shoal.search.simulation.live.ports import CellFinding, Leg
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.masks import members
 
@@ -210,12 +210,12 @@ class ScenarioSensor:
     def __init__(self, scenario: Scenario, number: int, ground: int) -> None:
         self._scenario, self._number, self._ground = scenario, number, ground
 
-    def search(self, cell: int) -> Finding:
+    def search(self, cell: int) -> CellFinding:
         """Return the targets that are seen from a cell."""
         targets = self._scenario.targets
         seen = members(self._scenario.seen(self._number, cell))
         around = tuple(one for one in seen if one != cell)
-        return Finding(cell in targets, around, tuple(one for one in around if one in targets))
+        return CellFinding(cell in targets, around, tuple(one for one in around if one in targets))
 
     def enter(self, cell: int) -> bool:
         """Lock a cell."""
