@@ -106,11 +106,14 @@ def interrupted_drive(log, rig, kinds, every, **settings):
     return None
 
 
-@pytest.mark.parametrize("every", ["1", "3", "adaptive"])
-def test_a_drive_that_is_interrupted_ten_times_finds_the_same_map(tmp_path, every):
+SLIPS = {"slip": 0.02, "misplace": 0.01, "miss": 0.01}
+
+
+@pytest.mark.parametrize(("every", "noise"), [("1", {}), ("3", {}), ("adaptive", {}), ("1", SLIPS)])
+def test_a_drive_that_is_interrupted_ten_times_finds_the_same_map(tmp_path, every, noise):
     log, kinds = tmp_path / "log.jsonl", random.Random(3).choices(["ctrl-c", "kill", "cable"], k=10)
     rig = counted(bench(MAZE, particles=4).rig)
-    result, turns = interrupted_drive(log, rig, kinds, every, policy="closest-frontier")
+    result, turns = interrupted_drive(log, rig, kinds, every, policy="closest-frontier", **noise)
     assert turns >= 3
     assert (result.status, result.compared(MAZE)) == (
         "complete",
@@ -213,7 +216,7 @@ def test_a_simulation_is_rebuilt_from_its_log(tmp_path, fields):
 def test_a_log_that_has_lost_its_last_lines(tmp_path):
     """Each cut of the log's end goes on, and the commands of the rig are in the log."""
     log = tmp_path / "log.jsonl"
-    for cut in range(1, 6):
+    for cut in (1, 2, 4):
         log.unlink(missing_ok=True)
         rig = counted(bench(MAZE, particles=4).rig)
         line = Ending(rig, Interrupting("kill", 45))
@@ -332,7 +335,9 @@ def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):
     ):
         assert shoal(["drive", *more, "--resume", str(log), "--max-moves", "9999"]) == 2
         assert said in capsys.readouterr().err
-    assert shoal(["drive", "--resume", str(log), "--max-moves", "9999", "--json"]) == 0
+    # the same options again, and the same log
+    words = [*words[:-2], "--resume", str(log), "--log", f"{tmp_path}/../{tmp_path.name}/log.jsonl"]
+    assert shoal([*words, "--max-moves", "9999", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["status"], result["particles"]) == ("complete", 4)
     size = log.stat().st_size
@@ -413,3 +418,39 @@ def test_two_drives_do_not_write_one_log(tmp_path):
     rebuild(rig, past)
     with pytest.raises(DriveInterrupted):
         drive(rig, resume=past, on_rest=second)
+
+
+@pytest.mark.parametrize(
+    ("rule", "fields"),
+    [
+        ("merge", {}),
+        ("block", {"scan_every": "adaptive"}),
+        ("block", {"task": "coverage"}),
+        ("block", {"task": "coverage", **SLIPS}),
+    ],
+)
+def test_particles_may_be_elsewhere_each_time(tmp_path, rule, fields):
+    """A rig in this process, whose particles somebody has moved after each interruption."""
+    log, luck = tmp_path / "log.jsonl", random.Random(2)
+    noise = Noise(**SLIPS) if "slip" in fields else None
+    for turn in range(5):
+        start = MAZE.cells[luck.sample(range(MAZE.n_free), 5)]
+        rng = np.random.default_rng(turn)
+        rig = SimulatedRig(MAZE, start, rule=rule)
+        rig = rig if noise is None else NoisyRig(MAZE, start, noise, rng)
+        calls = iter(range(luck.randint(3, 12) if turn < 4 else 10**6))
+
+        def interrupt(_moves, _frontier, calls=calls):
+            if next(calls, None) is None:
+                raise KeyboardInterrupt
+
+        first = {"log": log, "known": MAZE if "task" in fields else None, **fields}
+        with contextlib.suppress(DriveInterrupted):
+            result = drive(rig, **({"resume": log} if turn else first), on_moves=interrupt)
+    assert (result.status, result.compared(MAZE)["false_free"]) == ("complete", 0)
+    assert result.visited in (None, MAZE.n_free)
+    assert len(result.episode.placed) == 4
+    assert result.episode.verify(), result.episode.verify().message
+    again, verified = replay_log(log)
+    assert verified, verified.message
+    assert again.belief == result.belief

@@ -443,7 +443,8 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
     usual |= {name: one.default for name, one in SwarmProblem.declarations().items()}
     for name, value in given.items():
         expected = logged.get(name, usual[name])
-        if past.options is not None and name not in MAY_CHANGE and value != expected:
+        contradicts = name not in MAY_CHANGE and not _is_same(value, expected)
+        if past.options is not None and contradicts:
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
             )
@@ -453,6 +454,14 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
         if param.name is not None and param.name in logged and param.name not in given
     }
     return missing or None
+
+
+def _is_same(value: Any, expected: Any) -> bool:
+    """Return whether two values of an option are equal, or name one file."""
+    if value == expected:
+        return True
+    files = [Path(one) for one in (value, expected) if isinstance(one, str)]
+    return len(files) == 2 and all(one.is_file() for one in files) and files[0].samefile(files[1])
 
 
 def _run_again(ctx: typer.Context, changed: dict[str, Any]) -> None:
@@ -488,7 +497,8 @@ def _book(
     from shoal.rigs.log import DriveLog
 
     if past is not None:
-        return DriveLog(past.path, append=True) if log is None else DriveLog(log)
+        same = log is None or (log.exists() and log.samefile(past.path))
+        return DriveLog(past.path, append=True) if same or log is None else DriveLog(log)
     if log is None and out is not None:
         out.mkdir(parents=True, exist_ok=True)
         names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
