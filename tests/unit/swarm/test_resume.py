@@ -16,10 +16,12 @@ from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench, example
 
 from shoal import open_map
 from shoal.cli import run as shoal
+from shoal.cli.swarm.camera_film import _drawn, write_camera_film
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.rigs import (
     DriveError,
     DriveInterrupted,
+    DriveLog,
     NoisyRig,
     RemoteRig,
     SimulatedRig,
@@ -454,3 +456,44 @@ def test_particles_may_be_elsewhere_each_time(tmp_path, rule, fields):
     again, verified = replay_log(log)
     assert verified, verified.message
     assert again.belief == result.belief
+
+
+class Watched(SimulatedRig):
+    """A simulated rig whose camera shows each particle as a bright square of eight pixels."""
+
+    @property
+    def sensor(self):
+        return self
+
+    def picture(self):
+        shown = np.zeros((8 * MAZE.shape[0], 8 * MAZE.shape[1], 3), np.uint8)
+        for row, column in self._state.cells:
+            shown[8 * row : 8 * row + 8, 8 * column : 8 * column + 8] = (255, 128, 0)
+        return shown
+
+    @property
+    def calibration(self):
+        return self
+
+    def to_pixels(self, cells):
+        return 8 * np.asarray(cells)[:, ::-1] + 3.5
+
+
+def test_the_pictures_of_the_camera_become_a_film(tmp_path):
+    count = pytest.importorskip("imageio_ffmpeg").count_frames_and_secs
+    log = DriveLog(tmp_path / "log.jsonl")
+    log.pictures = tmp_path / "pictures"
+    rig = Watched(MAZE, MAZE.cells[::11])
+    result = drive(rig, log=log, policy="closest-frontier", max_moves=30)
+    scans = read_log(log.path).scans
+    assert len(list(log.pictures.iterdir())) == len(scans)
+    about = log.pictures, tmp_path / "camera.mp4", result.episode, scans, rig.to_pixels
+    assert count(write_camera_film(*about))[0] == len(scans)
+    layers = [(result.belief.obstacles, (0, 0, 255, 255))]
+    shown = _drawn(log.pictures / "000030.jpg", layers, scans[30], rig.to_pixels)
+    walls = result.belief.obstacles.inner
+    for cell in np.ndindex(MAZE.shape):
+        if list(cell) not in scans[30]:
+            assert (shown[8 * cell[0] + 4, 8 * cell[1] + 4, 2] > 250) == walls[cell]
+    row, column = (8 * np.array(scans[30][0]) + 3).tolist()
+    np.testing.assert_allclose(shown[row, column], (0, 128, 255), atol=60)  # not blue-green-red

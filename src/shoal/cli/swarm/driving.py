@@ -29,7 +29,7 @@ from shoal.cli.swarm.calibrating import (
 )
 from shoal.core.checks import check_integer, check_number, count_text, shape_text
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.errors import InvalidInputError, MissingExtraError, RigError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
@@ -359,6 +359,8 @@ def drive(
         }
         if problem.noise is not None and not exact:
             options["exact"] = False
+        if book is not None and out is not None:
+            book.pictures = out / "pictures"
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
@@ -799,6 +801,7 @@ def _report(
         if out is not None:
             film = film or [out / "film.html"]
             written.append(_write_map(result.episode.workspace, out))
+            written += _write_camera_film(result, rig, out, log)
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
@@ -867,6 +870,24 @@ def _report(
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
+
+
+def _write_camera_film(result: Drive, rig: Any, out: Path, log: Path | None) -> list[Path]:
+    """Write the film of the camera's pictures, if there are any."""
+    to_pixels = getattr(getattr(rig, "calibration", None), "to_pixels", None)
+    if to_pixels is None or log is None or not (out / "pictures").is_dir():
+        return []
+    from shoal.cli.swarm.camera_film import write_camera_film
+    from shoal.rigs.log import read_log
+
+    assert result.episode is not None
+    scans = read_log(log, trust=True).scans
+    try:
+        film = out / "camera.mp4"
+        return [write_camera_film(out / "pictures", film, result.episode, scans, to_pixels)]
+    except MissingExtraError as error:
+        say(f"shoal: no film of the camera: {error}")
+        return []
 
 
 def _write_map(workspace: GridWorkspace, out: Path) -> Path:
