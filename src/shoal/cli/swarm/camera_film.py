@@ -68,7 +68,7 @@ def write_camera_film(
 
 def _drawn(
     file: Path,
-    layers: list[tuple[Board, tuple[int, ...]]],
+    layers: Sequence[tuple[Board, tuple[int, ...]]],
     particles: list[list[int]],
     to_pixels: ToPixels,
 ) -> NDArray[np.uint8]:
