@@ -46,6 +46,8 @@ class DriveLog:
         drive`` by name.
     append : bool
         Whether the log exists and belongs to a drive that goes on.
+    make_folder : bool
+        Whether to make the folder of the log, together with the log, if it does not exist.
 
     Raises
     ------
@@ -59,13 +61,14 @@ class DriveLog:
         *,
         options: dict[str, Any] | None = None,
         append: bool = False,
+        make_folder: bool = False,
     ) -> None:
-        self.path, self.options = Path(path), options
+        self.path, self.options, self._make_folder = Path(path), options, make_folder
         if self.path.exists() and not append:
             raise OutputError(
                 f"cannot write {self.path}: the file exists already, and a log is never overwritten"
             )
-        if not self.path.absolute().parent.is_dir():
+        if not make_folder and not self.path.absolute().parent.is_dir():
             raise OutputError(
                 f"cannot write {self.path}: the folder {self.path.parent} does not exist"
             )
@@ -94,6 +97,8 @@ class DriveLog:
         a rig behind a connection, and the options.
         """
         try:
+            if self._make_folder:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
             _lock(self._file)
         except OSError as error:

@@ -366,6 +366,9 @@ def test_one_folder_holds_the_records_of_a_drive(tmp_path, capsys):
     assert last == sorted(map(tuple, scans[max(scans)]))
     assert shoal([*words]) == 0  # the log of another drive is not overwritten
     assert (out / "log-2.jsonl").exists()
+    words[-2] = str(tmp_path / "other")
+    assert shoal([*words, "--particles", "999"]) == 2
+    assert not (tmp_path / "other").exists()  # nothing was driven
 
 
 def test_values_that_a_rig_reports_are_in_the_table_of_frames(tmp_path):

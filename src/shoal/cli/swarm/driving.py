@@ -502,9 +502,9 @@ def _book(
         same = log is None or (log.exists() and log.samefile(past.path))
         return DriveLog(past.path, append=True) if same or log is None else DriveLog(log)
     if log is None and out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
         log = next(out / name for name in names if not (out / name).exists())
+        return DriveLog(log, options=_given(ctx), make_folder=True)
     return None if log is None else DriveLog(log, options=_given(ctx))
 
 
