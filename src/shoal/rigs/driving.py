@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from math import ceil, e
 from typing import Any
 
@@ -1029,6 +1030,7 @@ class _RecordedRuns:
 
     def __init__(self, rig: RecordedRig) -> None:
         self.rig, self._at = rig, 0
+        self._last_placed = max(rig.placed, default=-1)
 
     @property
     def due(self) -> bool:
@@ -1040,8 +1042,10 @@ class _RecordedRuns:
         """Whether nobody knows what the last run of commands has done: particles were placed before
         the next scan.
         """
-        later = [at for at in self.rig.placed if at >= self._at]
-        return bool(later) and not any(self._at <= at <= min(later) for at in self.rig.scans)
+        if self._at > self._last_placed:
+            return False
+        scans, placed = self.rig.scans, self.rig.placed
+        return next(at for at in count(self._at) if at in scans or at in placed) not in scans
 
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
