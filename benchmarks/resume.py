@@ -95,7 +95,7 @@ def driven(connection: str, interruptions: int, seed: int, folder: Path) -> dict
         time.sleep(0.01)
     patience = ["--repeat-after", "0.3", "--end-after", str(END_AFTER)]
     words = [*SHOAL, "drive", str(place), "--rig", spec, "--log", str(log), *patience]
-    again = [*SHOAL, "drive", "--resume", str(log)]
+    again = [*SHOAL, "drive", "--resume", str(log), "--rig", spec]
     kinds: Counter[str] = Counter()
     order = luck.sample(KINDS * 4, 4 * len(KINDS))
     try:

@@ -708,6 +708,7 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        self._decide_anew(rng)
         for _ in range(CLOSING):
             status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -746,18 +747,24 @@ class _Driver:
     def _follow(self, rng: np.random.Generator) -> Status:
         """Run the policy. Whenever somebody has sent commands, it decides anew."""
         while True:
-            swarm = self.swarm
-            with suppress(_TakenOver):
+            try:
                 _, status = closed_loop(
-                    swarm,
-                    make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy),
+                    self.swarm,
+                    self.decider,
                     max_moves=self.most,
                     mapping=self.goal.mapping,
                     on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
                     on_trace=lambda _trace: self._check(),
                     recorder=self.recorder,
                 )
+            except _TakenOver:
+                self._decide_anew(rng)
+            else:
                 return status
+
+    def _decide_anew(self, rng: np.random.Generator) -> None:
+        swarm = self.swarm
+        self.decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
 
     def _rest(self, *, in_loop: bool = False) -> None:
         """Tell of the moves made, and let others wait or send commands while the rig is at rest."""

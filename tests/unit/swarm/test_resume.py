@@ -4,6 +4,7 @@ import contextlib
 import csv
 import json
 import random
+import shlex
 import signal
 import socket
 import subprocess
@@ -320,6 +321,34 @@ def test_the_command_goes_on_after_sigkill_and_ctrl_c(tmp_path):
     assert (result["status"], result["wrong"]["false_free"]) == ("complete", 0)
     assert count.read_text().split() == list(result["commands"])
     assert replay_log(log)[0].commands == result["commands"]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("rig", "exec:touch pwned"),
+        ("rig", "antigravity:x"),
+        ("actuator", "antigravity:x"),
+        ("sensor", "pymmcore:x.cfg"),
+    ],
+)
+def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "log.jsonl"
+    assert (
+        shoal(["drive", "maze:9x7", "--particles", "4", "--log", str(log), "--max-moves", "3"]) == 0
+    )
+    header, *rest = log.read_text().splitlines(keepends=True)
+    stranger = json.loads(header)
+    stranger["options"][option] = value
+    log.write_text("".join([json.dumps(stranger) + "\n", *rest]))
+    capsys.readouterr()
+    assert shoal(["drive", "--resume", str(log), "--max-moves", "99"]) == 2
+    assert f"{option}: expected --{option} {shlex.quote(value)} beside --resume, as no file" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "pwned").exists()
+    assert "antigravity" not in sys.modules
 
 
 def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):

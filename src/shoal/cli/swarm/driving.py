@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
@@ -18,9 +19,17 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
+from shoal.cli.steering_drive import (
+    check_steering,
+    local_steering_rig,
+    steer_rig,
+    steering_bench,
+    steering_problem,
+)
 from shoal.cli.swarm.calibrating import (
     CalibrateInto,
     CalibrationFile,
+    Frequencies,
     Marks,
     PixelSize,
     Trim,
@@ -34,7 +43,7 @@ from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from shoal.cli.swarm.trials import Trials
     from shoal.core.episode import Verification
@@ -123,6 +132,7 @@ def drive(
     calibrate: CalibrateInto = None,
     mark: Marks = None,
     pixel_size: PixelSize = None,
+    frequency: Frequencies = None,
     calibration: CalibrationFile = None,
     trim: Trim = None,
     size: Size = None,
@@ -219,12 +229,51 @@ def drive(
             ),
         ),
     ] = None,
+    steer: Annotated[
+        str | None,
+        typer.Option(
+            "--steer",
+            metavar="PROBLEM",
+            help=(
+                "Steer two particles to their goals instead: a problem file of shoal steer, or a"
+                " workspace. Its friction_at_least, or else friction, is what is stated of the"
+                " walls. The rig is simulated, physics:KIND[,NAME=NUMBER...] (in cells of a 40th of the"
+                " size), MODULE:ATTRIBUTE (look and send), a rig behind a connection that can push and"
+                " look, or --actuator and --sensor (the unit of the workspace is then the cell)."
+            ),
+        ),
+    ] = None,
+    friction_at_least: Annotated[
+        float | None,
+        typer.Option(
+            "--friction-at-least",
+            metavar="MU",
+            help="With --steer: least coefficient of friction of the walls.",
+        ),
+    ] = None,
+    waypoints: Annotated[
+        str | None,
+        typer.Option(
+            "--waypoints",
+            metavar="'X,Y X,Y'",
+            help="With --steer: lead one particle along these points instead of two to their goals.",
+        ),
+    ] = None,
+    follow: Annotated[
+        int | None,
+        typer.Option(
+            "--follow",
+            metavar="PARTICLE",
+            help="With --waypoints: number of the particle, from 1.",
+            show_default="1",
+        ),
+    ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Control a rig (an apparatus with particles): map its space, cover a known map, or bring a
-    particle to a target. At the end and after Ctrl-C, Shoal stops the rig.
+    """Control a rig (an apparatus with particles): map its space, cover a known map, bring a
+    particle to a target, or steer two particles. At the end and after Ctrl-C, Shoal stops the rig.
 
     Of a real rig, --particles and --rule are the expected values: if its first scan shows another
     number of particles (fewer than chance allows, or more), or if it reports another rule, the
@@ -250,6 +299,36 @@ def drive(
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
+    check_steering(
+        ctx, steer=steer, friction_at_least=friction_at_least, waypoints=waypoints, follow=follow
+    )
+    if steer is not None:
+        asked = steering_problem(steer, friction_at_least)
+        name, devices = _named(rig, actuator, sensor)
+        if devices is None:
+            steered: Any = local_steering_rig(asked, name, seed)
+        else:
+            view = None if size is None else _size(size)
+            measured = None if calibration is None else BenchCalibration.load(calibration)
+            truth = None if map_name is None else open_map(map_name)
+            waits = {"repeat_after": repeat_after, "end_after": end_after}
+            quiet: dict[str, Any] = {"on_event": None} | SECONDS
+            quiet |= {key: value for key, value in waits.items() if value is not None}
+            two = problem.replaced(particles=asked.n_particles)
+            pair = _open_devices(devices, truth, two, seed, _apparatus(name), **quiet)
+            with _closed_after(pair, always=False):
+                steered = steering_bench(pair, view, measured)
+        steer_rig(
+            asked,
+            steered,
+            seed=seed,
+            waypoints=waypoints,
+            particle=follow or 1,
+            log=log,
+            out=out,
+            json_=json_,
+        )
+        return
     check_outputs(out, film)
     past = None
     if resume is not None:
@@ -284,7 +363,8 @@ def drive(
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
     _check_effect(rig, devices, problem, **patience)
-    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    without = {"log": log, "out": out, "film": film, "trim": trim, "calibration": calibration}
+    check_calibrating(calibrate, mark, pixel_size, frequency, resume=resume, **without)
     if devices is None:
         for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
             if value is not None:
@@ -301,7 +381,7 @@ def drive(
     if calibrate is not None:
         assert devices is not None
         with patient():
-            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            quiet = {"on_event": None, **SECONDS, **patience}
             pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
             with _closed_after(pair, always=True):
                 calibrate_bench(
@@ -309,9 +389,10 @@ def drive(
                     calibrate,
                     marks=mark,
                     pixel_size=pixel_size,
+                    frequencies=frequency,
                     cell_size=spacing_of(problem.cell_size, 2),
                     shape=shape,
-                    truth=truth,
+                    truth=truth if knowledge is None else knowledge,
                     json_=json_,
                 )
         return
@@ -379,9 +460,11 @@ def drive(
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
         outputs["trials"] = ctx.obj
         book_path = None if book is None else book.path
+        named = [("rig", rig)] if devices is None else [*zip(DEVICES, devices, strict=True)]
+        outputs["named"] = named
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit) and ctx.obj is None:
-            say(_how_to_go_on(result, book_path, out))
+            say(_how_to_go_on(result, book_path, out, named))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
@@ -416,6 +499,7 @@ def _check_effect(
         )
 
 
+DEVICES = ("actuator", "sensor")
 NOT_LOGGED = ("log", "json_", "resume", "trials", "between")
 MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
@@ -449,6 +533,14 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
         if past.options is not None and contradicts:
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
+            )
+    from shoal.rigs.ports import runs_code
+
+    for name in ("rig", "actuator", "sensor"):
+        if name not in given and runs_code(str(logged.get(name) or "")):
+            raise InvalidInputError(
+                f"{name}: expected --{name} {shlex.quote(str(logged[name]))} beside --resume, as no"
+                " file alone makes Shoal run a program or a module, got none"
             )
     missing = {
         param.name: param.process_value(ctx, logged[param.name])
@@ -528,7 +620,17 @@ def _show_finished(
     _report(result, past, log=past.path, verified=verified, **about, **outputs)
 
 
-def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
+def _command_to_go_on(log: Path, named: Iterable[tuple[str, str]]) -> str:
+    """Return the command that goes on with a drive. ``named`` are the options that name devices."""
+    from shoal.rigs.ports import runs_code
+
+    again = [f" --{name} {shlex.quote(value)}" for name, value in named if runs_code(value)]
+    return f"shoal drive --resume {log}{''.join(again)}"
+
+
+def _how_to_go_on(
+    result: Drive, log: Path | None, out: Path | None, named: Iterable[tuple[str, str]]
+) -> str:
     """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
     """
@@ -537,7 +639,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-        again = f"to go on: 'shoal drive --resume {log}'"
+        again = f"to go on: '{_command_to_go_on(log, named)}'"
     else:
         again = (
             "to go on, start the drive again, with --log: it begins with the particles where they"
@@ -785,6 +887,7 @@ def _report(
     log: Path | None = None,
     verified: Verification | None = None,
     trials: Trials | None = None,
+    named: Iterable[tuple[str, str]] = (),
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
 
@@ -866,7 +969,7 @@ def _report(
             )
         )
     if result.status is Status.INTERRUPTED and log is not None and verified is None:
-        rows.append(("go on", f"shoal drive --resume {log}"))
+        rows.append(("go on", _command_to_go_on(log, named)))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
