@@ -58,6 +58,7 @@ class NoisyVisits(NoisyBelief):
     targets : ndarray of bool, or None
         The target cells of the task.
     loss : float
+    rule : str
 
     Attributes
     ----------
@@ -75,13 +76,15 @@ class NoisyVisits(NoisyBelief):
         task: Any,
         targets: NDArray[np.bool_] | None,
         loss: float = 0.0,
+        rule: str = "block",
     ) -> None:
         prior = prior_of(known, confidence, mapping=False)
-        super().__init__(known.shape, seen, noise, confidence, loss=loss, prior=prior)
+        about: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
+        super().__init__(known.shape, seen, noise, confidence, **about)
         self.task = task
         self.visited = self._surely_seen(seen)
         self._held = self.visited
-        world = GridWorld(known)
+        world = GridWorld(known, rule)
         # a task asks where the particles are: where the first scan shows them, surely or not
         state = SwarmState(seen & world.free)
         begun = task.begin(world, state, targets)
@@ -191,6 +194,8 @@ class Goal:
         seen: Board,
         noise: Noise,
         confidence: float,
+        *,
+        rule: str = "block",
     ) -> NoisyBelief:
         """Return the belief under noise after the first scan.
 
@@ -202,11 +207,12 @@ class Goal:
         """
         if not self.mapping:
             assert self.known is not None
-            about: dict[str, Any] = {"task": self.task, "targets": self.targets, "loss": LOSS}
-            return NoisyVisits(self.known, seen, noise, confidence, **about)
+            visits: dict[str, Any] = {"task": self.task, "targets": self.targets}
+            return NoisyVisits(self.known, seen, noise, confidence, loss=LOSS, rule=rule, **visits)
         if not isinstance(self.task, Mapping):
             raise InvalidInputError(
                 f"noise: expected the task mapping or a task on a known map, got {self.task.name}"
             )
         prior = None if self.known is None else prior_of(self.known, confidence, mapping=True)
-        return NoisyBelief(seen.layout.shape, seen, noise, confidence, loss=LOSS, prior=prior)
+        about: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
+        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **about)
