@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from math import ceil, e
 from typing import Any
 
@@ -748,6 +749,7 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        self._decide_anew(rng)
         for _ in range(CLOSING):
             status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -786,18 +788,24 @@ class _Driver:
     def _follow(self, rng: np.random.Generator) -> Status:
         """Run the policy. Whenever somebody has sent commands, it decides anew."""
         while True:
-            swarm = self.swarm
-            with suppress(_TakenOver):
+            try:
                 _, status = closed_loop(
-                    swarm,
-                    make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy),
+                    self.swarm,
+                    self.decider,
                     max_moves=self.most,
                     mapping=self.goal.mapping,
                     on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
                     on_trace=lambda _trace: self._check(),
                     recorder=self.recorder,
                 )
+            except _TakenOver:
+                self._decide_anew(rng)
+            else:
                 return status
+
+    def _decide_anew(self, rng: np.random.Generator) -> None:
+        swarm = self.swarm
+        self.decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
 
     def _rest(self, *, in_loop: bool = False) -> None:
         """Tell of the moves made, and let others wait or send commands while the rig is at rest."""
@@ -1083,6 +1091,7 @@ class _RecordedRuns:
 
     def __init__(self, rig: RecordedRig) -> None:
         self.rig, self._at = rig, 0
+        self._last_placed = max(rig.placed, default=-1)
 
     @property
     def due(self) -> bool:
@@ -1094,8 +1103,10 @@ class _RecordedRuns:
         """Whether nobody knows what the last run of commands has done: particles were placed before
         the next scan.
         """
-        later = [at for at in self.rig.placed if at >= self._at]
-        return bool(later) and not any(self._at <= at <= min(later) for at in self.rig.scans)
+        if self._at > self._last_placed:
+            return False
+        scans, placed = self.rig.scans, self.rig.placed
+        return next(at for at in count(self._at) if at in scans or at in placed) not in scans
 
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
