@@ -556,7 +556,9 @@ def _foot(space: Any, point: Points) -> Points:
     """Return the nearest point of the walls."""
     if space.round:
         away = point - space.center
-        return np.asarray(space.center + away * (space.radius / max(float(np.hypot(*away)), 1e-300)))
+        return np.asarray(
+            space.center + away * (space.radius / max(float(np.hypot(*away)), 1e-300))
+        )
     import shapely
 
     line = shapely.shortest_line(space.shape.boundary, shapely.Point(point))

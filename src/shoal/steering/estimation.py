@@ -38,7 +38,9 @@ class GainEstimate:
     def __init__(self) -> None:
         self.mean, self.moves = np.array([[1.0, 0.0], [1.0, 0.0]]), 0
         shared, own = SHARED**2, OWN**2
-        self._spread = np.kron(np.array([[shared + own, shared], [shared, shared + own]]), np.eye(2))
+        self._spread = np.kron(
+            np.array([[shared + own, shared], [shared, shared + own]]), np.eye(2)
+        )
 
     @property
     def deviation(self) -> float:

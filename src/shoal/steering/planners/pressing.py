@@ -53,7 +53,15 @@ class PressingSearch:
         )
 
     def plans(
-        self, start: Points, goal: Points, *, tolerance: float, moves: int, rounds: int, wanted: int, shorter: bool = False
+        self,
+        start: Points,
+        goal: Points,
+        *,
+        tolerance: float,
+        moves: int,
+        rounds: int,
+        wanted: int,
+        shorter: bool = False,
     ) -> list[Points]:
         """Return at most ``wanted`` plans (float64, shape (moves, 2)) that end within the tolerance
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
