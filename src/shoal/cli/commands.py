@@ -165,8 +165,8 @@ def _summary(name: str) -> str:
 @cache
 def _functions(module: str) -> dict[str, ast.FunctionDef]:
     """Return the functions that the source file of a module in `shoal.cli` defines."""
-    found = find_spec(f"shoal.cli.{module}")
-    tree = ast.parse(Path(found.origin).read_bytes())  # type: ignore[union-attr, arg-type]
+    spec = find_spec(f"shoal.cli.{module}")
+    tree = ast.parse(Path(spec.origin).read_bytes())  # type: ignore[union-attr, arg-type]
     return {one.name: one for one in tree.body if isinstance(one, ast.FunctionDef)}
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -25,7 +25,7 @@ from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.physics import TOLD
-from shoal.rigs.remote import LinkCounts
+from shoal.rigs.remote import LinkCounts, session_of
 from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.suspects import MOVES, FirstMoves
@@ -56,6 +56,12 @@ LOOKS = 30  # scans that tell ghosts from more particles than expected
 UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
 MOST_TRIALS = 60  # commands at the end of a drive that may show that the rig makes no errors
+
+
+OnRest = Callable[[int, Callable[[str], None]], None]
+"""Function that `drive` calls between two commands, with the number of moves made and a function that
+sends one command.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +194,7 @@ def drive(
     known: GridWorkspace | None = None,
     exact: bool | None = None,
     resume: str | os.PathLike[str] | RecordedRig | None = None,
+    on_rest: OnRest | None = None,
     **fields: Any,
 ) -> Drive:
     """Map the workspace of a rig, or carry out another task in it. The policy knows only the positions that the rig reports.
@@ -236,6 +243,10 @@ def drive(
         larger. Open a rig behind a connection with ``open_rig(..., resume=read_log(LOG).session)``,
         so that it can tell whether it has carried out the last command. A drive that was finished
         is only replayed.
+    on_rest : callable, optional
+        Function that `drive` calls between two commands, when the rig is at rest, with the number
+        of moves made and a function that sends one command. It may wait, and it may send commands,
+        which belief and log follow. The policy then decides anew.
     **fields
         Fields of `SwarmProblem`, such as ``task``. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
@@ -326,6 +337,7 @@ def drive(
         "particles": particles,
         "cautious": cautious,
         "past": past,
+        "on_rest": on_rest,
     }
     return _Driver(rig, problem, goal, seed, **about).run()
 
@@ -500,6 +512,10 @@ def _in_view(
     return problem.at_place(known or GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
+class _TakenOver(Exception):  # noqa: N818 - it is no error
+    """Raised if somebody has sent commands while the rig was at rest."""
+
+
 @dataclass(eq=False)
 class _Driver:
     """Runs a policy, or the commands of a log, on a rig, and puts the result together."""
@@ -515,6 +531,7 @@ class _Driver:
     particles: int | None = None  # expected
     cautious: bool = False  # goes on with noise after the first contradiction
     past: RecordedRig | None = None  # of a drive that goes on
+    on_rest: OnRest | None = None
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
@@ -696,9 +713,8 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
-        decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
         for _ in range(CLOSING):
-            status = self._follow(decider)
+            status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
                 self._prove_walls()
             if status is Status.COMPLETE:
@@ -732,17 +748,36 @@ class _Driver:
             )
             raise AlarmRaised(Alarm("rates", swarm.moves, text))
 
-    def _follow(self, decider: Any) -> Status:
-        _, status = closed_loop(
-            self.swarm,
-            decider,
-            max_moves=self.most,
-            mapping=self.goal.mapping,
-            on_moves=self.on_moves,
-            on_trace=lambda _trace: self._check(),
-            recorder=self.recorder,
-        )
-        return status
+    def _follow(self, rng: np.random.Generator) -> Status:
+        """Run the policy. Whenever somebody has sent commands, it decides anew."""
+        while True:
+            swarm = self.swarm
+            with suppress(_TakenOver):
+                _, status = closed_loop(
+                    swarm,
+                    make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy),
+                    max_moves=self.most,
+                    mapping=self.goal.mapping,
+                    on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
+                    on_trace=lambda _trace: self._check(),
+                    recorder=self.recorder,
+                )
+                return status
+
+    def _rest(self, *, in_loop: bool = False) -> None:
+        """Tell of the moves made, and let others wait or send commands while the rig is at rest."""
+        moves = self.recorder.moves
+        if self.on_moves is not None:
+            self.on_moves(moves, len(self.swarm.belief.frontier))
+        if self.on_rest is not None:
+            self.on_rest(moves, self._send_for_others)
+        if in_loop and self.recorder.moves > moves:
+            raise _TakenOver
+
+    def _send_for_others(self, command: str) -> None:
+        check_choice(command, what="command", choices=letters_of(self.swarm.layout.ndim))
+        self._tell_log("manual", {"move": self.recorder.moves + 1})
+        self._carry_out(command, 1, scan=True)
 
     def _checked_end(self, status: Status) -> Status:
         complete = status is Status.COMPLETE
@@ -808,8 +843,7 @@ class _Driver:
 
     def _send(self, command: str) -> None:
         self._carry_out(command, 1, scan=True)
-        if self.on_moves is not None:
-            self.on_moves(self.recorder.moves, len(self.swarm.belief.frontier))
+        self._rest()
 
     def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
         rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
@@ -839,8 +873,8 @@ class _Driver:
                 self._tell_log("stop", {})
                 self.rig.stop()
                 interrupted = failure is not None and not isinstance(failure, Exception)
-                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
-                    self._tell_log("stopped", {"seq": ask()})
+                if interrupted and (session := session_of(self.rig)) is not None:
+                    self._tell_log("stopped", {"seq": session.carried_out()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost

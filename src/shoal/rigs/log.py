@@ -22,7 +22,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
 from shoal.core.version import __version__
-from shoal.rigs.remote import LoggedSession
+from shoal.rigs.remote import LoggedSession, session_of
 from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
@@ -94,6 +94,7 @@ class DriveLog:
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
+            _lock(self._file)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
         self._began, self._rig = time.monotonic(), rig
@@ -107,8 +108,8 @@ class DriveLog:
         }
         header |= {} if spacing is None else {"spacing": list(spacing)}
         header |= {} if test_move else {"test_move": False}
-        session = getattr(rig, "session", None)
-        header |= {} if session is None else {"session": session}
+        session = session_of(rig)
+        header |= {} if session is None else {"session": session.session}
         header |= {} if self.options is None else {"options": self.options}
         header |= {} if known is None else {"known": known.to_dict()}
         header |= {"cautious": True} if cautious else {}
@@ -123,12 +124,11 @@ class DriveLog:
         lines = past.path.read_bytes()
         whole = lines[: lines.rfind(b"\n") + 1]
         try:
-            if self.path.exists():
-                if len(whole) < len(lines):
-                    os.truncate(self.path, len(whole))
-            else:
+            if not self.path.exists():
                 self.path.write_bytes(whole)
             self._file = self.path.open("a", encoding="utf-8", buffering=1)
+            _lock(self._file)
+            self._file.truncate(len(whole))
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
         self._rig, self._began = rig, time.monotonic() - past.lasted
@@ -177,8 +177,8 @@ class DriveLog:
 
     def _request(self, next_: int) -> dict[str, int]:
         """Return the number of the last request, or with 1 of the next, if the rig counts them."""
-        requests = getattr(self._rig, "requests", None)
-        return {} if requests is None else {"seq": requests + next_}
+        session = session_of(self._rig)
+        return {} if session is None else {"seq": session.requests + next_}
 
     def _time(self) -> float:
         return round(time.monotonic() - self._began, 4)
@@ -188,6 +188,19 @@ class DriveLog:
             self._file.write(json.dumps(entry, separators=(",", ":")) + "\n")
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+
+
+def _lock(file: Any) -> None:
+    """Refuse a log that another process writes, until that process has ended."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise BlockingIOError(0, "another drive writes it at the moment") from None
+    except (ImportError, OSError):  # another operating system, or a file system without locks
+        return
 
 
 def map_digest(belief: Belief) -> dict[str, Any]:

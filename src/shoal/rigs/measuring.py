@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.rigs.calibration import (
@@ -22,6 +23,7 @@ from shoal.rigs.calibration import (
     RESIDUAL,
     BenchCalibration,
     Responses,
+    Speed,
     cell_in_pixels,
     transformed,
     unit_at,
@@ -246,7 +248,7 @@ class TestRun:
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-                for letter in pair * 2:
+                for letter in pair * CYCLES:
                     angle, seconds = stated[letter]
                     pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
@@ -257,7 +259,7 @@ class TestRun:
                 enough = [
                     letter
                     for letter, (motion, free) in moved.items()
-                    if free.sum() >= FEWEST and np.linalg.norm(motion) >= self.cell / 10
+                    if free.sum() >= FEWEST - 1 and np.linalg.norm(motion) >= self.cell / 10
                 ]
                 if len(enough) == 2:
                     break
@@ -392,6 +394,7 @@ def calibrate(
     aim: float | None = None,
     wait: float = 0.5,
     limit: float = RESIDUAL,
+    frequencies: Sequence[float] = (),
 ) -> BenchCalibration:
     """Measure with test pulses how particles move, and return the calibration of the bench.
 
@@ -420,6 +423,9 @@ def calibrate(
         Time after a pulse until particles are at rest and the camera shows it, in seconds.
     limit : float
         Largest root mean square error of the motions, in cells.
+    frequencies : sequence of float
+        Frequencies of a field that turns, in Hz, at which the speed is measured as well. The
+        actuator needs the attribute ``frequency`` and the method ``set_frequency(frequency)``.
 
     Raises
     ------
@@ -436,6 +442,8 @@ def calibrate(
     elif cell is None or size is None:
         raise InvalidInputError("calibration: expected marks, a known map or the size of a cell")
     assert cell is not None
+    if frequencies:
+        check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
     known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
     run = TestRun(actuator, sensor, cell, wait)
@@ -474,6 +482,9 @@ def calibrate(
     notes = list(tie.notes)
     if drift > DRIFT:
         notes.append(f"without a pulse, particles drift by {drift:.2g} cells a second")
+    speed = (
+        measure_speed(run, actuator, responses, tie.matrix, frequencies) if frequencies else None
+    )
     found = BenchCalibration(
         shape=shape,
         tie=tie.kind,
@@ -487,11 +498,86 @@ def calibrate(
         stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,
         aim=aim,
+        speed=speed,
         notes=notes,
     )
     if whole:
         found.notes.extend(_told_of_whole(found))
     return found
+
+
+def check_frequencies(actuator: Any, frequencies: Sequence[float]) -> None:
+    """Refuse frequencies that show nothing, or an actuator without them."""
+    if len(set(frequencies)) < FEWEST:
+        raise InvalidInputError(
+            f"frequency: expected at least {FEWEST} different ones, got {len(set(frequencies))}"
+        )
+    for frequency in frequencies:
+        check_number(frequency, what="frequency", above=0)
+    if getattr(actuator, "frequency", None) is None:
+        raise InvalidInputError(
+            f"frequency: expected an actuator whose field turns, got {actuator.name}"
+        )
+
+
+def measure_speed(
+    run: TestRun,
+    actuator: Any,
+    responses: Responses,
+    matrix: Points,
+    frequencies: Sequence[float],
+) -> Speed:
+    """Measure the speed of particles against the frequency of the field, with pulses to the right
+    and to the left, and fit the step-out frequency. The frequency of before is restored.
+    """
+    usual = float(actuator.frequency)
+    noise = run.noise * 2**0.5 / run.cell
+    speeds = []
+    try:
+        for frequency in sorted(frequencies):
+            actuator.set_frequency(frequency)
+            found = []
+            done: dict[str, list[Points]] = {"r": [], "l": []}
+            for letter in "rl" * (1 + CYCLES):
+                velocity = np.array(getattr(responses, letter))
+                # half a cell, if the speed is proportional to the frequency
+                seconds = 0.5 / float(np.linalg.norm(velocity)) * usual / frequency
+                pulse = run.push(letter, responses.angles[letter], seconds, (0, 0))
+                done[letter].append(motions_of(pulse, matrix) / seconds)
+            for each in done.values():
+                rates = np.vstack(each[1:])
+                motion, free = free_motion(rates, noise / seconds)
+                found.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
+            speeds.append(float(np.mean(found)))
+    finally:
+        actuator.set_frequency(usual)
+    return fit_speed(sorted(frequencies), speeds)
+
+
+def fit_speed(frequencies: Sequence[float], speeds: Sequence[float]) -> Speed:
+    """Return the slope and the step-out frequency that fit measured speeds best (least squares).
+
+    Examples
+    --------
+    >>> fit_speed([1, 2, 4], [3, 6, 12]).step_out is None
+    True
+    """
+    at, seen = np.array(frequencies, dtype=np.float64), np.array(speeds, dtype=np.float64)
+    best: tuple[float, float, float | None] | None = None
+    for step_out in (None, *np.geomspace(at.min(), at.max(), 400).tolist()):
+        over = at if step_out is None else np.minimum(at, step_out)
+        turns = at - (0 if step_out is None else np.sqrt(np.maximum(at**2 - over**2, 0)))
+        slope = float(turns @ seen / (turns @ turns))
+        error = float(np.sum((slope * turns - seen) ** 2))
+        if best is None or error < best[0] * (1 - 1e-6):
+            best = error, slope, step_out
+    assert best is not None
+    _, slope, step_out = best
+    if step_out is not None and step_out >= at.max() * (1 - 1e-6):
+        step_out = None
+    if slope <= 0:
+        raise RigError("calibration: expected particles that move at some frequency, got none")
+    return Speed(frequencies=at.tolist(), speeds=seen.tolist(), slope=slope, step_out=step_out)
 
 
 def _in_pixels(

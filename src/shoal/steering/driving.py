@@ -12,7 +12,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer, check_points
 from shoal.core.dataclass import dataclass
@@ -20,12 +20,14 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FrictionEstimate, GainEstimate, friction_text
+from shoal.steering.estimation import FrictionEstimate, GainEstimate
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
+from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.pressing import PressingSearch, pressing_of
 from shoal.steering.planners.robust import _project_inside
-from shoal.steering.planners.sampling import world_of
+from shoal.steering.planners.sampling import free_offsets, world_of
+from shoal.steering.planners.task import SteeringTask, why_unreachable
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
@@ -39,6 +41,9 @@ FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of
 SCENARIOS = 16  # of errors, in which plans are compared
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
+CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
+STRIDE = 0.2  # relative to the size: longest move along a path
+WAYS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
 PATIENCE = 40  # moves without progress until the drive ends
 STILL = 3  # moves of which no particle makes a fifth, until the drive ends
 NEAR = 2e-3  # relative to the size: distance up to which a particle is taken to touch a wall
@@ -213,29 +218,88 @@ def drive(
     <Status.ARRIVED: 'arrived'>
     """
     seed = check_integer(seed, what="seed", least=0)
+    problem = _checked(problem, rig)
+    if problem.n_particles != 2:
+        raise InvalidInputError(f"a drive: expected two particles, got {problem.n_particles}")
+    return _run(_Loop(problem, rig, seed, None, on_move), log)
+
+
+def _checked(problem: SteeringProblem, rig: Any) -> SteeringProblem:
+    """Return the problem with its tolerance, if a rig can be driven by it."""
     for name in ("look", "send"):
         if not callable(getattr(rig, name, None)):
             raise InvalidInputError(
                 f"rig: expected an object with look() and send(input), got {type(rig).__name__}"
             )
-    place = problem.place
-    if problem.n_particles != 2 or place.dimensions != 2:
-        raise InvalidInputError(
-            "a drive: expected two particles in a plane workspace, got"
-            f" {problem.n_particles} in a {place.kind}"
-        )
+    if problem.place.dimensions != 2:
+        raise InvalidInputError(f"a drive: expected a plane workspace, got a {problem.place.kind}")
     if "tolerance" not in problem.given:
-        problem = problem.replaced(tolerance=WITHIN * float(place.size))
+        problem = problem.replaced(tolerance=WITHIN * float(problem.place.size))
     problem.check_at_place()
-    book = None if log is None else SteeringLog(log)
+    return problem
+
+
+def _run(session: _Session, log: str | os.PathLike[str] | None) -> SteeringDrive:
+    """Run a drive with a new log."""
+    session.log = None if log is None else SteeringLog(log)
     try:
-        return _Loop(problem, rig, seed, book, on_move).run()
+        return session.run()
     finally:
-        if book is not None:
-            book.close()
+        if session.log is not None:
+            session.log.close()
 
 
-class _Ended(Exception):
+def follow(
+    problem: SteeringProblem,
+    rig: Any,
+    waypoints: ArrayLike,
+    *,
+    particle: int = 1,
+    seed: int = 0,
+    log: str | os.PathLike[str] | None = None,
+    on_move: Callable[[int, float], None] | None = None,
+) -> SteeringDrive:
+    """Lead one particle of a rig along way-points, in a closed loop.
+
+    Between two way-points, the particle follows the shortest path, in strides that a look
+    corrects. All other particles receive the same inputs.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+        Workspace, number of particles and tolerance of the way-points (2 % of the size unless
+        given).
+    rig : SteeringRig
+    waypoints : array_like of float, shape (n, 2)
+    particle : int
+        Number of the particle, from 1, in the order of ``problem.start`` or of the first look.
+    seed, log, on_move
+        As for `drive`.
+
+    Returns
+    -------
+    SteeringDrive
+        Its arrays hold the followed particle only, and ``goal`` is the last way-point. The status
+        ``arrived`` means that looks have shown the particle at all way-points in turn. ``estimates``
+        also holds ``waypoints_reached``, and ``largest_deviation`` from the path.
+
+    Raises
+    ------
+    InvalidInputError, SteeringDriveError, OutputError
+        As for `drive`, and for way-points outside the workspace.
+    """
+    problem = _checked(problem, rig)
+    check_integer(particle, what="particle", least=1, most=problem.n_particles)
+    points = check_points(waypoints, what="waypoints", dimensions=2)
+    if not len(points):
+        raise InvalidInputError("waypoints: expected one way-point or more, got none")
+    common = (problem, rig, check_integer(seed, what="seed", least=0), None, on_move)
+    path = _Path(*common, waypoints=points, particle=particle - 1)
+    path.space.check_inside(points, what="waypoints")
+    return _run(path, log)
+
+
+class _Ended(Exception):  # noqa: N818
     """Raised inside a loop when it ends."""
 
     def __init__(self, status: Status, reason: str) -> None:
@@ -243,8 +307,8 @@ class _Ended(Exception):
         self.status, self.reason = status, reason
 
 
-class _Loop:
-    """One run of the closed loop."""
+class _Session:
+    """What all drives do: look, follow the particles, send inputs, learn, and log."""
 
     def __init__(
         self,
@@ -265,17 +329,15 @@ class _Loop:
         self.size = float(place.size)
         self.world = (RegionWorld if isinstance(place, Region) else ContactWorld)(self.space)
         self.kernel_world = world_of(self.world)._replace(flat=not self.space.round)
+        self.count = problem.n_particles
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
         self.friction = FrictionEstimate(problem.friction if least is None else least)
-        self.gains, self.deviation = GainEstimate(), 0.0
-        goal = problem.endpoints(seed)[1]
-        self.given_goal = self.goal = np.ascontiguousarray(goal)
+        self.gains, self.deviation = GainEstimate(self.count), 0.0
+        self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
         self.inputs: list[Points] = []
         self.seen: list[Points] = []
-        self.planless = self.still = 0
-        self.least_missing, self.progress = inf, 0
-        self.begun = perf_counter()
+        self.still, self.begun = 0, perf_counter()
 
     def run(self) -> SteeringDrive:
         """Run the loop until it ends."""
@@ -283,7 +345,6 @@ class _Loop:
         try:
             self._begin()
             while True:
-                self._check_end()
                 self._send(self._next_move())
         except _Ended as ended:
             status, reason = ended.status, ended.reason
@@ -293,13 +354,21 @@ class _Loop:
             raise SteeringDriveError(str(error), self._result(Status.ALARM, str(error))) from error
         return self._result(status, reason)
 
+    def _next_move(self) -> Points:
+        """Return the next input, or raise _Ended."""
+        raise NotImplementedError
+
     def _result(self, status: Status, reason: str) -> SteeringDrive:
         if self.friction.slips:
-            stated = friction_text(self.friction.stated)
+            given = self.problem.given & {"friction", "friction_at_least"}
+            stated = (
+                f"the stated friction was at least {self.friction.stated:g}"
+                if given and self.friction.stated < inf
+                else "no friction was stated, which means that nothing slips"
+            )
             reason += (
                 "; the walls slip more than was stated: a coefficient of friction of about"
-                f" {self.friction.best:g} agrees with the moves, and the stated friction was"
-                f" {'at least ' if self.friction.stated < inf else ''}{stated}"
+                f" {self.friction.best:g} agrees with the moves, and {stated}"
             )
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
         told = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]
@@ -353,17 +422,9 @@ class _Loop:
                 rig=str(getattr(self.rig, "name", type(self.rig).__name__)),
                 seen=self.seen[0].tolist(),
             )
-        if self.problem.interchangeable:
-            orders = [self.given_goal[list(order)] for order in permutations(range(2))]
-            counts = []
-            for goal in orders:
-                self.goal = np.ascontiguousarray(goal)
-                plan = self._plan()
-                counts.append(inf if plan is None else len(plan))
-            self.goal = np.ascontiguousarray(orders[int(np.argmin(counts))])
 
     def _look(self, expected: Points | None) -> Points:
-        """Return the positions of both particles. Particles that are not seen, or not told apart
+        """Return the positions of all particles. Particles that are not seen, or not told apart
         from others, are looked for again.
         """
         for _ in range(AGAIN):
@@ -374,12 +435,13 @@ class _Loop:
                     "look: expected finite positions of shape (particles, 2), got shape"
                     f" {points.shape}"
                 )
-            if len(points) == 2:
+            if len(points) == self.count:
                 return points if expected is None else _in_order(points, expected)
-            if len(points) > 2 and expected is not None:  # the others are ghosts
+            if len(points) > self.count and expected is not None:  # the others are ghosts
                 return _in_order(points, expected)
         raise _Ended(
-            Status.ALARM, f"{len(points)} particles were seen in {AGAIN} looks, and there are 2"
+            Status.ALARM,
+            f"{len(points)} particles were seen in {AGAIN} looks, and there are {self.count}",
         )
 
     @property
@@ -390,7 +452,7 @@ class _Loop:
         if outside.any():
             points[outside] = _project_inside(self.space, points[outside])
         near, normal = max(2 * self.deviation, NEAR * self.size), np.zeros(2)
-        for p in range(2):
+        for p in range(self.count):
             if kernels.nearest_wall(points[p], self.kernel_world, normal) <= near:
                 points[p] = _foot(self.space, points[p])
         return np.ascontiguousarray(points)
@@ -399,6 +461,67 @@ class _Loop:
     def error(self) -> float:
         """Largest observed distance of a particle from its goal."""
         return float(np.linalg.norm(self.seen[-1] - self.goal, axis=1).max())
+
+    def _send(self, move: Points) -> None:
+        """Send an input, look, and learn."""
+        before = self.state
+        move = np.ascontiguousarray(move, dtype=np.float64)
+        self.rig.send(move.copy())
+        self.inputs.append(move)
+        expected, spare, vector = before.copy(), np.empty(2), np.empty(2)
+        believed = kernels.with_friction(self.kernel_world, self.friction.best)
+        for point, gain in zip(expected, self.gains.mean, strict=True):
+            kernels.send_to(point, *move.tolist(), gain, believed, vector, spare)
+        seen = self._look(expected)
+        self.seen.append(seen)
+        after, normal = self.state, np.zeros(2)
+        near = max(4 * self.deviation, 2 * NEAR * self.size)
+        free = np.array(
+            [
+                kernels.nearest_wall(before[p], self.kernel_world, normal) > near
+                and kernels.nearest_wall(after[p], self.kernel_world, normal) > near
+                for p in range(self.count)
+            ]
+        )
+        self.gains.learn(move, seen - self.seen[-2], free, self.deviation)
+        if not free.all() and self.count == 2:
+            self.friction.learn(
+                before,
+                move,
+                seen,
+                self.gains.mean,
+                self.kernel_world,
+                error=self.deviation,
+                deviation=min(self.gains.deviation, 0.1),
+            )
+        moved = np.linalg.norm(seen - self.seen[-2], axis=1).max()
+        should = np.linalg.norm(expected - before, axis=1).max()
+        if should > 8 * self.deviation + 0.01 * self.size:
+            self.still = self.still + 1 if moved < 0.2 * should else 0
+        if self.log is not None:
+            self.log.write(input=move.tolist(), seen=seen.tolist())
+        if self.on_move is not None:
+            self.on_move(len(self.inputs), self.error)
+        if self.still >= STILL:
+            raise _Ended(
+                Status.ALARM, f"no particle followed the last {STILL} inputs; is the field on?"
+            )
+
+
+class _Loop(_Session):
+    """One run of the closed loop of the policy robust."""
+
+    planless = progress = 0
+    least_missing = inf
+
+    def _choose_goals(self) -> None:
+        """Choose the order of interchangeable goals with the shorter plan."""
+        orders = [np.ascontiguousarray(self.goal[list(order)]) for order in permutations(range(2))]
+        counts = []
+        for self.goal in orders:
+            plan = self._plan()
+            counts.append(inf if plan is None else len(plan))
+        self.goal = orders[int(np.argmin(counts))]
 
     def _check_end(self) -> None:
         tolerance, moves = self.problem.tolerance, len(self.inputs)
@@ -420,10 +543,6 @@ class _Loop:
         if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
             why = "no plan was found" if self.planless else f"{PATIENCE} moves brought no progress"
             raise _Ended(Status.SLIPPING if slips else Status.STALLED, f"{text}: {why}")
-        if self.still >= STILL:
-            raise _Ended(
-                Status.ALARM, f"no particle followed the last {STILL} inputs; is the field on?"
-            )
 
     def _why_unreachable(self) -> str | None:
         """Return why no plan exists with the largest credible friction, or None."""
@@ -474,9 +593,30 @@ class _Loop:
                     wanted=WANTED,
                     shorter=True,
                 )
+                if not plans and rounds == FAST:
+                    plans = self._chain(state, own, left)
                 if plans:
                     return self._surest(search, plans)
         return None
+
+    def _chain(self, state: Points, friction: float, moves: int) -> list[Points]:
+        """Return the plan of the planner greedy, in a convex workspace."""
+        if isinstance(self.space, Region):
+            return []
+        task = SteeringTask(
+            ContactWorld(self.space, friction=friction),
+            state,
+            self.goal,
+            0.4 * self.problem.tolerance,
+            max(moves, 100),
+            margin=CHAIN,
+        )
+        plan = None if why_unreachable(task) else Greedy().plan(task)
+        if plan is None or not len(plan):
+            return []
+        re, im = self.gains.mean.mean(axis=0)
+        x, y = plan.T / (re * re + im * im)
+        return [np.column_stack([re * x + im * y, re * y - im * x])]
 
     def _surest(self, search: PressingSearch, plans: list[Points]) -> Points:
         """Return a plan with few moves, which often ends at the goals in spite of errors."""
@@ -491,6 +631,9 @@ class _Loop:
         return plans[int(np.argmin(costs))]
 
     def _next_move(self) -> Points:
+        if not self.inputs and self.problem.interchangeable:
+            self._choose_goals()
+        self._check_end()
         plan = self._plan()
         if plan is not None and len(plan):
             self.planless = 0
@@ -501,46 +644,81 @@ class _Loop:
         towards = (np.asarray(low) + high) / 2 - self.state.mean(axis=0)
         return np.asarray(0.5 * towards + self.rng.normal(scale=0.1 * self.size, size=2))
 
-    def _send(self, move: Points) -> None:
-        """Send an input, look, and learn."""
-        before = self.state
-        move = np.ascontiguousarray(move, dtype=np.float64)
-        self.rig.send(move.copy())
-        self.inputs.append(move)
-        expected, spare, vector = before.copy(), np.empty(2), np.empty(2)
-        believed = kernels.with_friction(self.kernel_world, self.friction.best)
-        kernels.send_both(expected, *move.tolist(), self.gains.mean, believed, vector, spare)
-        seen = self._look(expected)
-        self.seen.append(seen)
-        after, normal = self.state, np.zeros(2)
-        near = max(4 * self.deviation, 2 * NEAR * self.size)
-        free = np.array(
-            [
-                kernels.nearest_wall(before[p], self.kernel_world, normal) > near
-                and kernels.nearest_wall(after[p], self.kernel_world, normal) > near
-                for p in range(2)
-            ]
+
+class _Path(_Session):
+    """One particle on its way along way-points."""
+
+    def __init__(self, *common: Any, waypoints: Points, particle: int) -> None:
+        super().__init__(*common)
+        self.waypoints, self.particle, self.reached = waypoints, particle, 0
+        self.goal = np.tile(waypoints[-1], (self.count, 1))
+        self.corners: list[Points] = []  # of the path to the next way-point
+        self.deviation_most, self._leg = 0.0, (waypoints[0], waypoints[0])
+
+    @property
+    def error(self) -> float:
+        """Observed distance of the particle from the last way-point."""
+        return float(np.linalg.norm(self.seen[-1][self.particle] - self.waypoints[-1]))
+
+    def _result(self, status: Status, reason: str) -> SteeringDrive:
+        self.count, only = 1, slice(self.particle, self.particle + 1)
+        self.seen, self.goal = [seen[only] for seen in self.seen], self.waypoints[-1:]
+        result = super()._result(status, reason)
+        result.estimates.update(
+            waypoints_reached=self.reached, largest_deviation=self.deviation_most
         )
-        walls = not free.all()
-        self.gains.learn(move, seen - self.seen[-2], free, self.deviation)
-        if walls:
-            self.friction.learn(
-                before,
-                move,
-                seen,
-                self.gains.mean,
-                self.kernel_world,
-                error=self.deviation,
-                deviation=min(self.gains.deviation, 0.1),
+        return result
+
+    def _next_move(self) -> Points:
+        here, tolerance = self.seen[-1][self.particle], self.problem.tolerance
+        if self.inputs:
+            self.deviation_most = max(self.deviation_most, _distance(here, *self._leg))
+        while self.corners and float(np.linalg.norm(self.corners[0] - here)) <= tolerance:
+            del self.corners[0]
+            if not self.corners:
+                self.reached += 1
+                self._leg = (self.waypoints[self.reached - 1],) * 2
+        if self.reached == len(self.waypoints):
+            raise _Ended(
+                Status.ARRIVED,
+                f"after {len(self.inputs)} moves looks have shown the particle within"
+                f" {tolerance:.3g} of all {self.reached} way-points, and at most"
+                f" {self.deviation_most:.3g} beside the path",
             )
-        moved = np.linalg.norm(seen - self.seen[-2], axis=1).max()
-        should = np.linalg.norm(expected - before, axis=1).max()
-        if should > 8 * self.deviation + 0.01 * self.size:
-            self.still = self.still + 1 if moved < 0.2 * should else 0
-        if self.log is not None:
-            self.log.write(input=move.tolist(), seen=seen.tolist())
-        if self.on_move is not None:
-            self.on_move(len(self.inputs), self.error)
+        if len(self.inputs) >= self.problem.max_moves:
+            raise _Ended(
+                Status.LIMIT,
+                f"after {len(self.inputs)} moves the particle has reached {self.reached} of"
+                f" {len(self.waypoints)} way-points",
+            )
+        if not self.corners:
+            self.corners = self._way(here, self.waypoints[self.reached])
+            self._leg = (here, self.corners[0])
+        elif not np.array_equal(self._leg[1], self.corners[0]):
+            self._leg = (self._leg[1], self.corners[0])
+        way = self.corners[0] - here
+        length = float(np.hypot(*way))
+        way = way * min(1.0, STRIDE * self.size / length)
+        re, im = self.gains.mean[self.particle]
+        x, y = way / (re * re + im * im)
+        return np.array([re * x + im * y, re * y - im * x])
+
+    def _way(self, here: Points, there: Points) -> list[Points]:
+        """Return the corners of the shortest path to a way-point."""
+        if not isinstance(self.space, Region):
+            return [there]
+        task = SteeringTask(self.world, here[None], there[None], self.problem.tolerance)
+        for margin in WAYS:
+            free = free_offsets(self.space, there[None], margin * self.size)
+            path = None if free is None else free.path(here - there, task)
+            if path is not None:
+                corners = [corner + there for corner in path]
+                return [
+                    *(one for one in corners if float(np.hypot(*(one - here))) > 1e-3 * self.size),
+                    there,
+                ]
+        x, y = there.tolist()
+        raise _Ended(Status.UNREACHABLE, f"no free path leads to the way-point ({x:g}, {y:g})")
 
 
 def _in_order(points: Points, expected: Points) -> Points:
@@ -563,3 +741,11 @@ def _foot(space: Any, point: Points) -> Points:
 
     line = shapely.shortest_line(space.shape.boundary, shapely.Point(point))
     return np.array(line.coords[0])
+
+
+def _distance(point: Points, begin: Points, end: Points) -> float:
+    """Return the distance of a point from a straight line between two points."""
+    way, gone = end - begin, point - begin
+    square = float(way @ way)
+    share = min(max(float(gone @ way) / square, 0.0), 1.0) if square > 0 else 0.0
+    return float(np.linalg.norm(gone - share * way))

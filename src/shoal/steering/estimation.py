@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -17,30 +16,51 @@ INPUT = 0.02  # relative error of a move, beyond the gains
 MODEL = 3e-3  # relative to the size: error of predictions near walls
 GAP = 1e-3  # relative to the size: distance of a particle that is taken to touch a wall
 FRICTIONS = np.array(
-    [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.15, 1.3, 1.5, 1.75, 2, 2.5, 3, 4, 6, 10]
-    + [1e9]
+    [
+        0,
+        0.1,
+        0.2,
+        0.3,
+        0.4,
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.9,
+        1,
+        1.15,
+        1.3,
+        1.5,
+        1.75,
+        2,
+        2.5,
+        3,
+        4,
+        6,
+        10,
+        1e9,
+    ]
 )
 DOUBT = 3.0  # logarithm of the odds against less friction than stated
 OUTLIER = 6.0  # largest loss of logarithmic odds by one move
 
 
 class GainEstimate:
-    """The gains of both particles, complex numbers, as a normal distribution (a Kalman filter).
+    """The gains of all particles, complex numbers, as a normal distribution (a Kalman filter).
 
     Attributes
     ----------
-    mean : ndarray of float64, shape (2, 2)
+    mean : ndarray of float64, shape (particles, 2)
         Real and imaginary part of the gain of each particle.
     moves : int
         Number of moves from which it was learnt.
     """
 
-    def __init__(self) -> None:
-        self.mean, self.moves = np.array([[1.0, 0.0], [1.0, 0.0]]), 0
-        shared, own = SHARED**2, OWN**2
-        self._spread = np.kron(
-            np.array([[shared + own, shared], [shared, shared + own]]), np.eye(2)
-        )
+    def __init__(self, particles: int = 2) -> None:
+        self.mean, self.moves = np.tile([1.0, 0.0], (particles, 1)), 0
+        common, alone = np.ones((particles, particles)), np.eye(particles)
+        self._common = np.kron(common, np.eye(2))
+        self._spread = np.kron(SHARED**2 * common + OWN**2 * alone, np.eye(2))
 
     @property
     def deviation(self) -> float:
@@ -49,19 +69,20 @@ class GainEstimate:
 
     def learn(self, move: Points, moved: Points, free: NDArray[np.bool_], error: float) -> None:
         """Learn from how far the free particles moved; ``error`` is that of the observations."""
-        self._spread = self._spread + DRIFT**2 * np.kron(np.ones((2, 2)), np.eye(2))
+        self._spread = self._spread + DRIFT**2 * self._common
         x, y = float(move[0]), float(move[1])
         if np.hypot(x, y) < 4 * error or not free.any():
             return
         self.moves += 1
         rows = np.flatnonzero(np.repeat(free, 2))
-        model = np.kron(np.eye(2), np.array([[x, -y], [y, x]]))[rows]
-        # the error of a move is that of both particles
-        variance = (INPUT**2 * (x * x + y * y)) * np.kron(np.ones((2, 2)), np.eye(2))
-        variance = (variance + (2 * error**2 + 1e-12) * np.eye(4))[np.ix_(rows, rows)]
+        model = np.kron(np.eye(len(free)), np.array([[x, -y], [y, x]]))[rows]
+        # the error of a move is that of all particles
+        variance = INPUT**2 * (x * x + y * y) * self._common
+        variance = variance + (2 * error**2 + 1e-12) * np.eye(len(variance))
+        variance = variance[np.ix_(rows, rows)]
         mean = self.mean.ravel()
         gain = self._spread @ model.T @ np.linalg.inv(model @ self._spread @ model.T + variance)
-        self.mean = (mean + gain @ (moved.ravel()[rows] - model @ mean)).reshape(2, 2)
+        self.mean = (mean + gain @ (moved.ravel()[rows] - model @ mean)).reshape(-1, 2)
         self._spread = self._spread - gain @ model @ self._spread
 
 
@@ -76,7 +97,7 @@ class FrictionEstimate:
 
     def __init__(self, stated: float) -> None:
         self.stated, self.contacts = stated, 0
-        self._odds = np.where(FRICTIONS < 0.99 * min(stated, 1e9), -DOUBT, 0.0)
+        self._odds = np.where(0.99 * min(stated, 1e9) > FRICTIONS, -DOUBT, 0.0)
 
     @property
     def shares(self) -> NDArray[np.float64]:
@@ -92,7 +113,7 @@ class FrictionEstimate:
     @property
     def slips(self) -> bool:
         """Whether the walls surely slip more than stated."""
-        less = FRICTIONS < 0.85 * min(self.stated, FRICTIONS[-1])
+        less = 0.85 * min(self.stated, FRICTIONS[-1]) > FRICTIONS
         return self.contacts > 0 and float(self.shares[less].sum()) > 0.95
 
     @property
@@ -143,8 +164,3 @@ class FrictionEstimate:
         )
         off = ((ends - seen) ** 2).sum(axis=(1, 2)) / (2 * variance)
         self._odds -= np.minimum(off - off.min(), OUTLIER)
-
-
-def friction_text(friction: float) -> str:
-    """Return a coefficient of friction as text."""
-    return "so high that nothing slips" if friction >= 1e8 or friction == inf else f"{friction:g}"

@@ -178,6 +178,19 @@ def test_gains_and_headings_are_measured_under_any_camera(seed, turn, mirror):
     assert abs(found.responses.heading("r") - plant.heading) < 4
 
 
+def test_one_particle_is_enough():
+    room = open_map("rectangle:9x9")
+    for seed in range(5):
+        matrix, size = view_of(room.shape, turn=50)
+        plant = plant_of(room, 1, seed, coil_gain=0.15, heading=10.0, camera_error=0.0)
+        seen = SeenPlant(plant, matrix, size)
+        cells = np.array([(0, 0), (0, 8), (8, 0), (8, 8)], dtype=float)
+        tie = tie_by_marks(seen.marks(cells))
+        found = calibrate(seen, seen, pulses=PULSES, tie=tie, shape=room.shape)
+        for letter in ANGLES:
+            assert abs(found.responses.heading(letter) - plant.heading) < 5
+
+
 def test_a_calibration_goes_through_its_file(tmp_path):
     seen = bench(1)
     found = calibrated(seen, cell_size=0.5)
@@ -246,6 +259,29 @@ def test_custom_commands_keep_their_directions():
     seen.whole = False
     trim = PulseTrim(found.responses)
     assert trim.pulse("u")[0] == 90
+
+
+def test_the_speed_falls_beyond_the_step_out_frequency():
+    seen = bench(0, heading=0.0)
+    seen.frequency = 4.0
+
+    def turning(f, step_out=9.0):
+        return f if f <= step_out else f - (f**2 - step_out**2) ** 0.5
+
+    def push(angle, seconds):
+        seen.plant.push(angle, seconds=seconds, strength=turning(seen.frequency) / 4)
+        seen._ended = seen.plant.clock
+
+    seen.push = push
+    seen.set_frequency = lambda f: setattr(seen, "frequency", f)
+    found = calibrated(seen, frequencies=[2, 4, 6, 8, 10, 12, 16])
+    assert found.speed.step_out == pytest.approx(9.0, rel=0.12)
+    assert found.speed.slope == pytest.approx(1 / seen.plant.apparatus.pulse / 4, rel=0.12)
+    assert seen.frequency == 4.0
+    with pytest.raises(InvalidInputError, match="at least 3 different ones"):
+        calibrated(seen, frequencies=[2, 4])
+    with pytest.raises(InvalidInputError, match="whose field turns"):
+        calibrated(bench(0), frequencies=[2, 4, 6])
 
 
 def drive_of(plant, *, trim):

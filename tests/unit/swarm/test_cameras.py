@@ -14,6 +14,7 @@ from tests.benches import plant_of, render, view_of
 from shoal import InvalidInputError, open_map
 from shoal.core.errors import RigError
 from shoal.rigs import BenchRig, drive
+from shoal.rigs.calibration import transformed
 from shoal.rigs.cameras import CameraSensor, Detector, MicroManagerSource, Vision, open_camera
 from shoal.rigs.measuring import calibrate
 from shoal.rigs.physics import ANGLES
@@ -58,6 +59,23 @@ def test_bright_and_dark_particles_are_found_within_half_a_pixel(ground, disc):
     same_points(Detector().find(discs(POINTS, ground=ground, disc=disc)), POINTS)
 
 
+def test_few_small_particles_in_a_large_picture():
+    points = spread_points(3, (900, 800))
+    same_points(
+        Detector().find(discs(points, size=(900, 800), radius=4, disc=160, noise=8)), points
+    )
+
+
+def test_a_vessel_is_no_particle():
+    matrix, size = view_of(VESSEL.shape)
+    cells, rng = VESSEL.cells[::9], np.random.default_rng(1)
+    picture = render(VESSEL, cells, matrix, size, rng)
+    with pytest.raises(RigError, match="may be the vessel"):
+        Detector(Vision(particles="bright")).find(picture)
+    found = Detector(Vision(threshold="40", particles="dark", max_area=400)).find(picture)
+    same_points(found, transformed(matrix, cells))
+
+
 def test_colour_and_sixteen_bits():
     grey = discs(POINTS)
     same_points(Detector().find(np.stack([grey // 2, grey, grey], axis=2)), POINTS)
@@ -95,8 +113,10 @@ def test_a_dark_picture_and_too_many_blobs_are_errors():
     with pytest.raises(RigError, match="brightness 7 to 7"):
         Detector().find(np.full((50, 50), 7, dtype=np.uint8))
     noise = np.random.default_rng(1).integers(0, 255, (100, 100)).astype(np.uint8)
-    with pytest.raises(RigError, match="at most 20 particles"):
-        Detector(Vision(min_area=1, most=20)).find(noise)
+    with pytest.raises(RigError, match="nothing stands out of the noise"):
+        Detector().find(noise)
+    with pytest.raises(RigError, match="at most 10 particles, got 12"):
+        Detector(Vision(most=10)).find(discs(POINTS))
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,8 @@ from shoal.steering.kernels.sampling import World, draw_move, wall_point
 
 STEPS = 8  # maximum number of moves of one manoeuvre
 ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
-WORSE = 0.2  # probability of keeping a state that is not more promising than its parent
+
+STEEPEST = 6.0  # tangent of the largest angle between a random push and the normal of a wall
 HELD = 1e-9  # relative to the size: motion of a particle that counts as held
 
 
@@ -37,6 +38,8 @@ class Pressing(NamedTuple):
     off: float  # distance from walls that other particles keep, and that a lift moves particles off
     near: float  # distance up to which a particle counts as touching a wall
     apart: float  # least distance between the particles
+    worse: float = 0.2
+    """Probability of keeping a state that is not more promising than its parent."""
 
 
 class Nodes(NamedTuple):
@@ -346,14 +349,21 @@ def press(state, goal, held, normal, pressing, world, rng, moves, count):
     other = 1 - held
     sign = 1.0 - 2.0 * held  # of the change of the difference, if the other particle moves
     choice = rng.random()
-    if choice < 0.85:
+    to_wall = choice > 0.7
+    if to_wall:
+        # in a direction inside the friction cone, often at its edge, until the other particle meets
+        # a wall, or less far
+        steepest = min(pressing.friction, STEEPEST)
+        slope = steepest * min(max(3.0 * rng.random() - 1.5, -1.0), 1.0)
+        length = min(1.5 * rng.random(), 1.0) * world.walls.size / sqrt(1 + slope * slope)
+        x = length * (-normal[0] + slope * normal[1])
+        y = length * (-normal[1] - slope * normal[0])
+    else:
         x, y = missing(state, goal, pressing)
         x, y = sign * x, sign * y
-        if choice > 0.7:
+        if choice > 0.6:
             share = 1.3 * rng.random()
             x, y = share * x, share * y
-    else:
-        x, y = draw_move(rng, world.walls.size)
     # the input, and by how much it pushes the held particle
     re, im = pressing.gains[other, 0], pressing.gains[other, 1]
     square = re * re + im * im
@@ -378,7 +388,9 @@ def press(state, goal, held, normal, pressing, world, rng, moves, count):
     held_x, held_y = state[held, 0], state[held, 1]
     count = send(state, x, y, pressing, world, moves, count)
     most = HELD * world.walls.size
-    if abs(state[other, 0] - wanted_x) > most or abs(state[other, 1] - wanted_y) > most:
+    if not to_wall and (
+        abs(state[other, 0] - wanted_x) > most or abs(state[other, 1] - wanted_y) > most
+    ):
         return -1
     if abs(state[held, 0] - held_x) > most or abs(state[held, 1] - held_y) > most:
         return -1
@@ -444,7 +456,7 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, rng, last
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
         key = away / size + 0.03 * depth
-        if key >= nodes.keys[node] and rng.random() > WORSE and away > tolerance:
+        if key >= nodes.keys[node] and rng.random() > pressing.worse and away > tolerance:
             continue
         copy(state, states[total])
         copy(moves, nodes.made[total])

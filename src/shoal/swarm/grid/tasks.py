@@ -351,13 +351,13 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
 
     padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
     flat = int(np.ravel_multi_index(tuple(start + 1), padded.shape))
-    found = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
-    if len(found) < n:
+    nearest = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
+    if len(nearest) < n:
         raise InvalidInputError(
             f"flood-fill: expected {n} connected free cells around {tuple(start.tolist())} of"
-            f" {workspace.name}, got only {len(found)}"
+            f" {workspace.name}, got only {len(nearest)}"
         )
-    return np.stack(np.unravel_index(found, padded.shape), axis=1) - 1
+    return np.stack(np.unravel_index(nearest, padded.shape), axis=1) - 1
 
 
 @PLACEMENTS.register("region-fill")

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from shoal.steering.driving import SteeringDrive
+
 
 SIZE = 8.0  # points, the size of the text
 _APART = (5.0, 8.0, 12.0, 16.0)  # points between an end point and the box of its number
@@ -320,6 +322,31 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
         _draw_heights(grid[1], episode)
     elif pair:
         _draw_delta(grid[1], episode)
+    return figure
+
+
+def drive_figure(drive: SteeringDrive) -> Figure:
+    """Return a figure of a drive: where looks have shown the particles, and how far they were from
+    their goals after each move.
+    """
+    figure = new_figure(10.4, 5.6)
+    plan, errors = figure.subplots(1, 2)
+    draw_workspace(plan, drive.problem.place)
+    for particle in range(drive.seen.shape[1]):
+        way, colour = drive.seen[:, particle], colour_of(particle)
+        plan.plot(*way.T, "-", color=colour, lw=1.2, alpha=0.6, zorder=2)
+        plan.plot(*way.T, ".", color=colour, ms=6, zorder=3)
+        plan.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        goal = drive.goal[particle]
+        plan.plot(*goal, "o", mfc="none", mec=colour, mew=2, ms=10, zorder=4)
+        away = np.linalg.norm(way - goal, axis=1)
+        errors.semilogy(np.arange(len(away)), np.maximum(away, 1e-9), ".-", color=colour)
+    legend_below(plan)
+    errors.axhline(drive.problem.tolerance, color=INK, lw=1, ls="--", label="tolerance")
+    errors.set_xlabel("moves")
+    errors.set_ylabel("observed distance from the goal")
+    errors.legend()
+    set_title(plan, f"{drive.status} after {drive.moves} moves")
     return figure
 
 

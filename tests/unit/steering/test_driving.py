@@ -1,0 +1,152 @@
+"""Closed-loop steering of rigs, on a physical plant and on small rigs with faults."""
+
+import json
+
+import numpy as np
+import pytest
+
+from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.steering import SteeringProblem, open_workspace, region
+from shoal.steering.contact.world import make_world
+from shoal.steering.driving import SteeringDriveError, drive, follow
+
+pytest.importorskip("pymunk")
+
+from shoal.rigs.physics import PlantProperties
+from shoal.rigs.steering_plant import SteeringPlant
+
+START, GOAL = [(0.2, 0.3), (0.5, 0.35)], [(0.6, 0.2), (0.7, 0.4)]
+ELL = region([(0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 1)])
+ERRORS = {"own_gain": 0.02, "pulse_error": 0.01, "direction": 1.0, "camera_error": 0.4}
+
+
+def plant_of(problem, seed=1, **properties):
+    about = PlantProperties.of("exact", **(ERRORS | properties))
+    return SteeringPlant(problem.place, problem.start, about, np.random.default_rng(seed))
+
+
+class Bare:
+    """A rig with nothing but look and send."""
+
+    def __init__(self, plant, change=lambda points: points):
+        self._plant, self._change = plant, change
+
+    def look(self):
+        return self._change(self._plant.look())
+
+    def send(self, move):
+        self._plant.send(move)
+
+
+@pytest.mark.parametrize("place", ["square", "disk", ELL])
+@pytest.mark.parametrize("friction", [0.5, 10.0])
+def test_walls_of_the_plant_stop_and_brake_as_in_the_model(place, friction):
+    space = open_workspace(place) if isinstance(place, str) else place
+    world, rng = make_world(space, friction=friction), np.random.default_rng(4)
+    start = np.array([(0.2, 0.3), (0.3, 0.1)])
+    about = PlantProperties.of("exact", friction=friction)
+    for _ in range(6):
+        plant = SteeringPlant(space, start, about, rng)
+        move = rng.normal(scale=0.5, size=2)
+        plant.send(move)
+        assert plant.points == pytest.approx(world.step(start, move), abs=0.01)
+
+
+@pytest.mark.parametrize("place", ["square", ELL])
+def test_a_drive_arrives_where_a_look_shows_it(place):
+    goal = GOAL if place == "square" else [(0.2, 0.7), (0.3, 0.6)]
+    problem = SteeringProblem(place, START, goal, friction_at_least=1.0)
+    plant = plant_of(problem, friction=1.0, heading=5.0)
+    result = drive(problem, Bare(plant))
+    assert result, result.reason
+    assert (result.status, result.error <= result.problem.tolerance) == ("arrived", True)
+    away = np.linalg.norm(plant.points - result.goal, axis=1).max()
+    assert away <= 1.2 * result.problem.tolerance
+    assert result.moves == plant.moves == len(result.seen) - 1
+    assert result.estimates["angle"] == pytest.approx([plant.heading] * 2, abs=2.0)
+    assert not result.estimates["slips"]
+    json.dumps(result.report())
+
+
+def test_friction_that_is_less_than_stated_is_named():
+    # goals that no plan reaches with friction .5
+    problem = SteeringProblem("square", START, [(0.1, 0.1), (0.9, 0.9)], friction_at_least=3.0)
+    result = drive(problem, plant_of(problem, friction=0.5))
+    assert result.status in ("slipping", "unreachable")
+    assert "the walls slip more than was stated" in result.reason
+    assert result.estimates["friction"] == pytest.approx(0.5, abs=0.15)
+
+
+def test_particles_that_change_places_in_the_picture_or_have_ghosts_are_followed():
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=1.0)
+    rng = np.random.default_rng(5)
+
+    def shuffled(points):
+        extra = rng.uniform(0, 1, (int(rng.integers(2)), 2))
+        return np.vstack([points[rng.permutation(2)], extra])
+
+    rig = Bare(plant_of(problem, friction=1.0), shuffled)
+    first = rig._plant.look()
+    rig.look_again, looks = rig.look, [first] * 3
+    rig.look = lambda: looks.pop() if looks else rig.look_again()
+    assert drive(problem, rig)
+
+
+def test_a_field_that_is_off_is_an_alarm():
+    problem = SteeringProblem("square", START, GOAL)
+    rig = Bare(plant_of(problem))
+    rig.send = lambda move: None
+    result = drive(problem, rig)
+    assert (result.status, bool(result)) == ("alarm", False)
+    assert "followed" in result.reason
+
+
+def test_what_a_rig_may_not_do():
+    problem = SteeringProblem("square", START, GOAL)
+    with pytest.raises(InvalidInputError, match="look"):
+        drive(problem, object())
+    with pytest.raises(InvalidInputError, match="inside the workspace"):
+        drive(problem, Bare(plant_of(problem), lambda points: 300 * points))
+    with pytest.raises(RigError, match="finite positions"):
+        drive(problem, Bare(plant_of(problem), lambda points: points * np.nan))
+    rig = Bare(plant_of(problem))
+
+    def cut(move):
+        raise RigError("the cable is out")
+
+    rig.send = cut
+    with pytest.raises(SteeringDriveError, match="cable") as error:
+        drive(problem, rig)
+    assert error.value.drive.moves == 0
+
+
+def test_a_log_has_every_input_and_is_never_overwritten(tmp_path):
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=1.0)
+    log = tmp_path / "log.jsonl"
+    result = drive(problem, plant_of(problem, friction=1.0), log=log)
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [line["input"] for line in lines if "input" in line] == result.inputs.tolist()
+    assert lines[-1]["end"] == "arrived"
+    with pytest.raises(OutputError, match="exists already"):
+        drive(problem, plant_of(problem), log=log)
+
+
+def test_one_particle_follows_way_points_around_an_obstacle():
+    place = region(
+        [(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]]
+    )
+    problem = SteeringProblem(place, [(0.1, 0.1), (0.2, 0.5)], GOAL)
+    plant = plant_of(problem, heading=10.0, own_gain=0.1)
+    points = [(0.8, 0.5), (0.5, 0.8), (0.3, 0.5)]
+    result = follow(problem, Bare(plant), points, particle=2)
+    assert result, result.reason
+    assert result.estimates["waypoints_reached"] == 3
+    assert result.goal.tolist() == [[0.3, 0.5]]
+    path = result.seen[:, 0]
+    for point in points:
+        assert np.linalg.norm(path - point, axis=1).min() <= result.problem.tolerance
+    assert 0 < result.estimates["largest_deviation"] < 0.1 * place.size
+    assert np.linalg.norm(plant.points[1] - points[-1]) <= 1.2 * result.problem.tolerance
+    with pytest.raises(InvalidInputError, match="waypoints"):
+        follow(problem, Bare(plant), [(0.5, 0.5)])
+    assert not follow(problem.replaced(max_moves=2), Bare(plant), points)
