@@ -509,7 +509,8 @@ class Plant:
         touches = self._gaps(points) < self.apparatus.radius + TOUCHING
         # with the wall -x on the right, the motion leads to -y, and so on around
         along = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0]])
-        return self.apparatus.spin * speed * (touches.astype(np.float64) @ along)
+        velocities: Points = self.apparatus.spin * speed * (touches.astype(np.float64) @ along)
+        return velocities
 
     def _attraction(self, points: Points, command: Points) -> Points:
         """Return the velocities by which magnetic dipoles attract each other.
