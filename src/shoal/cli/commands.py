@@ -42,6 +42,7 @@ COMMANDS = {
     "missions upload": _Entry("search.robots", "upload", "UPLOAD_EXAMPLE"),
     "missions start": _Entry("search.robots", "start", "START_EXAMPLE"),
     "missions watch": _Entry("search.robots", "watch", "WATCH_EXAMPLE"),
+    "missions flown": _Entry("search.robots", "flown", "FLOWN_EXAMPLE"),
     "sweep run": _Entry("sweep", "run", "RUN_EXAMPLE"),
     "sweep status": _Entry("sweep", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep", "summary", "SUMMARY_EXAMPLE"),
@@ -55,7 +56,7 @@ COMMANDS = {
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {
-    "missions": "Check mission files, bring them on board of vehicles, and start and watch them.",
+    "missions": "Check mission files, bring them on board of vehicles, start them, and read flight logs.",
     "sweep": (
         "Run sweeps of trials that can be continued after any interruption, and examine their"
         " results."

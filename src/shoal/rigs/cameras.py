@@ -31,6 +31,7 @@ Picture = NDArray[Any]  # (height, width), one number a pixel
 CAMERAS = ("opencv", "pymmcore")
 CONTRAST = 8  # brightness (of 255) over the ground, below which a picture shows nothing
 OUTSTANDING = 6.0  # standard deviations of the noise over the ground, with the same meaning
+SAMPLE = 2**17  # pixels that show the usual brightness and the noise
 LARGEST = 0.1  # share of the picture that a particle may cover
 SINGLE = 1.5  # area, in areas of one particle, from which on a blob is more than one
 SIMILAR = 0.35  # spread of the areas, as a share, up to which the usual area is that of a particle
@@ -211,12 +212,11 @@ class Detector:
                 f"camera: expected at most {vision.most:g} particles, got {int(good.sum())}: choose"
                 " another threshold or a larger min-area"
             )
-        weights = np.where(mask, over, 0.0).ravel()
-        flat = labels.ravel()
-        total = np.maximum(np.bincount(flat, weights, count), 1e-9)
-        rows, columns = np.indices(mask.shape)
-        x = np.bincount(flat, weights * columns.ravel(), count) / total
-        y = np.bincount(flat, weights * rows.ravel(), count) / total
+        rows, columns = np.nonzero(mask)
+        names, weights = labels[rows, columns], over[rows, columns]
+        total = np.maximum(np.bincount(names, weights, count), 1e-9)
+        x = np.bincount(names, weights * columns, count) / total
+        y = np.bincount(names, weights * rows, count) / total
         several = good & self._several(areas, good)
         divided = [
             self._divided(labels == label, areas[label], areas[good])
@@ -230,9 +230,11 @@ class Detector:
         if nothing stands out of the noise.
         """
         cv2, vision = self._cv, self.vision
-        ground = float(np.median(signal))
         smooth = cv2.medianBlur(signal, 3)  # single pixels are no particles
-        noise = 1.4826 * float(np.median(np.abs(signal - smooth)))
+        step = max(1, round((signal.size / SAMPLE) ** 0.5))
+        some = signal[::step, ::step]
+        ground = float(np.median(some))
+        noise = 1.4826 * float(np.median(np.abs(some - smooth[::step, ::step])))
         ends = {1: float(smooth.max()), -1: float(smooth.min())}
         sides = {"bright": (1,), "dark": (-1,), "auto": (1, -1)}[vision.particles]
         if self.background is not None:

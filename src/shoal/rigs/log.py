@@ -85,6 +85,7 @@ class DriveLog:
         spacing: Any = None,
         test_move: bool = True,
         known: GridWorkspace | None = None,
+        inlet: tuple[int, ...] | None = None,
         cautious: bool = False,
     ) -> None:
         """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
@@ -112,6 +113,7 @@ class DriveLog:
         header |= {} if session is None else {"session": session.session}
         header |= {} if self.options is None else {"options": self.options}
         header |= {} if known is None else {"known": known.to_dict()}
+        header |= {} if inlet is None else {"inlet": list(inlet)}
         header |= {"cautious": True} if cautious else {}
         self._write(header)
         for entry in self._waiting:
@@ -235,6 +237,7 @@ class _Header(_Entry):
     session: str | None = None
     options: dict[str, Any] | None = None
     known: dict[str, Any] | None = None
+    inlet: list[int] | None = None
     cautious: bool = False
 
 
@@ -325,6 +328,8 @@ class RecordedRig:
         The file.
     known : GridWorkspace or None
         The map that was known beforehand.
+    inlet : tuple of int or None
+        The cell at which particles may have come in.
     cautious : bool
         Whether the drive might go on with noise after the first contradiction.
     """
@@ -348,6 +353,7 @@ class RecordedRig:
     lasted: float = 0.0
     path: Path = field(default_factory=Path)
     known: GridWorkspace | None = None
+    inlet: tuple[int, ...] | None = None
     cautious: bool = False
     _at: int = 0
 
@@ -441,6 +447,7 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
         ended,
         spacing=None if header.spacing is None else tuple(header.spacing),
         known=known,
+        inlet=None if header.inlet is None else tuple(header.inlet),
         cautious=header.cautious,
         placed=placed,
         tail=commands[sent:],

@@ -25,7 +25,7 @@ from shoal.testing import check_sensor
 
 cv2 = pytest.importorskip("cv2")
 
-VESSEL = open_map("vessels:50")
+VESSEL = open_map("vessels:100")
 
 
 def discs(points, *, size=(240, 200), radius=5.0, ground=60.0, disc=200.0, noise=3.0, seed=1):
@@ -245,9 +245,9 @@ def test_a_video_file_is_played_at_its_speed_and_ends(tmp_path):
 class Stage:
     """A plant whose clock is that of this computer, and which can be drawn."""
 
-    def __init__(self, *, seed=0, particles=6, **properties):
+    def __init__(self, *, seed=0, particles=8, **properties):
         self.plant = plant_of(VESSEL, particles, seed, settle=0.0, camera_error=0.0, **properties)
-        self.matrix, self.size = view_of(VESSEL.shape, cell=14, turn=100, shear=0.1, mirror=True)
+        self.matrix, self.size = view_of(VESSEL.shape, cell=12, turn=100, shear=0.1, mirror=True)
         self.rng, self.lock, self.name = np.random.default_rng(seed), threading.Lock(), "stage"
         self.pulses = {letter: (angle, 0.083) for letter, angle in ANGLES.items()}
 
@@ -298,10 +298,11 @@ def stream():
     server.server_close()
 
 
-def test_a_stream_is_calibrated_by_the_map_and_driven(stream):
+def test_a_stream_is_calibrated_by_the_map_and_driven(stream, monkeypatch):
+    monkeypatch.setattr("shoal.rigs.measuring.CYCLES", (1, 1))  # each pulse takes real time
     sensor = open_camera(f"opencv:{stream.address},particles=dark,threshold=40,min-area=20")
     tie = tie_by_map(sensor.picture(), VESSEL.free)
-    found = calibrate(stream, sensor, pulses=stream.pulses, tie=tie, shape=VESSEL.shape, wait=0.03)
+    found = calibrate(stream, sensor, pulses=stream.pulses, tie=tie, shape=VESSEL.shape, wait=0.2)
     assert found.residual < 0.1
     rig = BenchRig(
         stream,

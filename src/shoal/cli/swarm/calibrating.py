@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli.output import print_json, print_table
+from shoal.cli.output import print_json, print_table, say
 from shoal.core.errors import InvalidInputError, OutputError
 
 if TYPE_CHECKING:
@@ -144,6 +144,7 @@ def calibrate_bench(
     view = shape or (None if truth is None else truth.shape)
     side = _side(cell_size)
     tie, about = _tie(sensor, marks, pixel_size, side, view, truth)
+    say("shoal: test pulses move the particles back and forth along both axes")
     found = calibrate(
         actuator,
         sensor,

@@ -14,6 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from shoal.cli import options
@@ -40,6 +41,7 @@ from shoal.core.checks import check_integer, check_number, count_text, shape_tex
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import patient
+from shoal.swarm.grid.tasks import Inlet
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
@@ -145,6 +147,18 @@ def drive(
                 "Map that is known beforehand, as of an earlier drive or of an MRI. A mapping begins"
                 " with it as prior knowledge, and checks every cell of it; other tasks rest on it"
                 " until scans contradict."
+            ),
+        ),
+    ] = None,
+    enter_every: Annotated[
+        int | None,
+        typer.Option(
+            "--enter-every",
+            metavar="N",
+            min=1,
+            help=(
+                "With --start inlet:ROW,COLUMN and a rig that Shoal simulates: particles come in at"
+                " the inlet, one after every N commands, until there are --particles."
             ),
         ),
     ] = None,
@@ -362,7 +376,7 @@ def drive(
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, devices, problem, **patience)
+    _check_effect(rig, devices, problem, enter_every, **patience)
     without = {"log": log, "out": out, "film": film, "trim": trim, "calibration": calibration}
     check_calibrating(calibrate, mark, pixel_size, frequency, resume=resume, **without)
     if devices is None:
@@ -412,7 +426,7 @@ def drive(
                 view = shape or (None if truth is None else truth.shape)
                 opened = _bench(pair, view, measured, trim)
         elif _is_local(rig):
-            opened = _local_rig(truth, problem, seed, apparatus)
+            opened = _local_rig(truth, problem, seed, apparatus, enter_every)
         elif is_connection(rig):
             opened = open_rig(rig, **link, resume=None if past is None else past.session)
         else:
@@ -436,6 +450,7 @@ def drive(
             "spacing": spacing,
             "resume": past,
             "known": knowledge,
+            "inlet": _inlet(rig, problem, enter_every),
             "exact": exact or rig == "simulated" or rig.startswith("physics:exact") or None,
         }
         if problem.noise is not None and not exact:
@@ -473,7 +488,11 @@ def drive(
 
 
 def _check_effect(
-    rig: str, devices: tuple[str, str] | None, problem: SwarmProblem, **seconds: float
+    rig: str,
+    devices: tuple[str, str] | None,
+    problem: SwarmProblem,
+    enter_every: int | None,
+    **seconds: float,
 ) -> None:
     """Refuse options that have no effect on the kind of rig."""
     from shoal.rigs.ports import is_connection
@@ -489,8 +508,12 @@ def _check_effect(
         without |= {
             name: (getattr(problem, name), expected)
             for name in ("start", "placement")
-            if name in problem.given
+            if name in problem.given and not isinstance(getattr(problem, name), Inlet)
         }
+    if _is_local(rig) and not isinstance(problem.start, Inlet) and enter_every is not None:
+        without["enter_every"] = enter_every, "a start such as inlet:3,4"
+    if not _is_local(rig) and enter_every is not None:
+        without["enter_every"] = enter_every, "the rig simulated or physics"
     for name, (value, expected) in without.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
@@ -732,7 +755,7 @@ def _open_devices(
     from shoal.rigs.ports import PlantPorts, Sensor, is_connection, open_actuator, open_sensor
 
     if apparatus is not None:
-        rig = _local_rig(truth, problem, seed, apparatus)
+        rig = _local_rig(truth, problem, seed, apparatus, None)
         assert isinstance(rig, PhysicsRig)
         ports = PlantPorts(rig.plant)
         return ports, ports
@@ -780,21 +803,43 @@ def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
     return truth
 
 
+def _inlet(rig: str, problem: SwarmProblem, enter_every: int | None) -> tuple[int, ...] | None:
+    """Return the cell at which particles may come in during the drive, or None."""
+    if not isinstance(problem.start, Inlet) or (_is_local(rig) and enter_every is None):
+        return None
+    return problem.start.cell
+
+
 def _local_rig(
-    truth: GridWorkspace | None, problem: SwarmProblem, seed: int, apparatus: PlantProperties | None
+    truth: GridWorkspace | None,
+    problem: SwarmProblem,
+    seed: int,
+    apparatus: PlantProperties | None,
+    enter_every: int | None,
 ) -> Rig:
     from shoal.rigs.physics import PhysicsRig
-    from shoal.rigs.rig import NoisyRig, SimulatedRig
+    from shoal.rigs.rig import EnteringRig, NoisyRig, SimulatedRig
     from shoal.swarm.grid.board import noise_rng, trial_rng
     from shoal.swarm.grid.tasks import place
 
     truth = _check_local(truth, "simulated")
-    start = problem.start or place(truth, problem.particles, problem.placement, trial_rng(seed))
+    if isinstance(problem.start, tuple):
+        start = np.array(problem.start)
+    else:
+        n = problem.particles if enter_every is None else 1
+        start = place(truth, n, problem.start or problem.placement, trial_rng(seed))
     if apparatus is not None:
-        return PhysicsRig(truth, start, apparatus, noise_rng(seed))
-    if problem.noise is not None:
-        return NoisyRig(truth, start, problem.noise, noise_rng(seed))
-    return SimulatedRig(truth, start, rule=problem.rule)
+        rig: Any = PhysicsRig(truth, start, apparatus, noise_rng(seed))
+    elif problem.noise is not None:
+        rig = NoisyRig(truth, start, problem.noise, noise_rng(seed))
+    else:
+        rig = SimulatedRig(truth, start, rule=problem.rule)
+    if enter_every is None:
+        plain: Rig = rig
+        return plain
+    assert isinstance(problem.start, Inlet)
+    most = problem.particles - 1
+    return EnteringRig(rig, problem.start.cell, every=enter_every, most=most)
 
 
 def _size(text: str) -> tuple[int, ...]:
