@@ -9,7 +9,7 @@ from itertools import permutations
 from math import atan, inf, tan
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -536,7 +536,10 @@ class _Loop(_Session):
 
     planless = progress = forced = 0
     least_missing = inf
-    steps: ClassVar[list[_Step]] = []  # what is left of the plan
+
+    def __init__(self, *common: Any) -> None:
+        super().__init__(*common)
+        self.steps: list[_Step] = []  # what is left of the plan
 
     def _choose_goals(self) -> None:
         """Choose the order of interchangeable goals with the shorter plan."""
@@ -648,7 +651,10 @@ class _Loop(_Session):
                 move = self._move_of(step, state, k == last, k == len(self.steps) - 1)
                 kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
                 moves.append(move)
-            if float(np.linalg.norm(state - self.goal, axis=1).max()) <= 0.8 * self.problem.tolerance:
+            if (
+                float(np.linalg.norm(state - self.goal, axis=1).max())
+                <= 0.8 * self.problem.tolerance
+            ):
                 return np.array(moves)
         return None
 
@@ -770,7 +776,9 @@ class _Loop(_Session):
         free = np.hypot(*self.gains.mean.T) * float(np.hypot(*move))
         made = np.linalg.norm(after - before, axis=1) / np.maximum(free, 1e-300)
         held = int(np.argmin(made))
-        share = CAREFUL * float(np.hypot(ANGLE, GAIN)) * max(self.gains.deviation / GAIN, 1.0) ** 0.5
+        share = (
+            CAREFUL * float(np.hypot(ANGLE, GAIN)) * max(self.gains.deviation / GAIN, 1.0) ** 0.5
+        )
         length = float(free.max())
         if made[1 - held] < 1 - 1e-6 or made[held] > 1 - 1e-6:
             return move  # a translation, or both meet walls

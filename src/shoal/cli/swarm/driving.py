@@ -284,7 +284,7 @@ def drive(
             measured = None if calibration is None else BenchCalibration.load(calibration)
             truth = None if map_name is None else open_map(map_name)
             waits = {"repeat_after": repeat_after, "end_after": end_after}
-            link = SECONDS | {key: value for key, value in waits.items() if value is not None}
+            timing = SECONDS | {key: value for key, value in waits.items() if value is not None}
             two = problem.replaced(particles=asked.n_particles)
             pair = _open_devices(devices, truth, two, seed, _apparatus(name), on_event=None, **link)
             with _closed_after(pair, always=False):
