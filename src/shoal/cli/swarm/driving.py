@@ -286,7 +286,9 @@ def drive(
             waits = {"repeat_after": repeat_after, "end_after": end_after}
             timing = SECONDS | {key: value for key, value in waits.items() if value is not None}
             two = problem.replaced(particles=asked.n_particles)
-            pair = _open_devices(devices, truth, two, seed, _apparatus(name), on_event=None, **link)
+            pair = _open_devices(
+                devices, truth, two, seed, _apparatus(name), on_event=None, **timing
+            )
             with _closed_after(pair, always=False):
                 steered = steering_bench(pair, view, measured)
         steer_rig(
