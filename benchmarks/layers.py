@@ -50,7 +50,9 @@ def volumes() -> None:
         rise = 2 * float(np.ptp(grid.altitudes)) * grid.climb / grid.size
         bound = cost.least - 2 * (len(grid.layers) - 1) + rise
         length = float(np.maximum(cost.steps, 1.0).sum())
-        over = np.mean([plan.allocation.makespan / plan.allocation.lower_bound for plan in plans])
+        over = np.mean(
+            [plan.allocation.makespan / (plan.tour_cost.least / ROBOTS) for plan in plans]
+        )
         told = (
             region,
             len(grid.layers),

@@ -95,7 +95,7 @@ def driven(connection: str, interruptions: int, seed: int, folder: Path) -> dict
         time.sleep(0.01)
     patience = ["--repeat-after", "0.3", "--end-after", str(END_AFTER)]
     words = [*SHOAL, "drive", str(place), "--rig", spec, "--log", str(log), *patience]
-    again = [*SHOAL, "drive", "--resume", str(log)]
+    again = [*SHOAL, "drive", "--resume", str(log), "--rig", spec]
     kinds: Counter[str] = Counter()
     order = luck.sample(KINDS * 4, 4 * len(KINDS))
     try:
@@ -158,6 +158,8 @@ def main() -> int:
     parser.add_argument("--interruptions", type=int, default=10)
     parser.add_argument("--only", choices=("tcp", "pty", "exec"))
     given = parser.parse_args()
+    # a shell lets its background processes, and thereby the drives, ignore SIGINT
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     broken = 0
     for connection in ("tcp", "pty", "exec"):
         for seed in range(given.drives if given.only in (None, connection) else 0):

@@ -68,7 +68,9 @@ from shoal.views.drawing.charts import (
     save_figure,
     set_title,
 )
-from shoal.views.search.figures import routes_figure, timeline_figure, tour_figure
+from shoal.views.search.figures import routes_figure
+from shoal.views.search.timeline import timeline_figure
+from shoal.views.search.tour import tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
 from shoal.views.swarm.figures import frontier_figure, map_figure
 from shoal.views.swarm.theory import (

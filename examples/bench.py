@@ -3,9 +3,10 @@ the lines of examples/actuation/four_coil_puller.toml, a physical plant that the
 camera that sends its pictures as MJPEG over HTTP. It needs the extras physics and opencv.
 
     python examples/bench.py vessels:100 --particles 8 --pty /tmp/coils --port 8090
-    shoal drive --actuator coils:puller.toml --sensor opencv:http://127.0.0.1:8090/ ...
+    shoal drive --actuator coils:puller.toml --sensor "opencv:..." ...
 
-In puller.toml stands connection = "serial:/tmp/coils".
+In puller.toml stands connection = "serial:/tmp/coils", and the bench prints the name of its camera.
+docs/how-to/coils.md goes through it.
 """
 
 from __future__ import annotations
@@ -149,11 +150,13 @@ def main():
     parser.add_argument("--turn", type=float, default=0.0, help="angle of the camera in degrees")
     parser.add_argument("--shear", type=float, default=0.0, help="of the picture")
     parser.add_argument("--mirror", action="store_true", help="mirror the picture")
+    parser.add_argument("--friction", type=float, default=0.2, help="between particles and walls")
     parser.add_argument("--pty", required=True, help="name of the pseudo-terminal of the coils")
     parser.add_argument("--port", type=int, default=8090, help="of the camera")
     options = parser.parse_args()
     vessel = open_map(options.map)
-    bench = Bench(vessel, options.particles, options.seed, radius=options.radius)
+    properties = {"radius": options.radius, "friction": options.friction}
+    bench = Bench(vessel, options.particles, options.seed, **properties)
     bench.look(options.turn, options.shear, options.mirror)
     terminal, other = os.openpty()
     tty.setraw(terminal)
@@ -162,6 +165,11 @@ def main():
         os.unlink(options.pty)
     os.symlink(os.ttyname(other), options.pty)
     serve(bench, options.port)
+    print(f"coils:  serial:{options.pty}")
+    print(
+        f"camera: opencv:http://127.0.0.1:{options.port}/,particles=bright,threshold=150",
+        flush=True,
+    )
     try:
         bench.run(terminal)
     except KeyboardInterrupt:

@@ -188,8 +188,8 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
         problem = problem_for(problem, fields)
     elif fields:
         problem = problem.replaced(**fields)
-    found: Episode = _run_module(problem.part).run(problem, seed=seed, **options)
-    return found
+    episode: Episode = _run_module(problem.part).run(problem, seed=seed, **options)
+    return episode
 
 
 def check(problem: Problem) -> None:

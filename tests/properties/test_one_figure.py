@@ -21,9 +21,9 @@ from shoal.search.regions.coverage import Image, coverage_check
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
-from shoal.views.search.figures import timeline_figure
 from shoal.views.search.history import robot_colour
 from shoal.views.search.page import page_data
+from shoal.views.search.timeline import timeline_figure
 
 VEHICLES = (
     "multirotor",

@@ -10,7 +10,6 @@ from shoal.missions import FORMATS as MISSION_FORMATS
 from shoal.missions import MissionFormat
 from shoal.rigs import NoisyRig, SimulatedRig
 from shoal.search.allocation.allocate import ALLOCATORS, Arc
-from shoal.search.problem import ALLOCATIONS
 from shoal.steering import PLANNERS
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import files
@@ -105,10 +104,6 @@ def test_a_planner_of_third_parties_passes():
 def test_violations_of_planners_are_found(planner, words):
     with pytest.raises(AssertionError, match=words):
         check_planner(planner)
-
-
-def test_the_help_lists_each_allocator():
-    assert sorted(ALLOCATIONS) == sorted(ALLOCATORS)
 
 
 @pytest.mark.parametrize("name", list(ALLOCATORS))

@@ -42,6 +42,7 @@ COMMANDS = {
     "missions upload": _Entry("search.robots", "upload", "UPLOAD_EXAMPLE"),
     "missions start": _Entry("search.robots", "start", "START_EXAMPLE"),
     "missions watch": _Entry("search.robots", "watch", "WATCH_EXAMPLE"),
+    "missions flown": _Entry("search.robots", "flown", "FLOWN_EXAMPLE"),
     "sweep run": _Entry("sweep", "run", "RUN_EXAMPLE"),
     "sweep status": _Entry("sweep", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep", "summary", "SUMMARY_EXAMPLE"),
@@ -55,7 +56,7 @@ COMMANDS = {
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {
-    "missions": "Check mission files, bring them on board of vehicles, and start and watch them.",
+    "missions": "Check mission files, bring them on board of vehicles, start them, and read flight logs.",
     "sweep": (
         "Run sweeps of trials that can be continued after any interruption, and examine their"
         " results."
@@ -165,8 +166,8 @@ def _summary(name: str) -> str:
 @cache
 def _functions(module: str) -> dict[str, ast.FunctionDef]:
     """Return the functions that the source file of a module in `shoal.cli` defines."""
-    found = find_spec(f"shoal.cli.{module}")
-    tree = ast.parse(Path(found.origin).read_bytes())  # type: ignore[union-attr, arg-type]
+    spec = find_spec(f"shoal.cli.{module}")
+    tree = ast.parse(Path(spec.origin).read_bytes())  # type: ignore[union-attr, arg-type]
     return {one.name: one for one in tree.body if isinstance(one, ast.FunctionDef)}
 
 

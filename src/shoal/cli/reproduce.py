@@ -94,26 +94,26 @@ def reproduce(
         "seed": seed,
         "workers": workers,
     }
-    found: list[Result] = []
+    results: list[Result] = []
     page: Path | None = None
     if figure is not None:
         with live(figure) as tell, warnings_said(MixedVersionsWarning):
-            found.append(reproduce_one(figure, out, on_progress=tell, **chosen))
+            results.append(reproduce_one(figure, out, on_progress=tell, **chosen))
     else:
-        page = _all(out, chosen, found)
+        page = _all(out, chosen, results)
     if json_:
         print_json(
             {
-                "figures": [_described(result) for result in found],
+                "figures": [_described(result) for result in results],
                 "page": None if page is None else str(page),
             }
         )
     else:
-        for result in found:
+        for result in results:
             print_table(_rows(result), title=f"{result.recipe.name}: {_answer(result)}")
         if page is not None:
-            print_table([], title=f"all {len(found)} figures", written=[page])
-    failed = [result for result in found if result.outcome is None]
+            print_table([], title=f"all {len(results)} figures", written=[page])
+    failed = [result for result in results if result.outcome is None]
     if failed:
         say(
             "shoal: could not reproduce"

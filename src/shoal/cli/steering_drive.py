@@ -136,7 +136,9 @@ def _report(
 
 
 def local_steering_rig(problem: SteeringProblem, rig: str, seed: int) -> Any:
-    """Return a rig that Shoal simulates: ``simulated`` or ``physics:...``; or a user's object."""
+    """Return a rig that Shoal simulates: ``simulated`` or ``physics:...``; a rig behind a
+    connection, if it can push and look; or a user's object.
+    """
     import numpy as np
 
     kind, _, text = rig.partition(":")
@@ -158,10 +160,16 @@ def local_steering_rig(problem: SteeringProblem, rig: str, seed: int) -> Any:
     from shoal.rigs.ports import is_connection
 
     if is_connection(rig):
-        raise InvalidInputError(
-            f"rig: expected simulated, physics:..., MODULE:ATTRIBUTE, or --actuator and --sensor,"
-            f" as the commands of the protocol move by whole cells, got {rig}"
-        )
+        from shoal.rigs.calibration import Responses
+        from shoal.rigs.remote import open_rig
+        from shoal.rigs.steering_bench import SteeringBench
+
+        remote = open_rig(rig)
+        try:
+            return SteeringBench(remote, Responses.stated(remote.pulses))
+        except BaseException:
+            remote.close()
+            raise
     from shoal.core.registry import Registry, configured
 
     found: Any = configured(Registry[Any]("rig"), rig)

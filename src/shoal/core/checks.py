@@ -246,7 +246,7 @@ def parse_json(text: str, *, where: str, **hooks: Any) -> Any:
     """
     check_json_memory(text, where=where)
     try:
-        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where), **hooks)
+        value = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where), **hooks)
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"{where}: expected JSON, got something else in line {error.lineno}, column"
@@ -261,8 +261,8 @@ def parse_json(text: str, *, where: str, **hooks: Any) -> Any:
             else "a number of too many digits"
         )
         raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
-    check_depth(found, where=where)
-    return found
+    check_depth(value, where=where)
+    return value
 
 
 def check_json_memory(text: str, *, where: str) -> None:
@@ -283,8 +283,8 @@ def _once_each(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
     """Return the fields of a JSON object. Refuse a repeated name, of which Python would silently
     keep the last value.
     """
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         seen: set[str] = set()
         for name, value in pairs:
             if name in seen:
@@ -293,7 +293,7 @@ def _once_each(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
                     f" {shortened(value)}"
                 )
             seen.add(name)
-    return found
+    return entries
 
 
 def parse_toml(text: str, *, where: str) -> dict[str, Any]:

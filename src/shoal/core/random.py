@@ -28,12 +28,12 @@ def world_generators(
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:
         raise InvalidInputError(f"seed: expected {worlds} seeds, one per world, got {len(seed)}")
-    found: list[tuple[int | None, Generator]] = []
+    streams: list[tuple[int | None, Generator]] = []
     for world in chosen.tolist():
         given = seed[world] if several else seed
         if given is None:
-            found.append((None, own[world] if own else np.random.default_rng()))
+            streams.append((None, own[world] if own else np.random.default_rng()))
             continue
         given = check_integer(given, what="seed", least=0) + (0 if several else world)
-        found.append((given, np.random.default_rng(given)))
-    return found
+        streams.append((given, np.random.default_rng(given)))
+    return streams

@@ -60,10 +60,10 @@ def named_modules() -> dict[str, str]:
     """Return the source files of the modules that the user named as ``module:attribute``, without
     installed packages.
     """
-    found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
+    files = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {
         name: file
-        for name, file in found.items()
+        for name, file in files.items()
         if file.endswith(".py") and "site-packages" not in file
     }
 
@@ -204,12 +204,12 @@ class Registry(Generic[T]):
         if module_name in self._items:
             raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
         try:
-            found: T = getattr(_imported(module_name), attribute)
+            thing: T = getattr(_imported(module_name), attribute)
         except (Exception, SystemExit) as error:  # third-party code may raise any exception
             raise UnknownNameError(
                 f"cannot import the {self.kind} {name!r}: {describe_error(error)}"
             ) from error
-        return found
+        return thing
 
 
 def name_of(thing: Any, registry: Registry[Any]) -> str:

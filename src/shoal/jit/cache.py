@@ -91,9 +91,9 @@ def _private_folder() -> Path | None:
     try:
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        found = folder.lstat()
+        status = folder.lstat()
         if hasattr(os, "getuid") and (
-            folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077
+            folder.is_symlink() or status.st_uid != user or status.st_mode & 0o077
         ):
             return None
     except OSError:

@@ -51,13 +51,13 @@ class Kernel:
             kinds = kinds_of_arguments(arguments)
         except TypeError:  # only Numba can tell the types
             return self._compile(arguments)(*arguments)
-        found = self._loaded.get(kinds)
-        if found is None:
+        compiled = self._loaded.get(kinds)
+        if compiled is None:
             with _lock, Compiling():
                 stored = not _is_plain() and (not is_recording() or is_lowered(self, kinds))
-                found = load_machine_code(self, kinds) if stored else None
-                self._loaded[kinds] = found = found or self._compile(arguments, kinds)
-        return found(*arguments)
+                compiled = load_machine_code(self, kinds) if stored else None
+                self._loaded[kinds] = compiled = compiled or self._compile(arguments, kinds)
+        return compiled(*arguments)
 
     def _compile(self, arguments: tuple[Any, ...], kinds: Any = None) -> Any:
         """Compile the kernel for some arguments, store the machine code, and return the compiled

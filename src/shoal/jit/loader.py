@@ -109,8 +109,8 @@ def compiled_form(kinds: Any) -> Any:
 @cache
 def version_of_numba() -> str:
     """Return the version of the installed Numba, without importing Numba."""
-    found = re.search(r'"version": "([^"]+)"', (_folder_of_numba() / "_version.py").read_text())
-    return found[1] if found else "unknown"
+    version = re.search(r'"version": "([^"]+)"', (_folder_of_numba() / "_version.py").read_text())
+    return version[1] if version else "unknown"
 
 
 def numba_is_tested() -> bool:
@@ -119,10 +119,10 @@ def numba_is_tested() -> bool:
 
 
 def _folder_of_numba() -> Path:
-    found = find_spec("numba")
-    if found is None or found.origin is None:
+    spec = find_spec("numba")
+    if spec is None or spec.origin is None:
         raise ImportError("numba")
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
 def _extension(name: str) -> ModuleType:
@@ -131,11 +131,11 @@ def _extension(name: str) -> ModuleType:
     """
     if name in sys.modules:
         return sys.modules[name]
-    found = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
-    if found is None or found.loader is None:
+    spec = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
+    if spec is None or spec.loader is None:
         raise ImportError(name)
-    module = module_from_spec(found)
-    found.loader.exec_module(module)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
     return sys.modules.setdefault(name, module)
 
 

@@ -176,14 +176,14 @@ def _source(code: CodeType) -> Any:
 
 @cache
 def _functions(file: str) -> dict[tuple[int, str], str]:
-    found = {}
+    sources = {}
     tree = _without_docstrings(ast.parse(Path(file).read_text()))
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             line = min(node.lineno, *(each.lineno for each in node.decorator_list), node.lineno)
             node.decorator_list = []
-            found[line, node.name] = ast.unparse(node)
-    return found
+            sources[line, node.name] = ast.unparse(node)
+    return sources
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:

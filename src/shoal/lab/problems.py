@@ -76,23 +76,23 @@ class FunctionProblem(MeasuredProblem):
     # of other problems a class says it
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]
         """The names of all measures that the third-party function returns."""
-        found = getattr(self.called, "measures", ())
-        if not found or not all(isinstance(name, str) for name in found):
+        measures = getattr(self.called, "measures", ())
+        if not measures or not all(isinstance(name, str) for name in measures):
             raise InvalidInputError(
                 f"function {self.function}: expected an attribute measures that names its results,"
                 " got none"
             )
-        return tuple(found)
+        return tuple(measures)
 
     @cached_property
     def called(self) -> Callable[..., Any]:
         """The third-party function as a Python object."""
-        found = Registry[Callable[..., Any]]("function").get(self.function)
-        if not callable(found):
+        function = Registry[Callable[..., Any]]("function").get(self.function)
+        if not callable(function):
             raise InvalidInputError(
-                f"function {self.function}: expected a function, got {shortened(found)}"
+                f"function {self.function}: expected a function, got {shortened(function)}"
             )
-        return found
+        return function
 
     def check_at_place(self) -> None:
         """Refuse arguments that the third-party function does not accept."""
@@ -103,13 +103,13 @@ class FunctionProblem(MeasuredProblem):
 
     def trial(self, seed: int) -> dict[str, Any]:
         """Call the third-party function, and return the measures of the trial."""
-        found = self.called(seed=seed, **(self.arguments or {}))
-        if not isinstance(found, dict) or {*found} != {*self.measures}:
+        values = self.called(seed=seed, **(self.arguments or {}))
+        if not isinstance(values, dict) or {*values} != {*self.measures}:
             raise InvalidInputError(
                 f"function {self.function}: expected a dict of {', '.join(self.measures)}, got"
-                f" {shortened(found)}"
+                f" {shortened(values)}"
             )
-        return found
+        return values
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,10 +184,10 @@ def _interval(
     mean, count = float(array.mean()), len(array)
     if method == "bootstrap":
         rng = np.random.default_rng(seed)
-        found = stats.bootstrap(
+        interval = stats.bootstrap(
             (array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng
         ).confidence_interval
-        return float(found.low), float(found.high)
+        return float(interval.low), float(interval.high)
     half = float(stats.t.ppf((1 + level) / 2, count - 1)) * std / count**0.5
     if method == "log":
         factor = float(np.exp(half / mean))
@@ -244,11 +244,13 @@ def compare(
     if method == "log" and least < 0:
         raise InvalidInputError(f"method log: expected values of 0 or more, got {least:g}")
     differences = after - before
-    found = estimate(differences, level=level, method="t" if method == "log" else method, seed=seed)
+    difference = estimate(
+        differences, level=level, method="t" if method == "log" else method, seed=seed
+    )
     effect = (
-        found.mean / found.std
-        if found.std
-        else (0.0 if found.mean == 0 else float(np.copysign(np.inf, found.mean)))
+        difference.mean / difference.std
+        if difference.std
+        else (0.0 if difference.mean == 0 else float(np.copysign(np.inf, difference.mean)))
     )
     smaller = float(np.mean((differences < 0) + 0.5 * (differences == 0)))
     p_value = 1.0
@@ -258,7 +260,7 @@ def compare(
         p_value = float(stats.wilcoxon(differences, zero_method="zsplit").pvalue)
     ratio = float(after.mean() / before.mean()) if before.mean() else float("nan")
     low, high = _ratio_interval(before, after, level) if method == "log" else (None, None)
-    return Comparison(found, ratio, effect, smaller, p_value, ratio_low=low, ratio_high=high)
+    return Comparison(difference, ratio, effect, smaller, p_value, ratio_low=low, ratio_high=high)
 
 
 def _ratio_interval(
@@ -438,10 +440,12 @@ def summarise(
     for point in measured(store, name, measure):
         bound, count = point.bound(), len(point.trials)
         completed = count - len(point.unfinished) if point.has_status else None
-        found = None
+        estimated = None
         if count and not (bound is not None and completed == 0):
-            found = estimate(_restricted(point, [*point.trials], bound), level=level, method=method)
-        rows.append(Row(point.values, found, expected - count, count, completed, bound))
+            estimated = estimate(
+                _restricted(point, [*point.trials], bound), level=level, method=method
+            )
+        rows.append(Row(point.values, estimated, expected - count, count, completed, bound))
     return rows
 
 
@@ -521,10 +525,10 @@ def _compared(first: Measured, second: Measured, level: float, method: Method) -
     bound = min(bounds, default=None)
     if len(both) < 2 or (bound is not None and first.unfinished & second.unfinished >= {*both}):
         return None
-    found = compare(
+    comparison = compare(
         _restricted(first, both, bound),
         _restricted(second, both, bound),
         level=level,
         method="t" if method == "auto" else method,
     )
-    return replace(found, unfinished=len(unfinished), bound=bound)
+    return replace(comparison, unfinished=len(unfinished), bound=bound)

@@ -116,8 +116,8 @@ class Store:
     @property
     def names(self) -> list[str]:
         """The names of all sweeps in the store, in the order of their first runs."""
-        found = self.ask("SELECT name FROM sweeps ORDER BY id")
-        return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in found]
+        rows = self.ask("SELECT name FROM sweeps ORDER BY id")
+        return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in rows]
 
     def stored(self, name: str) -> StoredSweep:
         """Return the description of a sweep in the store. Do not create the sweep's problem, and
@@ -129,15 +129,15 @@ class Store:
             Raised if the stored sweep is damaged.
         UnknownNameError
         """
-        found = self.ask(
+        rows = self.ask(
             "SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name
         )
-        if not found:
+        if not rows:
             raise UnknownNameError(
                 f"{self.path}: no sweep {name!r} (sweeps of this store:"
                 f" {', '.join(self.names) or 'none'})"
             )
-        return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
+        return stored_sweep(rows[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
         """Check that the store has a sweep with the given name, and return the name.
@@ -351,12 +351,12 @@ class Store:
                 )
 
     def _any_failures(self, name: str) -> bool:
-        found = self._connection.execute(
+        cursor = self._connection.execute(
             "SELECT 1 FROM failures JOIN points p ON p.id = point JOIN sweeps s ON s.id = p.sweep"
             " WHERE s.name = ? LIMIT 1",
             (name,),
         )
-        return found.fetchone() is not None
+        return cursor.fetchone() is not None
 
     def status(self, name: str) -> SweepStatus:
         """Return the progress of a sweep, which another process may be running."""
@@ -390,18 +390,18 @@ class Store:
         oldest combination first.
         """
         number = self.stored(name).id
-        found = [
+        statuses = [
             text
             for (text,) in self.ask(
                 "SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)",
                 number,
             )
         ]
-        if len(found) == 1:  # the usual case: no need to read every row
+        if len(statuses) == 1:  # the usual case: no need to read every row
             query = (
                 "SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)"
             )
-            counts = {found[0]: self.ask(query, number)[0][0]}
+            counts = {statuses[0]: self.ask(query, number)[0][0]}
         else:
             counts = dict(
                 self.ask(
@@ -410,7 +410,7 @@ class Store:
                     number,
                 )
             )
-        return {text: counts[text] for text in found if counts.get(text)}
+        return {text: counts[text] for text in statuses if counts.get(text)}
 
     def _rate(self, number: int, now: float) -> float:
         ((count, first),) = self.ask(

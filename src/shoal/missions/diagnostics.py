@@ -229,16 +229,16 @@ def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     each file that has the mistake. If a file has several diagnostics with the same rule and
     sentence, the k-th of these diagnostics from each file form one group.
     """
-    found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
+    groups: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
     for one in diagnostics:
         # formats round differently
         sentence = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence)
         so_far[one.file, one.rule, sentence] += 1
-        found.setdefault(
+        groups.setdefault(
             (Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []
         ).append(one)
-    return list(found.values())
+    return list(groups.values())
 
 
 @dataclass

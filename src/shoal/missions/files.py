@@ -359,7 +359,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
     """
     order = list(formats_by_suffix())
     try:
-        found = [
+        files = [
             path
             for path in Path(folder).iterdir()
             if path.suffix.lower() in order and path.is_file()
@@ -368,8 +368,8 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got none: {error.strerror or error}"
         ) from None
-    found = [path for path in found if path.name != UNCOVERED and not path.name.startswith(".")]
-    return sorted(found, key=lambda path: (order.index(path.suffix.lower()), path.name))
+    files = [path for path in files if path.name != UNCOVERED and not path.name.startswith(".")]
+    return sorted(files, key=lambda path: (order.index(path.suffix.lower()), path.name))
 
 
 def format_of(path: Path) -> str:

@@ -288,15 +288,15 @@ def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
                 if alike[0].geographic and alike[0].home is not None
                 else None
             )
-            found = near_homes(_homes(alike), separation, frame)
+            homes = near_homes(_homes(alike), separation, frame)
         except InvalidInputError:
             continue  # homes too far apart for a local frame; other rules report them
-        if found is not None:
+        if homes is not None:
             sheet = min(
-                (sheet for sheet in alike if sheet.robot == found.robots[1]),
+                (sheet for sheet in alike if sheet.robot == homes.robots[1]),
                 key=lambda sheet: sheet.sortie or 0,
             )
-            sheet.add("homes-near", "", str(found))
+            sheet.add("homes-near", "", str(homes))
 
 
 def _homes(sheets: list[Sheet]) -> Iterator[tuple[int, tuple[float, float]]]:

@@ -245,9 +245,9 @@ def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
     """
     from scipy.stats import linregress, t
 
-    found = linregress(np.log(x), np.log(y))
-    half = float(t.ppf(0.975, np.size(x) - 2) * found.stderr)
-    return float(found.slope), float(found.slope) - half, float(found.slope) + half
+    fit = linregress(np.log(x), np.log(y))
+    half = float(t.ppf(0.975, np.size(x) - 2) * fit.stderr)
+    return float(fit.slope), float(fit.slope) - half, float(fit.slope) + half
 
 
 def verdict_of(claims: Iterable[Claim]) -> Verdict:

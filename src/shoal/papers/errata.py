@@ -64,8 +64,8 @@ def check_errata() -> list[Erratum]:
         sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[name])
     checks: Any = sys.modules[name]
-    found: list[Erratum] = checks.check_all()
-    return found
+    errata: list[Erratum] = checks.check_all()
+    return errata
 
 
 def recorded() -> list[Erratum]:

@@ -37,10 +37,10 @@ PARTS = (instances, line, curves, steering, constructions, shortest_paths, expec
 @cache
 def recipes() -> Registry[Recipe]:
     """Return the registry of all recipes by name, in the order of the papers."""
-    found: Registry[Recipe] = Registry("figure")
+    recipes: Registry[Recipe] = Registry("figure")
     for recipe in chain(*(part.RECIPES for part in PARTS)):
-        found.add(recipe.name, recipe)
-    return found
+        recipes.add(recipe.name, recipe)
+    return recipes
 
 
 def reproduce(

@@ -29,7 +29,10 @@ Points = NDArray[np.float64]
 Picture = NDArray[Any]  # (height, width), one number a pixel
 
 CAMERAS = ("opencv", "pymmcore")
-CONTRAST = 8  # brightness range of a picture (of 255) below which it shows nothing
+CONTRAST = 8  # brightness (of 255) over the ground, below which a picture shows nothing
+OUTSTANDING = 6.0  # standard deviations of the noise over the ground, with the same meaning
+SAMPLE = 2**17  # pixels that show the usual brightness and the noise
+LARGEST = 0.1  # share of the picture that a particle may cover
 SINGLE = 1.5  # area, in areas of one particle, from which on a blob is more than one
 SIMILAR = 0.35  # spread of the areas, as a share, up to which the usual area is that of a particle
 OPENING = 30.0  # seconds until the first picture
@@ -46,12 +49,15 @@ class Vision:
         "none", a number of pictures whose median is taken away (of the first ones, in which
         particles must move), or a picture file of the same size.
     threshold : str
-        "otsu", or a number in the unit of the picture (0 to 255 for 8 bits): the brightness that
+        "auto" (half way from the usual brightness to that of the brightest or darkest spot), "otsu"
+        (for pictures that are full of particles), or a number in the unit of the picture (0 to 255 for 8 bits): the brightness that
         separates particles; with a background, their least difference from it.
     particles : str
-        "bright", "dark", or "auto": what covers less of the picture.
+        "bright", "dark", or "auto": what differs more from the usual brightness; with a stated
+        threshold, what covers less of the picture.
     min_area, max_area : float
-        Smallest and largest area of a blob in pixels. Others are no particles.
+        Smallest and largest area of a blob in pixels. Others are no particles. Without a largest
+        area, a blob of more than a tenth of the picture is an error.
     area : float
         Area of one particle in pixels: a blob of twice this area is two particles that touch. 0
         takes the median of all blobs, if these are about equal; inf never divides a blob.
@@ -66,7 +72,7 @@ class Vision:
     """
 
     background: str = "none"
-    threshold: str = "otsu"
+    threshold: str = "auto"
     particles: str = "auto"
     min_area: float = 4.0
     max_area: float = float("inf")
@@ -76,7 +82,7 @@ class Vision:
 
     def __post_init__(self) -> None:
         check_choice(self.particles, what="particles", choices=("auto", "bright", "dark"))
-        if self.threshold != "otsu":
+        if self.threshold not in ("auto", "otsu"):
             check_number(_number("threshold", self.threshold), what="threshold", above=0)
         for name in ("min_area", "max_area", "area"):
             if getattr(self, name) != float("inf"):
@@ -178,25 +184,16 @@ class Detector:
         cv2, vision = self._cv, self.vision
         bright = grey(picture).astype(np.float32)
         signal = bright if self.background is None else self._over(bright)
-        lowest, highest = float(signal.min()), float(signal.max())
-        if highest - lowest < max(CONTRAST, CONTRAST / 255 * float(bright.max())):
+        threshold, side = self._threshold(signal, float(bright.max()))
+        if not side:
             if self.background is not None:
                 return np.empty((0, 2))  # as empty as the background
             raise RigError(
-                "camera: expected a picture with particles, got a uniform one (brightness"
-                f" {lowest:.0f} to {highest:.0f}): the lamp is off, or the lens is covered"
+                "camera: expected a picture with particles, got one in which nothing stands out of"
+                f" the noise (brightness {bright.min():.0f} to {bright.max():.0f}): the lamp is off,"
+                " or the lens is covered"
             )
-        if vision.threshold == "otsu":
-            scaled = ((signal - lowest) * (255 / (highest - lowest))).astype(np.uint8)
-            level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-            threshold = lowest + (level + 0.5) * (highest - lowest) / 255
-        else:
-            threshold = float(vision.threshold)
-        over = signal - threshold
-        if self.background is None and (
-            vision.particles == "dark" or (vision.particles == "auto" and (over > 0).mean() > 0.5)
-        ):
-            over = -over
+        over = side * (signal - threshold)
         mask = over > 0
         count, labels, stats, _ = cv2.connectedComponentsWithStats(
             mask.astype(np.uint8), connectivity=8
@@ -204,17 +201,22 @@ class Detector:
         areas = stats[:, cv2.CC_STAT_AREA].astype(float)
         good = (areas >= vision.min_area) & (areas <= vision.max_area)
         good[0] = False  # the background
+        if (areas[good] > LARGEST * mask.size).any() and vision.max_area == float("inf"):
+            raise RigError(
+                f"camera: expected particles, got a blob of {100 * areas[good].max() / mask.size:.0f} %"
+                " of the picture, which may be the vessel: state threshold, particles, background or"
+                " max-area"
+            )
         if good.sum() > vision.most:
             raise RigError(
                 f"camera: expected at most {vision.most:g} particles, got {int(good.sum())}: choose"
                 " another threshold or a larger min-area"
             )
-        weights = np.where(mask, over, 0.0).ravel()
-        flat = labels.ravel()
-        total = np.maximum(np.bincount(flat, weights, count), 1e-9)
-        rows, columns = np.indices(mask.shape)
-        x = np.bincount(flat, weights * columns.ravel(), count) / total
-        y = np.bincount(flat, weights * rows.ravel(), count) / total
+        rows, columns = np.nonzero(mask)
+        names, weights = labels[rows, columns], over[rows, columns]
+        total = np.maximum(np.bincount(names, weights, count), 1e-9)
+        x = np.bincount(names, weights * columns, count) / total
+        y = np.bincount(names, weights * rows, count) / total
         several = good & self._several(areas, good)
         divided = [
             self._divided(labels == label, areas[label], areas[good])
@@ -222,6 +224,36 @@ class Detector:
         ]
         single = np.column_stack([x, y])[good & ~several]
         return np.vstack([single, *divided]).astype(np.float64)
+
+    def _threshold(self, signal: NDArray[np.float32], brightest: float) -> tuple[float, int]:
+        """Return the brightness that separates particles, and 1 for bright or -1 for dark ones, or 0
+        if nothing stands out of the noise.
+        """
+        cv2, vision = self._cv, self.vision
+        smooth = cv2.medianBlur(signal, 3)  # single pixels are no particles
+        step = max(1, round((signal.size / SAMPLE) ** 0.5))
+        some = signal[::step, ::step]
+        ground = float(np.median(some))
+        noise = 1.4826 * float(np.median(np.abs(some - smooth[::step, ::step])))
+        ends = {1: float(smooth.max()), -1: float(smooth.min())}
+        sides = {"bright": (1,), "dark": (-1,), "auto": (1, -1)}[vision.particles]
+        if self.background is not None:
+            sides = (1,)  # what is darker than the background is above 0 as well
+        side = max(sides, key=lambda one: abs(ends[one] - ground))
+        least = max(CONTRAST * max(brightest, 255.0) / 255, OUTSTANDING * noise)
+        if (ends[side] - ground) * side < least:
+            return 0.0, 0
+        if vision.threshold == "auto":
+            return (ground + ends[side]) / 2, side
+        if vision.threshold == "otsu":
+            lowest, highest = float(signal.min()), float(signal.max())
+            scaled = ((signal - lowest) * (255 / (highest - lowest))).astype(np.uint8)
+            level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+            return lowest + (level + 0.5) * (highest - lowest) / 255, side
+        threshold = float(vision.threshold)
+        if self.background is None and vision.particles == "auto":
+            side = 1 if (signal > threshold).mean() <= 0.5 else -1
+        return threshold, side
 
     def _over(self, bright: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return how far each pixel differs from the background, particles above 0."""

@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Protocol
 
 from shoal.core.checks import check_number
-from shoal.core.errors import RigError
+from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import interruption_held
 from shoal.rigs.actuation import Actuation, read_actuation
 from shoal.rigs.packets import Packet, Splitter
 from shoal.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OFF_TIMES, OFF_PAUSE = 3, 0.02  # how often a stop says "off" without an answer, seconds between
+CONVERTED = ("milliseconds", "microseconds", "angle_rad", "tilt_rad", "axis_rad")
 REOPENING = 3.0  # seconds for which a lost line is opened again to turn the field off
 PAUSE = 0.05  # seconds between two attempts
 PINGS = 4  # messages to the keep-alive process in the silence that it allows
@@ -150,6 +151,28 @@ class CoilActuator:
                 ) from None
             raise
 
+    @property
+    def frequency(self) -> float | None:
+        """Turns of the field a second, or None if it does not turn."""
+        field = self.actuation.form.field
+        return None if field is None else field.frequency
+
+    def set_frequency(self, frequency: float) -> None:
+        """Turn the field at another frequency (in Hz) from the next push on.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the field does not turn, or the device cannot turn it so fast.
+        """
+        form = self.actuation.form
+        if form.field is None or form.field.frequency is None:
+            raise InvalidInputError(f"frequency: expected a field that turns, got {self.name}")
+        field = form.field.model_copy(
+            update={"frequency": check_number(frequency, what="frequency", above=0)}
+        )
+        self.actuation = Actuation(form.model_copy(update={"field": field}))
+
     def _make_line(self, address: str) -> CoilLine:
         device, limits = self.actuation.device, self.actuation.limits
         # its errors come before a process is started
@@ -208,8 +231,9 @@ class CoilActuator:
 
     @property
     def values(self) -> dict[str, float]:
-        """What was commanded and measured at the last push, by name."""
-        return self.last | ({} if self.temperature is None else {"temperature": self.temperature})
+        """What was commanded and measured at the last push, by name; each value in one unit."""
+        found = self.last | ({} if self.temperature is None else {"temperature": self.temperature})
+        return {name: round(value, 6) for name, value in found.items() if name not in CONVERTED}
 
     def _pulse(self, angle: float, seconds: float, packet: bytes) -> None:
         """Turn the field on and keep it on, until the time is over or the device says so."""

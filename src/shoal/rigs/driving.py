@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -25,7 +25,7 @@ from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.physics import TOLD
-from shoal.rigs.remote import LinkCounts
+from shoal.rigs.remote import LinkCounts, session_of
 from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.suspects import MOVES, FirstMoves
@@ -41,10 +41,10 @@ from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
-from shoal.swarm.grid.state import Belief
+from shoal.swarm.grid.state import Belief, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import Noise
+from shoal.swarm.noise import MOST, Noise
 from shoal.swarm.policies import POLICIES, Manual
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
@@ -54,7 +54,14 @@ ROUNDS = 12
 NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
 UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
+EVERY = 50  # moves after which the observed error rates are compared with unstated ones
 MOST_TRIALS = 60  # commands at the end of a drive that may show that the rig makes no errors
+
+
+OnRest = Callable[[int, Callable[[str], None]], None]
+"""Function that `drive` calls between two commands, with the number of moves made and a function that
+sends one command.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +161,16 @@ class Convicted(AlarmRaised):
     """Raised if the first commands show what is wrong with the rig, which no errors explain."""
 
 
+class RatesTooLow(AlarmRaised):
+    """Raised if a rig, of which nobody has stated error rates, makes more errors than expected."""
+
+    def __init__(self, low: dict[str, Rate], noise: Noise | None, move: int) -> None:
+        seen = ", ".join(f"{name} {rate.observed:.3f}" for name, rate in low.items())
+        super().__init__(Alarm("rates", move, f"more errors than expected are observed: {seen}"))
+        raised = {name: min(MOST, round(1.2 * rate.observed, 3)) for name, rate in low.items()}
+        self.rates = vars(noise) | raised
+
+
 class DriveError(RigError):
     """Raised if a rig fails during a run. The attribute ``drive`` holds the result up to the
     failure.
@@ -185,11 +202,14 @@ def drive(
     particles: int | None = None,
     rule: str | None = None,
     known: GridWorkspace | None = None,
+    inlet: tuple[int, ...] | None = None,
     exact: bool | None = None,
     resume: str | os.PathLike[str] | RecordedRig | None = None,
+    on_rest: OnRest | None = None,
     **fields: Any,
 ) -> Drive:
-    """Map the workspace of a rig, or carry out another task in it. The policy knows only the positions that the rig reports.
+    """Map the workspace of a rig, or carry out another task in it. The policy knows only the
+    positions that the rig reports.
 
     At the end of the run, the function stops the rig, even after an error or Ctrl-C. Kernels are
     compiled before the first scan.
@@ -223,6 +243,8 @@ def drive(
     known : GridWorkspace, optional
         A map that is known beforehand, as of an earlier drive. A task such as coverage needs one. A
         mapping begins with it as prior knowledge, and checks every cell of it.
+    inlet : tuple of int, optional
+        A cell at which particles may come in, so that a growing number is no reason for an alarm.
     exact : bool, optional
         Whether the rig makes no errors, so that the first contradiction ends the drive. By default,
         the answer of the attribute ``exact`` of the rig, if it has one, or else False: a drive
@@ -235,6 +257,10 @@ def drive(
         larger. Open a rig behind a connection with ``open_rig(..., resume=read_log(LOG).session)``,
         so that it can tell whether it has carried out the last command. A drive that was finished
         is only replayed.
+    on_rest : callable, optional
+        Function that `drive` calls between two commands, when the rig is at rest, with the number
+        of moves made and a function that sends one command. It may wait, and it may send commands,
+        which belief and log follow. The policy then decides anew.
     **fields
         Fields of `SwarmProblem`, such as ``task``. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
@@ -311,6 +337,8 @@ def drive(
         log = DriveLog(past.path, append=True) if log is None else log
     else:
         problem, cautious = _told(rig, known, exact, fields)
+        if inlet is not None:
+            inlet = tuple(check_cells([inlet], rig.shape, what="inlet", rim=0)[0].tolist())
     if isinstance(log, str | os.PathLike):
         log = DriveLog(log)
     elif log is not None and not isinstance(log, DriveLog):
@@ -325,6 +353,8 @@ def drive(
         "particles": particles,
         "cautious": cautious,
         "past": past,
+        "inlet": inlet if past is None else past.inlet,
+        "on_rest": on_rest,
     }
     return _Driver(rig, problem, goal, seed, **about).run()
 
@@ -348,6 +378,11 @@ def _told(
     if exact and problem.noise is not None:
         raise InvalidInputError("exact: expected a rig without error rates, got error rates")
     unsure = not (getattr(rig, "exact", False) if exact is None else exact)
+    if "confidence" in fields and problem.noise is None and not unsure:
+        raise InvalidInputError(
+            "confidence: expected a confidence only for a rig that makes errors, got"
+            f" {problem.confidence:g}"
+        )
     return problem, problem.noise is None and unsure
 
 
@@ -404,7 +439,7 @@ def replay_log(
     """
     rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
     problem = _in_view(rig.problem, rig.shape, rig.known)
-    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious}
+    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
     result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
@@ -499,6 +534,10 @@ def _in_view(
     return problem.at_place(known or GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
+class _TakenOver(Exception):  # noqa: N818 - it is no error
+    """Raised if somebody has sent commands while the rig was at rest."""
+
+
 @dataclass(eq=False)
 class _Driver:
     """Runs a policy, or the commands of a log, on a rig, and puts the result together."""
@@ -512,8 +551,10 @@ class _Driver:
     test_move: bool = True
     spacing: tuple[float, ...] | None = None
     particles: int | None = None  # expected
+    inlet: tuple[int, ...] | None = None
     cautious: bool = False  # goes on with noise after the first contradiction
     past: RecordedRig | None = None  # of a drive that goes on
+    on_rest: OnRest | None = None
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
@@ -530,7 +571,7 @@ class _Driver:
         self.runs = None if source is None else _RecordedRuns(source)
         self.was_complete = False  # in the replay of a log
         self.alarms: list[Alarm] = []
-        self.convicted = False
+        self.convicted = self.usual = False  # usual: nobody has stated the error rates
         self.notes: list[str] = []
         self.first_moves: FirstMoves | None = None  # during the first moves, if they are tested
         self.watched = 0  # commands that it has taken into account
@@ -581,14 +622,18 @@ class _Driver:
         began = time.perf_counter()
         first_scan = observe(source, 0)
         scanning = time.perf_counter() - began
-        if self.particles is not None and self.past is None:
+        # particles may come in later
+        if self.particles is not None and self.past is None and self.inlet is None:
             noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
             check_number_seen(self.rig, self.particles, len(first_scan), noise)
         swarm = self._make_swarm(first_scan)
         swarm.rig, swarm.scanning, swarm.scans = source, scanning, 1
-        if self.tests and (self.cautious or self.problem.noise is not None):
+        expects = self.cautious or self.problem.noise is not None
+        if self.tests and expects and self.rig.rule != "tilt":
             noise = self.problem.noise or Noise(**TOLD)
-            self.first_moves = FirstMoves(self.rig.shape, first_scan, noise, self.goal)
+            self.first_moves = FirstMoves(
+                self.rig.shape, first_scan, noise, self.goal, rule=self.rig.rule
+            )
         if self.log is not None and self.past is not None:
             self.log.go_on(self.rig, self.past)
             swarm.log = self.log
@@ -601,6 +646,7 @@ class _Driver:
                 spacing=self.spacing,
                 test_move=self.test_move,
                 known=self.goal.known,
+                inlet=self.inlet,
                 cautious=self.cautious,
             )
             self.log.scan(0, first_scan)
@@ -611,17 +657,23 @@ class _Driver:
         self.header = self.problem.to_dict()
         if self.problem.noise is None:
             try:
-                return ExactRigSwarm(self.rig, self.goal, first_scan)
+                return ExactRigSwarm(self.rig, self.goal, first_scan, inlet=self.inlet)
             except (AlarmRaised, OnRimError) as raised:
                 if not self._may_expect_noise(raised):
                     raise
                 self._expect_noise(raised)
         assert self.problem.noise is not None
         about = self.problem.noise, self.problem.confidence
-        return NoisyRigSwarm(self.rig, self.goal, first_scan, *about)
+        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about, inlet=self.inlet)
+        swarm.usual = self.usual
+        return swarm
 
     def _may_expect_noise(self, raised: Exception) -> bool:
-        """Return whether the drive may go on with noise after a contradiction."""
+        """Return whether the drive may go on with noise, or with more noise, after a
+        contradiction.
+        """
+        if isinstance(raised, RatesTooLow):
+            return True
         return (
             not isinstance(raised, Convicted)
             and self.problem.noise is None
@@ -634,18 +686,21 @@ class _Driver:
         """From now on, expect the usual errors of a rig."""
         every = self.problem.scan_every if isinstance(self.problem.scan_every, int) else 1
         place = self.problem.place
-        told = self.problem.replaced(**TOLD, rule="block", scan_every=every)
-        self.problem = told.at_place(place)
-        rates = ", ".join(f"--{name} {rate:g}" for name, rate in TOLD.items())
+        expected = raised.rates if isinstance(raised, RatesTooLow) else TOLD
+        self.problem = self.problem.replaced(**expected, scan_every=every).at_place(place)
+        self.usual = True
+        rates = ", ".join(f"--{name} {rate:g}" for name, rate in expected.items())
         why = (
-            raised.alarm.text
+            f"move {self.swarm.moves}: {raised.alarm.text}"
+            if isinstance(raised, AlarmRaised) and raised.alarm.kind == "rates"
+            else raised.alarm.text
             if isinstance(raised, ModelBroken)
             else f"move {self.swarm.moves if hasattr(self, 'swarm') else 0}: the positions do not"
             " follow from the commands if the rig makes no errors"
         )
-        self.notes.append(f"{why}; the drive goes on and expects the usual errors: {rates}")
+        self.notes.append(f"{why}; the drive goes on and expects errors: {rates}")
         if self.log is not None and hasattr(self, "swarm") and self.swarm.rig is self.rig:
-            self.log.event("noise", {"text": self.notes[-1]})
+            self.log.event("noise", {"move": self.swarm.moves, "text": self.notes[-1]})
 
     def _go_on_with_noise(self, raised: Exception) -> None:
         """Begin a belief with noise, and take over all commands and scans so far."""
@@ -653,7 +708,7 @@ class _Driver:
         old, swarm = self.swarm, self._make_swarm(self.swarm.first_scan)
         swarm.sending, swarm.scanning, swarm.scans = old.sending, old.scanning, old.scans
         swarm.rig, swarm.log, self.swarm, self.recorder = old.rig, old.log, swarm, Recorder()
-        placed = list(old.placed)
+        placed, self.was_complete = list(old.placed), False
         for sent in (*old.sent, None):
             while placed and placed[0].move == swarm.moves:
                 swarm.place(placed[0].cells, since=placed.pop(0).since)
@@ -666,13 +721,16 @@ class _Driver:
         """Carry out the task. After a contradiction that errors of the rig may explain, go on with
         noise. Return the status.
         """
-        try:
-            return self._try_to_explore()
-        except (AlarmRaised, OnRimError) as raised:
-            if not self._may_expect_noise(raised):
-                raise
-            self._go_on_with_noise(raised)
-        return self._try_to_explore()
+        raised: AlarmRaised | OnRimError | None = None
+        while True:
+            try:
+                if raised is not None:
+                    self._go_on_with_noise(raised)
+                return self._try_to_explore()
+            except (AlarmRaised, OnRimError) as error:
+                if not self._may_expect_noise(error):
+                    raise
+                raised = error
 
     def _try_to_explore(self) -> Status:
         """Test the rig, run the policy, and test the rig again if its last commands moved nothing.
@@ -690,9 +748,8 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
-        decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
         for _ in range(CLOSING):
-            status = self._follow(decider)
+            status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
                 self._prove_walls()
             if status is Status.COMPLETE:
@@ -726,17 +783,36 @@ class _Driver:
             )
             raise AlarmRaised(Alarm("rates", swarm.moves, text))
 
-    def _follow(self, decider: Any) -> Status:
-        _, status = closed_loop(
-            self.swarm,
-            decider,
-            max_moves=self.most,
-            mapping=self.goal.mapping,
-            on_moves=self.on_moves,
-            on_trace=lambda _trace: self._check(),
-            recorder=self.recorder,
-        )
-        return status
+    def _follow(self, rng: np.random.Generator) -> Status:
+        """Run the policy. Whenever somebody has sent commands, it decides anew."""
+        while True:
+            swarm = self.swarm
+            with suppress(_TakenOver):
+                _, status = closed_loop(
+                    swarm,
+                    make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy),
+                    max_moves=self.most,
+                    mapping=self.goal.mapping,
+                    on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
+                    on_trace=lambda _trace: self._check(),
+                    recorder=self.recorder,
+                )
+                return status
+
+    def _rest(self, *, in_loop: bool = False) -> None:
+        """Tell of the moves made, and let others wait or send commands while the rig is at rest."""
+        moves = self.recorder.moves
+        if self.on_moves is not None:
+            self.on_moves(moves, len(self.swarm.belief.frontier))
+        if self.on_rest is not None:
+            self.on_rest(moves, self._send_for_others)
+        if in_loop and self.recorder.moves > moves:
+            raise _TakenOver
+
+    def _send_for_others(self, command: str) -> None:
+        check_choice(command, what="command", choices=letters_of(self.swarm.layout.ndim))
+        self._tell_log("manual", {"move": self.recorder.moves + 1})
+        self._carry_out(command, 1, scan=True)
 
     def _checked_end(self, status: Status) -> Status:
         complete = status is Status.COMPLETE
@@ -802,8 +878,7 @@ class _Driver:
 
     def _send(self, command: str) -> None:
         self._carry_out(command, 1, scan=True)
-        if self.on_moves is not None:
-            self.on_moves(self.recorder.moves, len(self.swarm.belief.frontier))
+        self._rest()
 
     def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
         rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
@@ -823,8 +898,20 @@ class _Driver:
             alarm = test.alarm(self.watched)
             if alarm is not None:
                 raise Convicted(alarm)
-        if test is None or not test.cycle:  # the test says more exactly what is wrong
-            self.swarm.check()
+        if test is not None and test.cycle:
+            return  # the test says more exactly what is wrong
+        self.swarm.check()
+        if self.runs is not None and self.problem.noise is None:
+            for event in self.runs.rig.events:
+                if event["event"] == "noise" and event.get("move") == self.swarm.moves:
+                    raise AlarmRaised(Alarm("rates", self.swarm.moves, event.get("text", "")))
+        if self.usual and self.swarm.moves % EVERY == 0:
+            low = {name: rate for name, rate in self.swarm.rates().items() if rate.too_low}
+            if low:
+                raise RatesTooLow(low, self.problem.noise, self.swarm.moves)
+        if self.cautious and self.problem.noise is None and not self.goal.mapping:
+            for wrong in self.swarm.wrong_map():  # or a particle has slipped
+                raise AlarmRaised(wrong)
 
     def _stop_rig(self, failure: BaseException | None) -> BaseException | None:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""
@@ -833,8 +920,8 @@ class _Driver:
                 self._tell_log("stop", {})
                 self.rig.stop()
                 interrupted = failure is not None and not isinstance(failure, Exception)
-                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
-                    self._tell_log("stopped", {"seq": ask()})
+                if interrupted and (session := session_of(self.rig)) is not None:
+                    self._tell_log("stopped", {"seq": session.carried_out()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost
@@ -949,7 +1036,8 @@ class _Driver:
             scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
             problem = (
                 self.problem.replaced(map=workspace, start=start)
-                if goal.mapping  # noise excludes other tasks on maps, but not on rigs
+                # noise excludes other tasks and rules on maps, but not on rigs
+                if goal.mapping and swarm.rule == "block"
                 else self.problem.at_place(workspace)
             )
             return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)

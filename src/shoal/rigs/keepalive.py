@@ -92,7 +92,7 @@ class KeptLine:
         )
         self._messages, self._waiting, self._written = Messages(), b"", 0
         self.why = ""  # why the process has turned the field off
-        self._open = False
+        self._open, self._taking = False, threading.Lock()
 
     @property
     def pid(self) -> int:
@@ -157,6 +157,11 @@ class KeptLine:
             raise ConnectionCutError("the keep-alive process has ended") from error
 
     def _take(self, timeout: float) -> None:
+        """Take in what the process says within some time, or sooner."""
+        with self._taking:  # another thread may stop the coils during a push
+            self._take_in(min(timeout, READING))
+
+    def _take_in(self, timeout: float) -> None:
         pipe = self._child.stdout
         assert pipe is not None
         if pipe.closed or not select.select([pipe], [], [], timeout)[0]:

@@ -22,7 +22,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
 from shoal.core.version import __version__
-from shoal.rigs.remote import LoggedSession
+from shoal.rigs.remote import LoggedSession, session_of
 from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
@@ -85,6 +85,7 @@ class DriveLog:
         spacing: Any = None,
         test_move: bool = True,
         known: GridWorkspace | None = None,
+        inlet: tuple[int, ...] | None = None,
         cautious: bool = False,
     ) -> None:
         """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
@@ -94,6 +95,7 @@ class DriveLog:
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
+            _lock(self._file)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
         self._began, self._rig = time.monotonic(), rig
@@ -107,10 +109,11 @@ class DriveLog:
         }
         header |= {} if spacing is None else {"spacing": list(spacing)}
         header |= {} if test_move else {"test_move": False}
-        session = getattr(rig, "session", None)
-        header |= {} if session is None else {"session": session}
+        session = session_of(rig)
+        header |= {} if session is None else {"session": session.session}
         header |= {} if self.options is None else {"options": self.options}
         header |= {} if known is None else {"known": known.to_dict()}
+        header |= {} if inlet is None else {"inlet": list(inlet)}
         header |= {"cautious": True} if cautious else {}
         self._write(header)
         for entry in self._waiting:
@@ -123,12 +126,11 @@ class DriveLog:
         lines = past.path.read_bytes()
         whole = lines[: lines.rfind(b"\n") + 1]
         try:
-            if self.path.exists():
-                if len(whole) < len(lines):
-                    os.truncate(self.path, len(whole))
-            else:
+            if not self.path.exists():
                 self.path.write_bytes(whole)
             self._file = self.path.open("a", encoding="utf-8", buffering=1)
+            _lock(self._file)
+            self._file.truncate(len(whole))
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
         self._rig, self._began = rig, time.monotonic() - past.lasted
@@ -177,8 +179,8 @@ class DriveLog:
 
     def _request(self, next_: int) -> dict[str, int]:
         """Return the number of the last request, or with 1 of the next, if the rig counts them."""
-        requests = getattr(self._rig, "requests", None)
-        return {} if requests is None else {"seq": requests + next_}
+        session = session_of(self._rig)
+        return {} if session is None else {"seq": session.requests + next_}
 
     def _time(self) -> float:
         return round(time.monotonic() - self._began, 4)
@@ -188,6 +190,19 @@ class DriveLog:
             self._file.write(json.dumps(entry, separators=(",", ":")) + "\n")
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+
+
+def _lock(file: Any) -> None:
+    """Refuse a log that another process writes, until that process has ended."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise BlockingIOError(0, "another drive writes it at the moment") from None
+    except (ImportError, OSError):  # another operating system, or a file system without locks
+        return
 
 
 def map_digest(belief: Belief) -> dict[str, Any]:
@@ -222,6 +237,7 @@ class _Header(_Entry):
     session: str | None = None
     options: dict[str, Any] | None = None
     known: dict[str, Any] | None = None
+    inlet: list[int] | None = None
     cautious: bool = False
 
 
@@ -312,6 +328,8 @@ class RecordedRig:
         The file.
     known : GridWorkspace or None
         The map that was known beforehand.
+    inlet : tuple of int or None
+        The cell at which particles may have come in.
     cautious : bool
         Whether the drive might go on with noise after the first contradiction.
     """
@@ -335,6 +353,7 @@ class RecordedRig:
     lasted: float = 0.0
     path: Path = field(default_factory=Path)
     known: GridWorkspace | None = None
+    inlet: tuple[int, ...] | None = None
     cautious: bool = False
     _at: int = 0
 
@@ -428,6 +447,7 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
         ended,
         spacing=None if header.spacing is None else tuple(header.spacing),
         known=known,
+        inlet=None if header.inlet is None else tuple(header.inlet),
         cautious=header.cautious,
         placed=placed,
         tail=commands[sent:],

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.rigs.calibration import (
@@ -22,6 +25,7 @@ from shoal.rigs.calibration import (
     RESIDUAL,
     BenchCalibration,
     Responses,
+    Speed,
     cell_in_pixels,
     transformed,
     unit_at,
@@ -32,7 +36,22 @@ from shoal.rigs.registration import TURNED, Tie, tie_by_scale
 
 Points = NDArray[np.float64]
 
+LEAST_FREE = 0.15  # share of the motions in a direction that must be free
+UNEQUAL = 2.0  # ratio of the speeds of two commands from which on walls have held the particles
+CONTRADICTION = 0.2  # share by which corrected pulses may differ from what they are made for
 FEWEST = 3  # free motions that measure a direction
+SHORTEST = 0.95  # cells that the pulse of a command is made for at least
+LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
+DRIFT = 0.05  # cells a second, from which on a drift is told
+LONGEST = 1.15  # cells that a command may move particles without a note
+ASKEW = 5.0  # degrees that it may lead aside without a note
+ROUNDS = 3  # of corrected pulses, until they move particles as foreseen
+PATIENCE = 10.0  # seconds without a new picture
+CYCLES = 3, 8  # least and most pairs of pulses that are measured
+FEW = 7  # particles, below which pulses back and forth begin at both sides
+ENOUGH = 20  # motions in each direction for which few particles need more pairs
+LONGER = 6  # times that a first pulse is doubled until particles move
+_AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
 
 
 class _Actuator(Protocol):
@@ -53,7 +72,7 @@ class _Sensor(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class TestPulse:
+class MeasuredPulse:
     """One test pulse, with the positions of the particles that were followed, in pixels.
 
     Parameters
@@ -63,6 +82,8 @@ class TestPulse:
     before, after : ndarray of float64, shape (n, 2)
     ids : ndarray of int64, shape (n,)
         Numbers of the particles, the same from pulse to pulse.
+    room : str
+        Command that was sent before the pulses back and forth, if any.
     """
 
     command: str
@@ -71,18 +92,10 @@ class TestPulse:
     before: Points
     after: Points
     ids: NDArray[np.int64]
+    room: str = ""
 
 
-LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
-DRIFT = 0.05  # cells a second, from which on a drift is told
-LONGEST = 1.15  # cells that a command may move particles without a note
-ASKEW = 5.0  # degrees that it may lead aside without a note
-PATIENCE = 10.0  # seconds without a new picture
-CYCLES = 3  # pairs of pulses that are measured, after one that frees the particles
-LONGER = 6  # times that a first pulse is doubled until particles move
-
-
-class TestRun:
+class PulseRun:
     """Carries out test pulses, and follows the particles in the pictures.
 
     Parameters
@@ -100,18 +113,19 @@ class TestRun:
         Standard deviation of an observed position along each axis, in pixels.
     drift : ndarray of float64, shape (2,)
         Velocity without a pulse, in pixels a second; 0 if chance explains it.
+    few : bool
+        Whether there are so few particles that all may stand at walls.
+    pairs : int
+        Number of pairs of pulses that are measured along each axis.
     latencies : list of float
         For each pulse, the time until the camera showed the particles at rest.
     """
-
-    __test__ = False  # no test of pytest
 
     def __init__(self, actuator: _Actuator, sensor: _Sensor, cell: float, wait: float) -> None:
         self.actuator, self.sensor, self.cell, self.wait = actuator, sensor, cell, wait
         self.latencies: list[float] = []
         # a simulated camera has a clock of its own, which its pictures count
-        rate: float | None = getattr(sensor, "frame_rate", None)
-        self._rate = rate
+        self._rate: float | None = getattr(sensor, "frame_rate", None)
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
             frames.append(self._fresh(frames[-1].number))
@@ -119,6 +133,9 @@ class TestRun:
         if not len(self._last.points):
             raise RigError("calibration: expected particles in the picture, got none")
         self.noise, self.drift = self._at_rest(frames)
+        self.few = len(self._last.points) < FEW
+        self.pairs = int(np.clip(-(-ENOUGH // len(self._last.points)), *CYCLES))
+        self.pairs = -(-self.pairs // 2) if self.few else self.pairs  # of each order
         self._ids = np.arange(len(self._last.points))
         self._next_id = len(self._ids)
 
@@ -170,7 +187,7 @@ class TestRun:
 
     def push(
         self, command: str, angle: float, seconds: float, expected: ArrayLike | None
-    ) -> TestPulse:
+    ) -> MeasuredPulse:
         """Carry out a pulse that moves particles by about the expected motion in pixels. None means
         about a cell in any direction.
         """
@@ -187,12 +204,12 @@ class TestRun:
         self._ids[new] = self._next_id + np.arange(len(new))
         self._next_id += len(new)
         self._add_latency(frames)
-        return TestPulse(
+        return MeasuredPulse(
             command,
             angle,
             seconds,
             before.points[pairs[:, 0]],
-            after.points[pairs[:, 1]],
+            after.points[pairs[:, 1]] - self.drift * (self._clock(after) - self._clock(before)),
             ids[pairs[:, 0]],
         )
 
@@ -215,18 +232,27 @@ class TestRun:
 
     def cycles(
         self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]
-    ) -> list[TestPulse]:
+    ) -> list[MeasuredPulse]:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
         done = []
         for pair in ("rl", "ud"):
-            for cycle in range(1 + CYCLES):
-                for letter in pair:
-                    pulse = self.push(letter, *pulses[letter], expected[letter])
-                    if cycle:
-                        done.append(pulse)
+            for room in self._rooms(pair):
+                for letter in room * 2:
+                    self.push(letter, *pulses[letter], expected[letter])
+                for cycle in range(1 + self.pairs):
+                    for letter in pair:
+                        pulse = self.push(letter, *pulses[letter], expected[letter])
+                        if cycle:
+                            done.append(replace(pulse, room=room))
         return done
+
+    def _rooms(self, pair: str) -> tuple[str, ...]:
+        """Return the commands before pulses back and forth. Few particles may all stand at walls,
+        which then stop the stronger of the two commands each time: both orders are tried.
+        """
+        return (pair[1], pair[0]) if self.few else ("",)
 
     def speeds(
         self, stated: Mapping[str, tuple[float, float]], *, whole: bool = False
@@ -245,19 +271,16 @@ class TestRun:
         for pair in ("rl", "ud"):
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
-                steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-                for letter in pair * 2:
-                    angle, seconds = stated[letter]
-                    pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
-                    steps[letter].append(pulse.after - pulse.before)
-                moved = {
-                    letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
-                    for letter in pair
-                }
+                moved = {letter: (np.full(2, np.nan), np.zeros(0, dtype=bool)) for letter in pair}
+                for room in self._rooms(pair):
+                    for letter, new in self._short(pair, room, stated, share, whole).items():
+                        # walls make motions shorter, never longer
+                        if _length(new[0]) > 1.1 * _length(moved[letter][0]):
+                            moved[letter] = new
                 enough = [
                     letter
                     for letter, (motion, free) in moved.items()
-                    if free.sum() >= FEWEST and np.linalg.norm(motion) >= self.cell / 10
+                    if free.sum() >= FEWEST - 1 and np.linalg.norm(motion) >= self.cell / 10
                 ]
                 if len(enough) == 2:
                     break
@@ -281,6 +304,32 @@ class TestRun:
                 found[letter] = moved[letter][0] / (share * stated[letter][1])
         return found
 
+    def _short(
+        self,
+        pair: str,
+        room: str,
+        stated: Mapping[str, tuple[float, float]],
+        share: float,
+        whole: bool,
+    ) -> dict[str, tuple[Points, NDArray[np.bool_]]]:
+        """Return the free motions, in pixels, of short pulses back and forth."""
+        steps: dict[str, list[Points]] = {letter: [] for letter in pair}
+        for letter in room * 2 + pair * CYCLES[0]:
+            angle, seconds = stated[letter]
+            pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
+            steps[letter].append(pulse.after - pulse.before)
+        for letter in room:
+            del steps[letter][:2]
+        return {
+            letter: free_motion(np.vstack(each), self.noise * 2**0.5)
+            for letter, each in steps.items()
+        }
+
+
+def _length(motion: Points) -> float:
+    """Return the length of a motion, and 0 for none."""
+    return 0.0 if np.isnan(motion).any() else float(np.linalg.norm(motion))
+
 
 @dataclass(frozen=True, eq=False)
 class _Group:
@@ -294,21 +343,26 @@ class _Group:
     count: int
 
 
-def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_Group]:
+def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> list[_Group]:
     """Return the free motions of the pulses of each angle and duration."""
-    together: dict[tuple[str, float, float], list[Points]] = {}
+    together: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
     for pulse in pulses:
-        key = pulse.command, pulse.angle, pulse.seconds
-        together.setdefault(key, []).append(motions_of(pulse, matrix))
+        rooms = together.setdefault((pulse.command, pulse.angle, pulse.seconds), {})
+        rooms.setdefault(pulse.room, []).append(motions_of(pulse, matrix))
     groups = []
-    for (command, angle, seconds), parts in together.items():
-        motions = np.vstack(parts)
+    for (command, angle, seconds), rooms in together.items():
+        every = [np.vstack(parts) for parts in rooms.values()]
+        lengths = [_length(free_motion(motions, noise)[0]) for motions in every]
+        # walls make motions shorter, never longer
+        motions = np.vstack(
+            [one for one, length in zip(every, lengths, strict=True) if length > 0.9 * max(lengths)]
+        )
         motion, free = free_motion(motions, noise)
-        count = int(free.sum())
-        if count < FEWEST:
+        count, least = int(free.sum()), max(FEWEST, LEAST_FREE * len(motions))
+        if count < least:
             raise RigError(
-                f"calibration: expected at least {FEWEST} free motions at the command {command}, got"
-                f" {count}; put the particles where they have room"
+                f"calibration: expected at least {ceil(least)} free motions at the command {command},"
+                f" got {count} of {len(motions)}; put the particles where they have room"
             )
         spread = float(np.std(motions[free] - motion))
         groups.append(
@@ -317,7 +371,7 @@ def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_
     return groups
 
 
-def motions_of(pulse: TestPulse, matrix: Points) -> Points:
+def motions_of(pulse: MeasuredPulse, matrix: Points) -> Points:
     """Return the motions (x, y) in cells, y up (shape (n, 2))."""
     step = transformed(matrix, pulse.after) - transformed(matrix, pulse.before)
     return np.column_stack([step[:, 1], -step[:, 0]])
@@ -392,6 +446,7 @@ def calibrate(
     aim: float | None = None,
     wait: float = 0.5,
     limit: float = RESIDUAL,
+    frequencies: Sequence[float] = (),
 ) -> BenchCalibration:
     """Measure with test pulses how particles move, and return the calibration of the bench.
 
@@ -420,6 +475,9 @@ def calibrate(
         Time after a pulse until particles are at rest and the camera shows it, in seconds.
     limit : float
         Largest root mean square error of the motions, in cells.
+    frequencies : sequence of float
+        Frequencies of a field that turns, in Hz, at which the speed is measured as well. The
+        actuator needs the attribute ``frequency`` and the method ``set_frequency(frequency)``.
 
     Raises
     ------
@@ -436,9 +494,11 @@ def calibrate(
     elif cell is None or size is None:
         raise InvalidInputError("calibration: expected marks, a known map or the size of a cell")
     assert cell is not None
+    if frequencies:
+        check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
     known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
-    run = TestRun(actuator, sensor, cell, wait)
+    run = PulseRun(actuator, sensor, cell, wait)
     speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
@@ -452,19 +512,30 @@ def calibrate(
         assert size is not None
         pixels = _groups(done, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
-        tie, shape = tie_by_scale(motions, cell, size)
+        seen = np.vstack([pulse.after for pulse in done])
+        tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
     responses = fit_responses(_groups(done, tie.matrix, noise), known)
-    _check_headings(responses)
+    _check_plausible(responses)
     if aim is None:
-        aim = min(AIM, LEAP / _fastest(done, tie.matrix, responses))
-    if not whole:  # once more with corrected pulses of full length
-        wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+        aim = max(SHORTEST, min(AIM, LEAP / _fastest(done, tie.matrix, responses)))
+    wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+    for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
         full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
-        done += run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        again = run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        surprise = _surprise(_groups(again, tie.matrix, noise), responses)
+        done = again if surprise else done + again
         responses = fit_responses(_groups(done, tie.matrix, noise), known)
-        _check_headings(responses)
+        _check_plausible(responses)
+        if not surprise:
+            break
+    else:
+        if not whole:
+            raise RigError(
+                f"calibration: expected corrected pulses to move particles as foreseen, got {surprise}:"
+                " walls hold the particles, or the pulses differ from each other"
+            )
     if responses.residual > limit:
         raise RigError(
             f"calibration: expected test pulses that agree within {limit:g} cells, got"
@@ -474,6 +545,9 @@ def calibrate(
     notes = list(tie.notes)
     if drift > DRIFT:
         notes.append(f"without a pulse, particles drift by {drift:.2g} cells a second")
+    speed = (
+        measure_speed(run, actuator, responses, tie.matrix, frequencies) if frequencies else None
+    )
     found = BenchCalibration(
         shape=shape,
         tie=tie.kind,
@@ -487,11 +561,86 @@ def calibrate(
         stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,
         aim=aim,
+        speed=speed,
         notes=notes,
     )
     if whole:
         found.notes.extend(_told_of_whole(found))
     return found
+
+
+def check_frequencies(actuator: Any, frequencies: Sequence[float]) -> None:
+    """Refuse frequencies that show nothing, or an actuator without them."""
+    if len(set(frequencies)) < FEWEST:
+        raise InvalidInputError(
+            f"frequency: expected at least {FEWEST} different ones, got {len(set(frequencies))}"
+        )
+    for frequency in frequencies:
+        check_number(frequency, what="frequency", above=0)
+    if getattr(actuator, "frequency", None) is None:
+        raise InvalidInputError(
+            f"frequency: expected an actuator whose field turns, got {actuator.name}"
+        )
+
+
+def measure_speed(
+    run: PulseRun,
+    actuator: Any,
+    responses: Responses,
+    matrix: Points,
+    frequencies: Sequence[float],
+) -> Speed:
+    """Measure the speed of particles against the frequency of the field, with pulses to the right
+    and to the left, and fit the step-out frequency. The frequency of before is restored.
+    """
+    usual = float(actuator.frequency)
+    noise = run.noise * 2**0.5 / run.cell
+    speeds = []
+    try:
+        for frequency in sorted(frequencies):
+            actuator.set_frequency(frequency)
+            found = []
+            done: dict[str, list[Points]] = {"r": [], "l": []}
+            for letter in "rl" * (1 + run.pairs):
+                velocity = np.array(getattr(responses, letter))
+                # half a cell, if the speed is proportional to the frequency
+                seconds = 0.5 / float(np.linalg.norm(velocity)) * usual / frequency
+                pulse = run.push(letter, responses.angles[letter], seconds, (0, 0))
+                done[letter].append(motions_of(pulse, matrix) / seconds)
+            for each in done.values():
+                rates = np.vstack(each[1:])
+                motion, free = free_motion(rates, noise / seconds)
+                found.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
+            speeds.append(float(np.mean(found)))
+    finally:
+        actuator.set_frequency(usual)
+    return fit_speed(sorted(frequencies), speeds)
+
+
+def fit_speed(frequencies: Sequence[float], speeds: Sequence[float]) -> Speed:
+    """Return the slope and the step-out frequency that fit measured speeds best (least squares).
+
+    Examples
+    --------
+    >>> fit_speed([1, 2, 4], [3, 6, 12]).step_out is None
+    True
+    """
+    at, seen = np.array(frequencies, dtype=np.float64), np.array(speeds, dtype=np.float64)
+    best: tuple[float, float, float | None] | None = None
+    for step_out in (None, *np.geomspace(at.min(), at.max(), 400).tolist()):
+        over = at if step_out is None else np.minimum(at, step_out)
+        turns = at - (0 if step_out is None else np.sqrt(np.maximum(at**2 - over**2, 0)))
+        slope = float(turns @ seen / (turns @ turns))
+        error = float(np.sum((slope * turns - seen) ** 2))
+        if best is None or error < best[0] * (1 - 1e-6):
+            best = error, slope, step_out
+    assert best is not None
+    _, slope, step_out = best
+    if step_out is not None and step_out >= at.max() * (1 - 1e-6):
+        step_out = None
+    if slope <= 0:
+        raise RigError("calibration: expected particles that move at some frequency, got none")
+    return Speed(frequencies=at.tolist(), speeds=seen.tolist(), slope=slope, step_out=step_out)
 
 
 def _in_pixels(
@@ -522,10 +671,26 @@ def _told_of_whole(found: BenchCalibration) -> list[str]:
     return notes
 
 
-_AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
+def _surprise(groups: Sequence[_Group], responses: Responses) -> str:
+    """Return a direction in which pulses do not move particles as foreseen, or nothing."""
+    for group in groups:
+        expected = responses.displacement(group.angle, group.seconds)
+        length = float(np.linalg.norm(expected))
+        if np.linalg.norm(group.motion - expected) > CONTRADICTION * length:
+            return f"{np.linalg.norm(group.motion):.2f} instead of {length:.2f} cells at {group.command}"
+    return ""
 
 
-def _check_headings(responses: Responses) -> None:
+def _check_plausible(responses: Responses) -> None:
+    """Refuse axes that are turned or mirrored, and directions in which particles had no room."""
+    speeds = {letter: float(np.linalg.norm(getattr(responses, letter))) for letter in ANGLES}
+    slow, fast = min(speeds, key=lambda one: speeds[one]), max(speeds, key=lambda one: speeds[one])
+    if speeds[fast] > UNEQUAL * speeds[slow]:
+        raise RigError(
+            f"calibration: expected commands of about equal speed, got {speeds[slow]:.3g} cells a"
+            f" second at {slow} and {speeds[fast]:.3g} at {fast}: a coil is weak, or walls hold the"
+            " particles"
+        )
     for letter, angle in ANGLES.items():
         heading = responses.heading(letter)
         if abs(heading) > TURNED:
@@ -536,7 +701,7 @@ def _check_headings(responses: Responses) -> None:
             )
 
 
-def _fastest(pulses: Sequence[TestPulse], matrix: Points, responses: Responses) -> float:
+def _fastest(pulses: Sequence[MeasuredPulse], matrix: Points, responses: Responses) -> float:
     """Return the speed that one particle in twenty exceeds, as a share of the usual one, of all
     particles that moved by at least half.
     """
@@ -549,7 +714,7 @@ def _fastest(pulses: Sequence[TestPulse], matrix: Points, responses: Responses) 
 
 
 def _own_gain(
-    pulses: Sequence[TestPulse], matrix: Points, responses: Responses, noise: float
+    pulses: Sequence[MeasuredPulse], matrix: Points, responses: Responses, noise: float
 ) -> float:
     """Return the standard deviation of the particles' speeds, without the errors of the pictures.
 

@@ -67,6 +67,11 @@ class Rate:
     trials: int
 
     @property
+    def too_low(self) -> bool:
+        """Whether the rate was surely stated too low."""
+        return self.wrong and self.low > self.stated
+
+    @property
     def wrong(self) -> bool:
         """Whether the interval lies far from the stated rate: more than half above it, or a third
         below it, and a hundredth.

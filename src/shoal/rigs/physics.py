@@ -352,21 +352,39 @@ class Plant:
             wall = pymunk.Segment(ground, a, b, 0.0)
             wall.friction = apparatus.friction / between
             self._space.add(wall)
-        self._bodies = []
+        self._bodies: list[Any] = []
         for point in start:
-            body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
-            body.position = (float(point[0]), float(point[1]))
-            body.velocity = (apparatus.flow_x, apparatus.flow_y)
-            disk = pymunk.Circle(body, apparatus.radius)
-            disk.friction = between
-            self._space.add(body, disk)
-            self._bodies.append(body)
+            self._add(point)
         # all bodies at once: those that move, in the order in which they were added, and the walls'
         self._exchange, self._batch = pymunk.batch, pymunk.batch.Buffer()
         self._given, self._forces = pymunk.batch.Buffer(), np.zeros((n + 1, 2))
         self._given.set_float_buf(self._forces)
         self._check_free(start)
         self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
+
+    def _add(self, point: Points) -> None:
+        import pymunk
+
+        body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
+        body.position = (float(point[0]), float(point[1]))
+        body.velocity = (self.apparatus.flow_x, self.apparatus.flow_y)
+        disk = pymunk.Circle(body, self.apparatus.radius)
+        disk.friction = BETWEEN**0.5  # the engine multiplies the coefficients of two bodies
+        self._space.add(body, disk)
+        self._bodies.append(body)
+
+    def enter(self, point: ArrayLike) -> bool:
+        """Let a particle come in at a point, and return whether there was room for it."""
+        at = np.array(point, dtype=np.float64)
+        if (np.linalg.norm(self.points - at, axis=1) < 2 * self.apparatus.radius).any():
+            return False
+        self._add(at)
+        gain = float(self._rng.normal(1, self.apparatus.own_gain))
+        self.own_gains = np.append(self.own_gains, max(gain, 0.1))
+        self._forces = np.zeros((len(self.own_gains) + 1, 2))
+        self._given.set_float_buf(self._forces)
+        self._remember()
+        return True
 
     def _check_free(self, points: Points) -> None:
         for at, point in enumerate(points):
@@ -634,6 +652,10 @@ class PhysicsRig:
             raise RigError("the physical plant has been stopped")
         check_choice(command, what="command", choices=ANGLES)
         self.plant.push(ANGLES[command], seconds=self.plant.apparatus.pulse)
+
+    def enter(self, cell: tuple[int, ...]) -> bool:
+        """Let a particle come in at a free cell, and return whether there was room for it."""
+        return self.plant.enter((cell[1] + 0.5, self.shape[0] - cell[0] - 0.5))
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cell of each particle that the camera sees (int64, shape (k, 2)). Several

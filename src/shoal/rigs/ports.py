@@ -373,37 +373,54 @@ class PlantPorts:
 
 
 class RemoteActuator:
-    """An actuator behind a connection that speaks the protocol of rigs. It carries out whole
-    commands only, in the time that it takes.
+    """An actuator behind a connection that speaks the protocol of rigs.
 
     Parameters
     ----------
     rig : RemoteRig
+
+    Attributes
+    ----------
+    pulses : dict
+        Angle in degrees and time in seconds of each command.
+    whole : bool
+        Whether it carries out these pulses only, in the time that it takes.
     """
 
     def __init__(self, rig: RemoteRig) -> None:
-        self._rig = rig
-        self.name, self.counts = self._rig.name, self._rig.counts
-        self.pulses = {letter: (angle, 1.0) for letter, angle in ANGLES.items()}
-        self.whole = True
+        self.rig = rig
+        self.name, self.counts, self.pulses = rig.name, rig.counts, rig.pulses
+        self.whole = "push" not in rig.can
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The newest values that the device has reported, by name."""
+        return self.rig.values
 
     def push(self, angle: float, seconds: float) -> None:
-        """Carry out the command in the direction of ``angle``."""
-        letter = next((one for one, at in ANGLES.items() if at == angle % 360), None)
-        if letter is None or seconds != 1.0:
+        """Push the particles, or carry out the command in the direction of ``angle``."""
+        check_number(angle, what="angle")
+        check_number(seconds, what="seconds", least=0)
+        letter = next(
+            (one for one, pulse in self.pulses.items() if pulse == (angle % 360, seconds)), None
+        )
+        if not self.whole:
+            self.rig.push(angle, seconds)
+        elif letter is not None:
+            self.rig.send(letter)
+        else:
             raise InvalidInputError(
-                f"{self.name}: expected whole commands (1 s to 0, 90, 180 or 270 degrees), got"
-                f" {seconds:g} s to {angle:g} degrees"
+                f"{self.name}: expected whole commands ({self.pulses['r'][1]:g} s to 0, 90, 180 or"
+                f" 270 degrees), got {seconds:g} s to {angle:g} degrees"
             )
-        self._rig.send(letter)
 
     def stop(self) -> None:
         """Turn the field off, and wait until the device confirms it."""
-        self._rig.stop()
+        self.rig.stop()
 
     def close(self) -> None:
         """Close the connection."""
-        self._rig.close()
+        self.rig.close()
 
 
 class RemoteSensor:
@@ -415,25 +432,32 @@ class RemoteSensor:
     """
 
     def __init__(self, rig: RemoteRig) -> None:
-        self._rig = rig
-        self.name, self.shape, self.counts = self._rig.name, self._rig.shape, self._rig.counts
+        self.rig = rig
+        self.name, self.shape, self.counts = rig.name, rig.shape, rig.counts
         self.calibration = CellCalibration()
-        self._number = 0
 
     def observe(self) -> Frame:
         """Ask for the positions."""
-        cells = self._rig.observe()
-        self._number += 1
-        return Frame(cells.astype(np.float64), time.monotonic(), self._number)
+        return self.rig.look()
 
     def close(self) -> None:
         """Close the connection."""
-        self._rig.close()
+        self.rig.close()
 
 
 def is_connection(spec: str) -> bool:
     """Return whether a text is the address of a device behind a connection."""
     return spec.partition(":")[0] in REMOTE
+
+
+def runs_code(spec: str) -> bool:
+    """Return whether a text that names a device makes Shoal run code that is not Shoal's: a
+    program, a module, or the device adapters of a configuration of Micro-Manager.
+
+    Such a text counts only if the user has typed it, and never if a file holds it.
+    """
+    kind, colon, _ = spec.partition(":")
+    return bool(colon) and kind not in ("serial", "tcp", "coils", "physics", "opencv")
 
 
 def is_camera(spec: str) -> bool:

@@ -48,6 +48,26 @@ class Observe(_Message):
     seq: Annotated[int, Field(ge=1)]
 
 
+class Push(_Message):
+    """Request to push all particles in any direction, for rigs that say in ``can`` that they can:
+    ``angle`` in degrees counterclockwise from the command r, for some ``seconds``.
+    """
+
+    type: Literal["push"] = "push"
+    seq: Annotated[int, Field(ge=1)]
+    angle: float
+    seconds: Annotated[float, Field(ge=0)]
+
+
+class Look(_Message):
+    """Request to report where the particles are, not only in which cells, for rigs that say in
+    ``can`` that they can.
+    """
+
+    type: Literal["look"] = "look"
+    seq: Annotated[int, Field(ge=1)]
+
+
 class Stop(_Message):
     """Request to stop all motion at once. After a stop, the rig refuses further commands of the
     session.
@@ -59,6 +79,9 @@ class Stop(_Message):
 class Welcome(_Message):
     """Answer of a rig to the request hello: a description of the rig, and the number of the last
     request carried out.
+
+    ``can`` names the requests beyond this version that the rig carries out: ``push``, ``look``.
+    ``pulse`` is the time of a push that moves particles by one cell, in seconds.
     """
 
     type: Literal["welcome"] = "welcome"
@@ -68,6 +91,8 @@ class Welcome(_Message):
     shape: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=3)]
     rule: str = "block"
     name: str = "rig"
+    can: list[str] = []
+    pulse: Annotated[float, Field(gt=0)] = 1.0
 
 
 class Done(_Message):
@@ -88,6 +113,18 @@ class Positions(_Message):
     type: Literal["positions"] = "positions"
     seq: int
     cells: list[list[int]]
+    values: dict[str, float] | None = None
+
+
+class Points(_Message):
+    """Answer of a rig to the request look: (row, column) of each observed particle, where whole
+    numbers are the middles of cells. ``number`` is that of the picture, if the rig counts them.
+    """
+
+    type: Literal["points"] = "points"
+    seq: int
+    points: list[list[float]]
+    number: int | None = None
     values: dict[str, float] | None = None
 
 
@@ -115,7 +152,21 @@ class Refusal(_Message):
     text: str
 
 
-Message = Hello | Command | Observe | Stop | Welcome | Done | Positions | Stopped | Again | Refusal
+Message = (
+    Hello
+    | Command
+    | Observe
+    | Push
+    | Look
+    | Stop
+    | Welcome
+    | Done
+    | Positions
+    | Points
+    | Stopped
+    | Again
+    | Refusal
+)
 _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
 

@@ -171,7 +171,7 @@ def tie_by_sensor(sensor: Any) -> Tie:
 
 
 def tie_by_scale(
-    motions: dict[str, Points], cell: float, size: tuple[int, int]
+    motions: dict[str, Points], cell: float, size: tuple[int, int], points: Points
 ) -> tuple[Tie, tuple[int, int]]:
     """Return a grid over the whole picture, whose axes are the directions of the pulses.
 
@@ -183,6 +183,9 @@ def tie_by_scale(
         Side of a cell in pixels.
     size : tuple of int
         Width and height of the picture in pixels.
+    points : ndarray of float64, shape (n, 2)
+        Positions of particles in pixels. The grid is shifted so that they lie in the middle of their
+        cells in the (circular) mean: narrow vessels along the axes then are rows of cells.
 
     Returns
     -------
@@ -209,10 +212,11 @@ def tie_by_scale(
     width, height = size
     corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)], float)
     reached = corners @ linear.T
-    least = reached.min(0)
-    rows, columns = np.maximum(np.ceil(reached.max(0) - least), 1).astype(int).tolist()
+    phase = np.angle(np.exp(2j * np.pi * (points @ linear.T)).mean(0)) / (2 * np.pi)
+    shift = phase + np.floor(reached.min(0) + 0.5 - phase)
+    rows, columns = np.ceil(reached.max(0) - shift + 0.5).astype(int).tolist()
     matrix = np.eye(3)
-    matrix[:2, :2], matrix[:2, 2] = linear, -least - 0.5
+    matrix[:2, :2], matrix[:2, 2] = linear, -shift
     return Tie("scale", matrix, None), (rows, columns)
 
 

@@ -11,18 +11,22 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
+from shoal.rigs.physics import ANGLES
 from shoal.rigs.protocol import (
     PROTOCOL,
     Again,
     Command,
     Done,
     Hello,
+    Look,
     Message,
     Observe,
+    Points,
     Positions,
+    Push,
     Refusal,
     Stop,
     Stopped,
@@ -30,7 +34,7 @@ from shoal.rigs.protocol import (
     decode_message,
     encode_message,
 )
-from shoal.rigs.rig import LARGEST_VIEW, PositionError
+from shoal.rigs.rig import LARGEST_VIEW, Frame, PositionError
 from shoal.rigs.transports import ConnectionCutError, Transport, open_transport
 from shoal.swarm.grid.board import RULES, letters_of
 from shoal.swarm.grid.state import check_cells
@@ -39,7 +43,8 @@ OnEvent = Callable[[str, dict[str, Any]], None]
 """Function that `RemoteRig` calls for an event and its details: "cut", "reconnected", "damaged",
 "resent" or "doubled".
 """
-Answer = TypeVar("Answer", Done, Positions)
+Answer = TypeVar("Answer", Done, Positions, Points)
+Request = Command | Observe | Push | Look
 REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
 MOST_DAMAGED = 100  # damaged lines in a row from which on the other end is no rig
@@ -183,6 +188,7 @@ class RigSession:
         self._carried_out = 0  # the last request that the rig has answered
         self._before = ""  # the session before, of which a late welcome may still arrive
         self._repeated = 0  # the last request that was sent more than once
+        self._looks = 0  # number of the last picture
         self._damaged: list[bytes] = []  # lines in a row that were damaged, here or at the rig
         self._heard = time.monotonic()
         self.resumption: Resumption | None = None
@@ -256,7 +262,7 @@ class RigSession:
             return self._connect(new=True)
         return self._accepted(welcome, new=True)
 
-    def ask(self, make: Callable[[int], Command | Observe], kind: type[Answer]) -> Answer:
+    def ask(self, make: Callable[[int], Request], kind: type[Answer]) -> Answer:
         """Send the request that ``make`` returns for the next number, and repeat it until the rig
         answers with a message of the given kind.
 
@@ -396,7 +402,10 @@ class RigSession:
             if getattr(message, "seq", None) == seq and not isinstance(message, Welcome):
                 self._heard = time.monotonic()
                 return message
-            if isinstance(message, Done | Positions) and self._repeated < message.seq < seq:
+            if (
+                isinstance(message, Done | Positions | Points)
+                and self._repeated < message.seq < seq
+            ):
                 self.counts.doubled += 1
                 self.on_event("doubled", {"seq": message.seq})
         return None
@@ -547,6 +556,58 @@ class RemoteRig(RigSession):
         """The rig's move rule."""
         return self._welcome.rule
 
+    @property
+    def can(self) -> tuple[str, ...]:
+        """Requests beyond commands and scans that the rig carries out: "push", "look"."""
+        return tuple(self._welcome.can)
+
+    @property
+    def pulses(self) -> dict[str, tuple[float, float]]:
+        """Angle in degrees and time in seconds of a push by one cell in each direction."""
+        return {letter: (angle, self._welcome.pulse) for letter, angle in ANGLES.items()}
+
+    def push(self, angle: float, seconds: float) -> None:
+        """Push the particles in a direction (degrees) for some seconds, and wait until it is done.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the rig carries out whole commands only.
+        RigError
+            Raised if the rig does not answer, or refuses the push.
+        """
+        check_number(angle, what="angle")
+        check_number(seconds, what="seconds", least=0)
+        if "push" not in self.can:
+            raise InvalidInputError(
+                f"{self.transport.name}: expected a rig that pushes in every direction (its welcome"
+                " says so in can), got one that carries out whole commands only"
+            )
+        self.ask(lambda seq: Push(seq=seq, angle=angle, seconds=seconds), Done)
+
+    def look(self) -> Frame:
+        """Return where the particles are, as floats in cells (row, column). A rig that cannot look
+        reports the middles of their cells.
+
+        Raises
+        ------
+        RigError
+            Raised if the rig does not answer, or if its answer contains no points.
+        """
+        if "look" not in self.can:
+            self._looks += 1
+            return Frame(self.observe().astype(np.float64), time.monotonic(), self._looks)
+        answer = self.ask(lambda seq: Look(seq=seq), Points)
+        what, ndim = f"{self.transport.name}: points", len(self.shape)
+        try:
+            seen = np.zeros((0, ndim))
+            if answer.points:
+                seen = check_points(answer.points, what=what, dimensions=ndim)
+        except InvalidInputError as error:
+            raise PositionError(str(error)) from None
+        self._looks = self._looks + 1 if answer.number is None else answer.number
+        return Frame(seen, time.monotonic(), self._looks)
+
     def send(self, command: str) -> None:
         """Send one command, and wait until the rig has carried out the command.
 
@@ -583,6 +644,16 @@ class RemoteRig(RigSession):
                 f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most"
                 f" {LARGEST_VIEW} cells, got {welcome.rule!r} and {tuple(welcome.shape)}"
             )
+
+
+def session_of(rig: Any) -> RigSession | None:
+    """Return the session in which a rig gets its commands: the rig itself, or the session of its
+    actuator if the rig is made of two devices. Return None for a rig without sessions.
+    """
+    for one in (rig, getattr(getattr(rig, "actuator", None), "rig", None)):
+        if isinstance(one, RigSession):
+            return one
+    return None
 
 
 def open_rig(

@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.version import __version__
 from shoal.rigs.checks import AlarmRaised
 from shoal.rigs.log import DriveLog, RecordedRig
-from shoal.rigs.remote import Resumption
+from shoal.rigs.remote import Resumption, session_of
 from shoal.rigs.rig import PositionError, Rig
 from shoal.rigs.tracking import RigSwarm
 from shoal.swarm.grid.board import letters_of
@@ -126,12 +126,17 @@ def go_on(
     ------
     RigError, AlarmRaised, OutputError
     """
-    state = getattr(rig, "resumption", None) or Resumption(False, None)
+    session = session_of(rig)
+    state = getattr(rig if session is None else session, "resumption", None)
+    state = state or Resumption(False, None)
     event = log.event if log is not None else lambda _what, _details: None
-    about = {"move": swarm.moves, "goes_on": state.goes_on, "carried_out": state.carried_out}
-    for name, attribute in (("session", "session"), ("seq", "requests")):
-        if hasattr(rig, attribute):
-            about[name] = getattr(rig, attribute)
+    about: dict[str, Any] = {
+        "move": swarm.moves,
+        "goes_on": state.goes_on,
+        "carried_out": state.carried_out,
+    }
+    if session is not None:
+        about |= {"session": session.session, "seq": session.requests}
     event("resumed", about)
     swarm.rig = rig
     tail: str | None = past.tail
@@ -161,8 +166,9 @@ def go_on(
 
 def _repeat(rig: Any, event: Any, move: int, command: str) -> None:
     """Send the last command of the log, which was not carried out."""
-    requests = getattr(rig, "requests", None)
-    event("repeated", {"move": move} | ({} if requests is None else {"seq": requests + 1}))
+    session = session_of(rig)
+    number = {} if session is None else {"seq": session.requests + 1}
+    event("repeated", {"move": move} | number)
     rig.send(command)
 
 

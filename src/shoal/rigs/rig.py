@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
@@ -129,6 +129,13 @@ class SimulatedRig:
     def _move(self, command: str) -> None:
         self._state = self._world.step(self._state, command)
 
+    def enter(self, cell: tuple[int, ...]) -> bool:
+        """Let a particle come in at a free cell, and return whether there was room for it."""
+        if cell in self._state.occupied and self.rule != "merge":
+            return False
+        self._state = self._world.initial([*self._state.cells.tolist(), cell])
+        return True
+
     def observe(self) -> NDArray[np.int64]:
         """Return the cells of all particles (int64, shape (n, ndim))."""
         return self._state.cells
@@ -177,8 +184,58 @@ class NoisyRig(SimulatedRig):
     def _move(self, command: str) -> None:
         self._noisy.step(command)
 
+    def enter(self, cell: tuple[int, ...]) -> bool:
+        """Let a particle come in at a free cell, and return whether there was room for it."""
+        return self._noisy.enter(cell)
+
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the rig observes particles, also in the rim around the
         workspace (int64, shape (k, ndim)).
         """
         return self._noisy.scan()
+
+
+class EnteringRig:
+    """A simulated rig into which particles come at an inlet, one after another.
+
+    Parameters
+    ----------
+    rig : SimulatedRig, NoisyRig or PhysicsRig
+        With the first particle, or the first ones.
+    inlet : tuple of int
+        The cell in which particles come in, as soon as it is empty.
+    every : int
+        Number of commands from one particle to the next.
+    most : int
+        Number of particles that come in, at most.
+
+    Examples
+    --------
+    >>> rig = SimulatedRig(GridWorkspace([[1, 1, 1, 1]]), [(0, 0)])
+    >>> rig = EnteringRig(rig, (0, 0), every=2, most=1)
+    >>> for command in "rrrr":
+    ...     rig.send(command)
+    >>> rig.observe().tolist()
+    [[0, 2], [0, 3]]
+    """
+
+    def __init__(self, rig: Any, inlet: tuple[int, ...], *, every: int, most: int) -> None:
+        self._rig, self._inlet, self._every, self._left, self._due = rig, inlet, every, most, 0
+        self.name, self.shape, self.rule = rig.name, rig.shape, rig.rule
+        self.exact: bool = getattr(rig, "exact", False)
+
+    def send(self, command: str) -> None:
+        """Move all particles by one command, and then let a particle come in if it is time."""
+        self._rig.send(command)
+        self._due += 1
+        if self._left and self._due >= self._every and self._rig.enter(self._inlet):
+            self._due, self._left = 0, self._left - 1
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells in which the rig observes particles (int64, shape (n, ndim))."""
+        cells: NDArray[np.int64] = self._rig.observe()
+        return cells
+
+    def stop(self) -> None:
+        """Stop the rig."""
+        self._rig.stop()

@@ -14,17 +14,19 @@ from shoal.core.checks import check_number, check_points
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.calibration import Responses
 from shoal.rigs.ports import BenchRig
+from shoal.rigs.remote import RemoteRig
 
 Points = NDArray[np.float64]
 SHORTEST = 1e-3  # cells: a shorter move is none
 
 
 class SteeringBench:
-    """A rig for steering made of a `BenchRig`.
+    """A rig for steering made of a bench.
 
     Parameters
     ----------
-    rig : BenchRig
+    rig : BenchRig or RemoteRig
+        A remote rig must be able to push and to look (`RemoteRig.can`).
     responses : Responses
         How the particles answer to pulses. `Responses.stated` takes the pulses as exact.
     unit : float
@@ -53,7 +55,7 @@ class SteeringBench:
 
     def __init__(
         self,
-        rig: BenchRig,
+        rig: BenchRig | RemoteRig,
         responses: Responses,
         *,
         unit: float = 1.0,
@@ -64,10 +66,15 @@ class SteeringBench:
                 f"steering: expected an actuator that pushes in every direction, got {rig.name},"
                 " which carries out the commands only"
             )
+        if isinstance(rig, RemoteRig) and not {"push", "look"} <= set(rig.can):
+            raise InvalidInputError(
+                f"steering: expected a rig that can push and look, got {rig.name}, which can"
+                f" {' and '.join(rig.can) or 'neither'}"
+            )
         self.rig, self.responses = rig, responses
         self.unit = check_number(unit, what="unit", above=0)
         self.origin = check_points([origin], what="origin", dimensions=2, count=1)[0]
-        self._longest: float = getattr(rig.actuator, "longest", inf)
+        self._longest: float = getattr(getattr(rig, "actuator", rig), "longest", inf)
 
     @property
     def name(self) -> str:

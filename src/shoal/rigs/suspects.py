@@ -10,6 +10,7 @@ behind it, and twice in the same direction, because a particle that moves by hal
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from shoal.core.dataclass import dataclass
 from shoal.rigs.checks import Alarm
 from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, letters_of
-from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.noise import LOSS, Noise, NoisyBelief
 
 MOVES = 10  # commands within which what is wrong is said
 PROVEN = 14.0  # log-likelihood ratio from which on a model is better than "as commanded": 10^6
@@ -144,10 +145,17 @@ class FirstMoves:
         The stated or the usual error rates.
     goal : Goal
         A known map makes the test sharper.
+    rule : str
     """
 
     def __init__(
-        self, shape: tuple[int, ...], first_scan: NDArray[np.int64], noise: Noise, goal: Goal
+        self,
+        shape: tuple[int, ...],
+        first_scan: NDArray[np.int64],
+        noise: Noise,
+        goal: Goal,
+        *,
+        rule: str = "block",
     ) -> None:
         ndim = len(shape)
         letters = letters_of(ndim)
@@ -169,7 +177,8 @@ class FirstMoves:
         for each in self.suspicions:
             slip = noise.slip if each.slip is None else max(each.slip, noise.slip)
             told = Noise(max(slip, 1e-3), max(noise.misplace, 1e-3), max(noise.miss, 1e-3))
-            self._beliefs.append(NoisyBelief(self._shape, seen, told, prior=self._prior(goal)))
+            about: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
+            self._beliefs.append(NoisyBelief(self._shape, seen, told, **about))
         self.logs = np.zeros(len(self.suspicions))
         self.noise = noise
 

@@ -1,5 +1,8 @@
 """Public names, which `lazy_loader` imports when they are first used."""
 
+from .flight_logs import Track as Track
+from .flight_logs import read_tracks as read_tracks
+from .flown import check_flown as check_flown
 from .mavlink import HeardVehicle as HeardVehicle
 from .mavlink import LinkError as LinkError
 from .mavlink import LinkLimits as LinkLimits

@@ -10,12 +10,14 @@ from __future__ import annotations
 import re
 import select
 import socket
+import struct
+import threading
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import field
-from typing import Any, Protocol, Self
+from typing import IO, Any, Protocol, Self
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
@@ -50,9 +52,13 @@ class LinkError(ShoalError, ConnectionError):
 
 
 class VehicleLink(Protocol):
-    """What carries bytes of MAVLink to and from one or more vehicles."""
+    """What carries bytes of MAVLink to and from one or more vehicles.
+
+    ``at_once`` is the number of vehicles that it serves well at the same time.
+    """
 
     name: str
+    at_once: int
 
     def send(self, data: bytes, to: Address = None) -> None:
         """Send bytes to an address that was heard, or to all that the link knows."""
@@ -69,6 +75,8 @@ class VehicleLink(Protocol):
 
 class UdpLink:
     """MAVLink over UDP: `udpin` waits on an address of this computer, `udpout` speaks first."""
+
+    at_once = 8
 
     def __init__(self, name: str, host: str, port: int, *, listens: bool) -> None:
         self.name = name
@@ -124,8 +132,8 @@ class UdpLink:
 class StreamLink:
     """MAVLink over a stream of bytes, TCP or a serial line, which is opened again if it breaks."""
 
-    def __init__(self, name: str, connect: Callable[[], Any]) -> None:
-        self.name, self._connect = name, connect
+    def __init__(self, name: str, connect: Callable[[], Any], *, at_once: int) -> None:
+        self.name, self._connect, self.at_once = name, connect, at_once
         self._stream: Any = connect()
 
     def send(self, data: bytes, to: Address = None) -> None:
@@ -201,13 +209,13 @@ def check_link(text: str) -> Callable[[], VehicleLink]:
         device, _, baud = rest.partition("@")
         if device and re.fullmatch("([1-9][0-9]{2,7})?", baud):
             rate = int(baud or BAUD)
-            return lambda: StreamLink(text, lambda: _SerialStream(device, rate))
+            return lambda: StreamLink(text, lambda: _SerialStream(device, rate), at_once=1)
     found = re.fullmatch(r"(\[[0-9a-fA-F:.%\w]+\]|[^:\s]+):([0-9]{1,5})", rest)
     if kind in ("udpin", "udpout", "tcp") and found and 0 < int(found[2]) < 65536:
         host, port = found[1].strip("[]"), int(found[2])
         if kind == "tcp":
             return lambda: StreamLink(
-                text, lambda: socket.create_connection((host, port), timeout=5)
+                text, lambda: socket.create_connection((host, port), timeout=5), at_once=8
             )
         return lambda: UdpLink(text, host, port, listens=kind == "udpin")
     raise InvalidInputError(f"connect: expected {LINKS}, got {text!r}")
@@ -329,6 +337,8 @@ class Station:
     ----------
     vehicles : dict of int to HeardVehicle
         The autopilots heard, by system id.
+    log : binary file or None
+        Where each message of a vehicle is written as in a ``.tlog``, with the time of day.
     stopped : bool
         Whether `listen` raises a `LinkError` from now on; another thread may set it.
     twice : dict of int to set
@@ -345,13 +355,18 @@ class Station:
         self.link, self.limits = link, limits or LinkLimits()
         self.on_message = on_message
         self.stopped = False
+        self.log: IO[bytes] | None = None
         self.dialect = dialect()
         self.vehicles: dict[int, HeardVehicle] = {}
         self.twice: dict[int, set[Address]] = {}
         self._mav = self.dialect.MAVLink(None, *STATION)
         self._parsers: dict[Address, Any] = {}
         self._places: dict[int, dict[Address, float]] = {}
-        self._inbox: deque[tuple[HeardVehicle, Any]] = deque(maxlen=_MOST_WAITING)
+        self._inboxes: defaultdict[int, deque[Any]] = defaultdict(
+            lambda: deque(maxlen=_MOST_WAITING)
+        )
+        self._turn, self._listening = threading.Condition(), False
+        self._sending = threading.Lock()
         self._next_heartbeat = link.now()
 
     def __enter__(self) -> Self:
@@ -370,23 +385,36 @@ class Station:
 
     def send(self, vehicle: HeardVehicle | None, message: Any) -> None:
         """Send a message to a vehicle's address, or to all who are known."""
-        data = bytes(message.pack(self._mav))
-        self._mav.seq = (self._mav.seq + 1) % 256
+        with self._sending:
+            data = bytes(message.pack(self._mav))
+            self._mav.seq = (self._mav.seq + 1) % 256
         self.link.send(data, None if vehicle is None else vehicle.address)
 
     def receive(self, vehicle: HeardVehicle, until: float) -> Any:
         """Return the next message that a vehicle has sent to us or to all, or None when the time
         ``until`` has come.
+
+        Several threads may receive, each from a vehicle of its own: one of them listens to the
+        link for all.
         """
+        inbox = self._inboxes[id(vehicle)]
         while True:
-            while self._inbox:
-                source, message = self._inbox.popleft()
-                if source is vehicle:
-                    return message
-            now = self.now()
-            if now >= until:
-                return None
-            self.listen(until)
+            with self._turn:
+                if inbox:
+                    return inbox.popleft()
+                now = self.now()
+                if now >= until:
+                    return None
+                if self._listening:
+                    self._turn.wait(until - now)
+                    continue
+                self._listening = True
+            try:
+                self.listen(until)
+            finally:
+                with self._turn:
+                    self._listening = False
+                    self._turn.notify_all()
 
     def listen(self, until: float) -> None:
         """Wait for bytes until a time at most, and take what has come. Send heartbeats."""
@@ -439,9 +467,12 @@ class Station:
             text = message.text.strip("\0 ")
             if text not in vehicle.texts:
                 vehicle.texts.append(text)
+        if self.log is not None:
+            microseconds = time.time_ns() // 1000
+            self.log.write(struct.pack(">Q", microseconds) + bytes(message.get_msgbuf()))
         if self.on_message is not None:
             self.on_message(vehicle, message)
-        self._inbox.append((vehicle, message))
+        self._inboxes[id(vehicle)].append(message)
 
     def _note_place(self, system: int, address: Address, now: float) -> None:
         """Note where a heartbeat came from. Two addresses at the same time are two vehicles."""

@@ -777,6 +777,9 @@ class SimulatedLink:
     delay : float
         Time in seconds that a message takes in each direction.
     seed : int
+    at_once : int
+        Number of vehicles that are served at the same time, in threads; with one, a run is the same
+        each time.
     strangers : sequence of callable
         Functions that return bytes that are on the link, too, for a time in seconds.
     """
@@ -790,7 +793,9 @@ class SimulatedLink:
         seed: int = 0,
         name: str = "simulated",
         strangers: Sequence[Callable[[float], Sequence[bytes]]] = (),
+        at_once: int = 1,
     ) -> None:
+        self.at_once = at_once
         self.name, self.vehicles, self.loss, self.delay = name, vehicles, loss, delay
         self.strangers = strangers
         self.sent: list[bytes] = []

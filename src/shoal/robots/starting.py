@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import field
 from typing import Any
 
@@ -105,6 +105,8 @@ class Launch:
     robot, system : int
     start : float
         Seconds after the common start time at which it should start.
+    items : int
+        Number of items of its mission, without home.
     status : str
         "ready", "not ready", "started", "not started" (it missed its time or refused), or "failed"
         (it was not heard or does not answer).
@@ -118,6 +120,7 @@ class Launch:
     robot: int
     system: int
     start: float
+    items: int
     status: str = UNHEARD
     started_s: float | None = None
     faults: list[str] = field(default_factory=list)
@@ -152,7 +155,9 @@ class Fleet:
         self.cargos = {cargo.robot: cargo for cargo, _ in pairs}
         self.heard_by = heard_by
         self.launches = {
-            cargo.robot: Launch(cargo.robot, seat.system, cargo.mission.start or 0.0)
+            cargo.robot: Launch(
+                cargo.robot, seat.system, cargo.mission.start or 0.0, len(cargo.items[MISSION])
+            )
             for cargo, seat in pairs
         }
         self.starters: dict[int, _Starter] = {}
@@ -386,6 +391,7 @@ _OPTIONAL_TRIES = 3
 def watch_fleet(
     fleet: Fleet,
     *,
+    of: Collection[int] | None = None,
     seconds: float | None = None,
     every: float = 5.0,
     on_report: Callable[[list[Launch]], None] = lambda _launches: None,
@@ -395,29 +401,28 @@ def watch_fleet(
     Parameters
     ----------
     fleet : Fleet
+    of : collection of int, optional
+        The robots that are flying; by default, all robots.
     seconds : float, optional
         How long at most; by default, until all are back.
     every : float
         Seconds between two reports.
     on_report : callable, optional
-        Function that is called with all launches.
+        Function that is called with the launches of these robots.
     """
     until = None if seconds is None else fleet.now() + seconds
-    flown: set[int] = set()
+    launches = [fleet.launches[robot] for robot in fleet.found if of is None or robot in of]
+    flown = {one.robot for one in launches if one.telemetry.armed}
     due = fleet.now()
-    while True:
-        if fleet.now() >= due:
-            due = fleet.now() + every
-            on_report([*fleet.launches.values()])
+    while launches:
         now = fleet.now()
-        for robot in fleet.found:
-            told = fleet.launches[robot].telemetry
-            if told.armed:
-                flown.add(robot)
-        back = [robot for robot in flown if not fleet.launches[robot].telemetry.armed]
-        if (until is not None and now >= until) or (fleet.found and len(back) == len(fleet.found)):
+        if now >= due:
+            due = now + every
+            on_report(launches)
+        flown |= {one.robot for one in launches if one.telemetry.armed}
+        if all(one.robot in flown and not one.telemetry.armed for one in launches):
             break
-        if not fleet.found:
+        if until is not None and now >= until:
             break
         fleet.listen(min(due, now + 0.5, *([] if until is None else [until])))
-    on_report([*fleet.launches.values()])
+    on_report(launches)

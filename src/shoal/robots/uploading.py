@@ -4,10 +4,11 @@ on board.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
+from threading import BoundedSemaphore
 from typing import Any
 
 from shoal.core.checks import count_text
@@ -196,10 +197,14 @@ def find_vehicles(
 
 def check_type(cargo: Cargo, vehicle: HeardVehicle) -> str | None:
     """Return a clause if a vehicle is of another kind than its mission, and None if it may fly it.
-    A vehicle that does not say what it is counts as the right one.
+    A vehicle that does not say what it is counts as the right one. A ``.waypoints`` file does not
+    say whether what flies is a multirotor, unless it has an airspeed.
     """
     kinds = KINDS_OF_TYPES.get(vehicle.type)
-    if kinds is None or cargo.mission.kind in kinds:
+    meant = {cargo.mission.kind}
+    if cargo.file.suffix != ".plan" and cargo.mission.kind == "multirotor":
+        meant.add("fixed-wing")
+    if kinds is None or meant & kinds:
         return None
     return f"expected a {cargo.mission.kind} for {cargo.file.name}, got a {type_text(vehicle)}"
 
@@ -228,8 +233,7 @@ def upload_missions(
 ) -> list[Delivery]:
     """Upload what belongs on board of each robot's vehicle, and read it back.
 
-    Vehicles on one link get their items one after the other, vehicles on several links at the same
-    time. If one vehicle is of the wrong type, the mapping is wrong, and nothing is sent to any.
+    Each link serves as many vehicles at the same time as it can. If one vehicle is of the wrong type, the mapping is wrong, and nothing is sent to any.
     Nothing is sent to an armed vehicle. If what is read back differs after several attempts, or if
     a vehicle refuses items, what was on board before is restored, or cleared if it is not known.
 
@@ -248,6 +252,9 @@ def upload_missions(
     deliveries = {cargo.robot: new_delivery(cargo, seat) for cargo, seat in pairs}
     cargos = {cargo.robot: cargo for cargo, _ in pairs}
     found, missing = find_vehicles([seat for _, seat in pairs], heard_by)
+    for station in heard_by:
+        for system in sorted(station.vehicles.keys() - {seat.system for _, seat in pairs}):
+            on_event(f"system {system} on {station.link.name} is no robot's: nothing is sent to it")
     wrong = False
     for robot, (status, clause) in missing.items():
         deliveries[robot].status = status
@@ -281,27 +288,35 @@ def upload_missions(
             )
         return list(deliveries.values())
 
-    def serve(station: Station) -> None:
-        for robot in clear:
-            if found[robot][0] is station:
-                on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
-                try:
-                    deliver(station, found[robot][1], cargos[robot], deliveries[robot])
-                except BaseException:
-                    on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
-                    raise
+    turns = {id(one): BoundedSemaphore(one.link.at_once) for one in heard_by}
+    begun: list[int] = []
 
-    busy = [one for one in heard_by if any(found[robot][0] is one for robot in clear)]
-    if len(busy) == 1:
-        serve(busy[0])
-    elif busy:
-        with ThreadPoolExecutor(len(busy)) as pool:
-            try:
-                list(pool.map(serve, busy))
-            except BaseException:
-                for station in busy:
-                    station.stopped = True
-                raise
+    def serve(robot: int) -> None:
+        station, vehicle = found[robot]
+        with turns[id(station)]:
+            if station.stopped:
+                return
+            begun.append(robot)
+            on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
+            deliver(station, vehicle, cargos[robot], deliveries[robot])
+
+    try:
+        if len(clear) == 1 or (len(heard_by) == 1 and heard_by[0].link.at_once == 1):
+            for robot in clear:
+                serve(robot)
+        elif clear:
+            with ThreadPoolExecutor(len(clear)) as pool:
+                try:
+                    list(pool.map(serve, clear))
+                except BaseException:
+                    for station in heard_by:
+                        station.stopped = True  # the other threads end soon
+                    raise
+    except BaseException:
+        for robot in begun:
+            if deliveries[robot].status != EQUAL:
+                on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
+        raise
     return list(deliveries.values())
 
 
@@ -315,12 +330,14 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
         delivery.faults.append(f"{error}; nothing was sent")
         return
     left = [kind for kind in ORDER if kind not in lacking]
+    sent: set[str] = set()
     compared: dict[str, ItemComparison] = {}
     fault: LinkError | None = None
     try:
         for _ in range(station.limits.attempts):
             for kind in left:
                 known = before[kind] is not None or before[MISSION] is None
+                sent.add(kind)
                 try:
                     upload_items(
                         station, vehicle, kind, items[kind], unanswered=None if known else _FEW
@@ -348,7 +365,9 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
     if fault is None and not left:
         return
     lost = isinstance(fault, UnansweredError) and (fault.silent or before[MISSION] is None)
-    delivery.faults.append(_UNKNOWN if lost else _put_back(station, vehicle, before, lacking))
+    delivery.faults.append(
+        _UNKNOWN if lost else _put_back(station, vehicle, before, sent - lacking.keys())
+    )
 
 
 def _read_before(
@@ -422,17 +441,17 @@ def _put_back(
     station: Station,
     vehicle: HeardVehicle,
     before: Mapping[str, list[MissionItem] | None],
-    lacking: Mapping[str, str],
+    kinds: Collection[str],
 ) -> str:
     """Restore what was on board before, or clear what is not known, and return a clause that says
     what is on board now, as it was read back.
     """
     outcomes: dict[str, list[str]] = {}
-    for kind in (kind for kind in ORDER if kind not in lacking):
+    for kind in (kind for kind in ORDER if kind in kinds):
         outcomes.setdefault(_put_back_kind(station, vehicle, kind, before[kind]), []).append(
             _NAMES[kind]
         )
-    return "; ".join(f"{', '.join(kinds)}: {outcome}" for outcome, kinds in outcomes.items())
+    return "; ".join(f"{', '.join(names)}: {outcome}" for outcome, names in outcomes.items())
 
 
 def _put_back_kind(

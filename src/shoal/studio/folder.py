@@ -90,16 +90,16 @@ class Folder:
             raise InvalidInputError(
                 f"file: expected a name inside the folder, got {shortened(name)}"
             )
-        found = self.root.joinpath(*parts)
+        path = self.root.joinpath(*parts)
         try:
-            inside = found.resolve().is_relative_to(self.root)
+            inside = path.resolve().is_relative_to(self.root)
         except (OSError, RuntimeError):  # links in a circle, or a name that no file can have
             inside = False
         if not inside:
             raise InvalidInputError(
                 f"file: expected a name inside the folder, got {shortened(name)}"
             )
-        return found
+        return path
 
     def check_fields(self, data: Mapping[str, Any]) -> None:
         """Refuse a problem if one of its fields names a file outside the folder, or a picture that
@@ -133,7 +133,7 @@ class Folder:
         InvalidInputError
             Raised if the folder has more than `MOST_SEEN` files.
         """
-        found: list[dict[str, Any]] = []
+        files: list[dict[str, Any]] = []
         folders, seen = [str(self.root)], 0
         while folders:
             where = folders.pop()
@@ -151,10 +151,10 @@ class Folder:
                         if entry.is_dir(follow_symlinks=False):
                             folders.append(entry.path)
                         elif (listed := self._listed(entry)) is not None:
-                            found.append(listed)
+                            files.append(listed)
             except OSError:  # a folder that cannot be read, or has just gone
                 continue
-        return sorted(found, key=lambda one: (-float(one["time"]), one["name"]))
+        return sorted(files, key=lambda one: (-float(one["time"]), one["name"]))
 
     def _listed(self, entry: os.DirEntry[str]) -> dict[str, Any] | None:
         purpose = purpose_of(entry.name)

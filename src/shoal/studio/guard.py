@@ -161,10 +161,10 @@ class Guard:
 
     def _check_cookie(self, headers: dict[bytes, bytes]) -> None:
         try:
-            found = SimpleCookie(headers.get(b"cookie", b"").decode("latin-1")).get(self._cookie)
+            cookie = SimpleCookie(headers.get(b"cookie", b"").decode("latin-1")).get(self._cookie)
         except CookieError:
-            found = None
-        if found is None or not hmac.compare_digest(found.value.encode(), self._secret.encode()):
+            cookie = None
+        if cookie is None or not hmac.compare_digest(cookie.value.encode(), self._secret.encode()):
             raise _RefusedError(
                 401, "expected the address that the command shoal studio printed: open that address"
             )
@@ -189,10 +189,10 @@ def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
     """Return the headers of a request by name. A header that occurs twice with different values
     gets an invalid value.
     """
-    found: dict[bytes, bytes] = {}
+    headers: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
-        found[name] = value if found.get(name, value) == value else b"\x00"
-    return found
+        headers[name] = value if headers.get(name, value) == value else b"\x00"
+    return headers
 
 
 def _most(scope: MutableMapping[str, Any]) -> int:

@@ -56,22 +56,22 @@ def read_json(body: bytes) -> dict[str, Any]:
     ...
     shoal.core.errors.InvalidInputError: request: expected finite numbers, got 1e999
     """
-    found = parse_json(
+    fields = parse_json(
         decode_text(body, where="request"),
         where="request",
         parse_constant=_finite,
         parse_float=_finite,
         parse_int=_short,
     )
-    if not isinstance(found, dict):
-        raise InvalidInputError(f"request: expected a JSON object, got {shortened(found)}")
+    if not isinstance(fields, dict):
+        raise InvalidInputError(f"request: expected a JSON object, got {shortened(fields)}")
     try:
-        json.dumps(found, ensure_ascii=False).encode()
+        json.dumps(fields, ensure_ascii=False).encode()
     except UnicodeEncodeError:
         raise InvalidInputError(
             "request: expected texts of whole characters, got half of a surrogate pair"
         ) from None
-    return found
+    return fields
 
 
 def _finite(text: str) -> float:

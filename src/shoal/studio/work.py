@@ -194,10 +194,10 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
             say("progress", (done, f"trial {trial + 1} of {trials}"))
         if trial:
             say("piece", {"compared": _compared(policies, rows)})
-    found = {"compared": _compared(policies, rows), "files": files, "trials": trials}
+    result = {"compared": _compared(policies, rows), "files": files, "trials": trials}
     name = folder.new_name(f"compared-{Path(str(spec['problem']['map'])).name}", ".comparison.json")
-    write_json(folder.path(name), as_json(found | {"problem": spec["problem"], "seed": seed}))
-    return found | {"file": name}
+    write_json(folder.path(name), as_json(result | {"problem": spec["problem"], "seed": seed}))
+    return result | {"file": name}
 
 
 def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:

@@ -193,7 +193,7 @@ class WorldBatch:
             else check_integer(threads, what="threads", least=1)
         )
         first = self.problems[0]
-        self._setups = [one.setup for one in self.problems]
+        self._setups = [problem.setup for problem in self.problems]
         self._compiled = first.noise is None and is_compiled(self._setups[0].task)
         self._noisy = first.noise is not None
         self._padded = PaddedMaps([setup.workspace for setup in self._setups])
@@ -506,9 +506,9 @@ class WorldBatch:
             Indices, into the planes, of the last cell of each shortest path.
         """
         chosen = self._chosen(where)
-        found = np.zeros((len(chosen), 5), dtype=np.int64)
-        self._share(kernels.find_nearest, chosen, found, boards=16, scratch=self._searches)
-        return found[:, 0], found[:, 1], found[:, 5 - self.layout.ndim :]
+        nearest = np.zeros((len(chosen), 5), dtype=np.int64)
+        self._share(kernels.find_nearest, chosen, nearest, boards=16, scratch=self._searches)
+        return nearest[:, 0], nearest[:, 1], nearest[:, 5 - self.layout.ndim :]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
         """Return a mask of the commands that can have an effect, according to the belief of each
@@ -545,7 +545,7 @@ class WorldBatch:
                     if wanted is place.free
                     else self._padded.of_mask(wanted)
                 )
-        ends = np.cumsum([len(one) for one in cells], dtype=np.int64)
+        ends = np.cumsum([len(start) for start in cells], dtype=np.int64)
         return Starts(np.concatenate(cells), ends, targets)
 
     def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
@@ -729,15 +729,15 @@ def share_out(
 
 def check_problems(problems: list[SwarmProblem]) -> None:
     """Refuse problems that Shoal cannot simulate in one batch."""
-    if not problems or not all(isinstance(one, SwarmProblem) for one in problems):
+    if not problems or not all(isinstance(problem, SwarmProblem) for problem in problems):
         raise InvalidInputError(
             f"problem: expected a SwarmProblem, or several, got {shortened(problems)}"
         )
     first = problems[0]
-    for one in problems:
-        one.check_at_place()
+    for problem in problems:
+        problem.check_at_place()
         for name in ALIKE:
-            mine, theirs = getattr(first, name), getattr(one, name)
+            mine, theirs = getattr(first, name), getattr(problem, name)
             if mine != theirs:
                 raise InvalidInputError(
                     f"problems: expected the same {name} in all of them, got {shortened(mine)} and"

@@ -253,8 +253,10 @@ class SwarmEpisode(WithTrace, Episode):
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
             goal, shape = self.goal or Goal(make_task("mapping")), self.workspace.shape
-            scans = self.observations
-            return ObservedReplay(shape, *about, self.trace, scans, self.truth, goal, self.placed)
+            seen = self.observations, self.truth
+            return ObservedReplay(
+                shape, *about, self.trace, seen[0], seen[1], goal, self.rule, self.placed
+            )
         if problem.noise is not None:
             return NoisyReplay(
                 self.workspace, self.start, *about, self.seed, self.trial, self.trace

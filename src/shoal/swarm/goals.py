@@ -19,6 +19,8 @@ from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import LOSS, Noise, NoisyBelief, bound_of, inner_of
 
+PAUSE = 12  # scans after which a free cell of the known map that became a wall is tried again
+TRIES = 2  # times that it is tried again
 CHECKED = 0.9  # probability that a cell of the known map is right, if the task is to map
 
 
@@ -44,7 +46,9 @@ class NoisyVisits(NoisyBelief):
     """The belief of a swarm under noise, for a task on a known map.
 
     A cell counts as visited if a scan shows a particle in it, and the cell holds a particle with at
-    least the probability ``confidence``. Scans that contradict the known map change the map.
+    least the probability ``confidence``. Scans that contradict the known map change the map. A
+    particle may be jammed, though, and then stays at many commands: a free cell that has become a
+    wall is tried again, `PAUSE` scans later.
 
     Parameters
     ----------
@@ -58,6 +62,7 @@ class NoisyVisits(NoisyBelief):
     targets : ndarray of bool, or None
         The target cells of the task.
     loss : float
+    rule : str
 
     Attributes
     ----------
@@ -75,13 +80,18 @@ class NoisyVisits(NoisyBelief):
         task: Any,
         targets: NDArray[np.bool_] | None,
         loss: float = 0.0,
+        rule: str = "block",
     ) -> None:
         prior = prior_of(known, confidence, mapping=False)
-        super().__init__(known.shape, seen, noise, confidence, loss=loss, prior=prior)
+        about: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
+        super().__init__(known.shape, seen, noise, confidence, **about)
         self.task = task
         self.visited = self._surely_seen(seen)
         self._held = self.visited
-        world = GridWorld(known)
+        self._prior, self._scans = prior, 0
+        self._closed: dict[tuple[int, ...], list[int]] = {}  # times at which cells became walls
+        world = GridWorld(known, rule)
+        self._known_free = world.free
         # a task asks where the particles are: where the first scan shows them, surely or not
         state = SwarmState(seen & world.free)
         begun = task.begin(world, state, targets)
@@ -96,7 +106,24 @@ class NoisyVisits(NoisyBelief):
         the first time, of those that the task requires.
         """
         super().update(command, seen)
+        self._scans += 1
+        self._try_again()
         return self._visit(command, seen)
+
+    def _try_again(self) -> None:
+        """Open free cells of the known map that became walls some time ago."""
+        opened = False
+        for cell in map(tuple, (super().belief.obstacles & self._known_free).cells.tolist()):
+            times = self._closed.setdefault(cell, [])
+            if not times or times[-1] < 0:
+                times.append(self._scans)
+            elif len(times) <= TRIES and self._scans - times[-1] >= PAUSE:
+                at = tuple(index + 1 for index in cell)
+                inner_of(self.state.logit, self.layout.shape, rim=1)[at] = self._prior[at]
+                times[-1] *= -1
+                opened = True
+        if opened:
+            kernels.refresh(self.state, self._field, self.guard)
 
     def place(self, seen: Board) -> None:
         """Believe that the particles were put elsewhere, and that a scan then shows ``seen``."""
@@ -119,7 +146,11 @@ class NoisyVisits(NoisyBelief):
         and that are no walls.
         """
         found = super().belief
-        return Belief(found.open, found.known, self._goal.frontier - found.obstacles)
+        # what scans leave open is as the known map has it
+        doubted = self._known_free - found.known
+        return Belief(
+            found.open | doubted, found.known | doubted, self._goal.frontier - found.obstacles
+        )
 
     @property
     def unvisited(self) -> Board:
@@ -146,7 +177,9 @@ class NoisyVisits(NoisyBelief):
     @property
     def hopeless(self) -> bool:
         """Whether the target cells that are left turned out to be walls."""
-        return bool(self.unvisited) and not self.belief.frontier
+        left = map(tuple, self.unvisited.cells.tolist())
+        tried = (len(self._closed.get(cell, ())) > TRIES for cell in left)
+        return bool(self.unvisited) and not self.belief.frontier and all(tried)
 
     @property
     def progress(self) -> int:
@@ -191,6 +224,8 @@ class Goal:
         seen: Board,
         noise: Noise,
         confidence: float,
+        *,
+        rule: str = "block",
     ) -> NoisyBelief:
         """Return the belief under noise after the first scan.
 
@@ -202,11 +237,12 @@ class Goal:
         """
         if not self.mapping:
             assert self.known is not None
-            about: dict[str, Any] = {"task": self.task, "targets": self.targets, "loss": LOSS}
-            return NoisyVisits(self.known, seen, noise, confidence, **about)
+            visits: dict[str, Any] = {"task": self.task, "targets": self.targets}
+            return NoisyVisits(self.known, seen, noise, confidence, loss=LOSS, rule=rule, **visits)
         if not isinstance(self.task, Mapping):
             raise InvalidInputError(
                 f"noise: expected the task mapping or a task on a known map, got {self.task.name}"
             )
         prior = None if self.known is None else prior_of(self.known, confidence, mapping=True)
-        return NoisyBelief(seen.layout.shape, seen, noise, confidence, loss=LOSS, prior=prior)
+        about: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
+        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **about)

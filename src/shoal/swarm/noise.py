@@ -183,6 +183,8 @@ class NoisyBelief:
     prior : ndarray of float64, optional
         Log-odds that each cell is free before the first scan, for the cells of the workspace and of
         a rim that is one cell wide.
+    rule : str
+        "block" or "merge".
 
     Notes
     -----
@@ -217,6 +219,7 @@ class NoisyBelief:
         *,
         loss: float = 0.0,
         prior: NDArray[np.float64] | None = None,
+        rule: str = "block",
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
@@ -229,6 +232,7 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
+        self.state.rates.merge = rule == "merge"
         self.state.rates.clutter = GHOSTS if loss > 0 else kernels.CLUTTER
         if prior is not None:
             inner_of(self.state.logit, shape, rim=1)[...] = prior
@@ -897,6 +901,14 @@ class NoisyWorld:
     def step(self, command: str) -> None:
         """Move the particles by one command. Each particle may slip."""
         kernels.move_noisy(self.state, encode(command, ndim=len(self.shape))[0], self.rng)
+
+    def enter(self, cell: tuple[int, ...]) -> bool:
+        """Let a particle come in at a free cell, and return whether there was room for it."""
+        there = inner_of(self.state.there, self.shape)
+        if there[cell]:
+            return False
+        there[cell] = True
+        return True
 
     def scan(self) -> NDArray[np.int64]:
         """Return the cells in which a new scan shows particles (int64, shape (k, ndim)).

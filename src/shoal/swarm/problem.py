@@ -23,6 +23,7 @@ from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.grid.tasks import (
     PLACEMENTS,
     TASKS,
+    Inlet,
     Mapping,
     SubsetCoverage,
     Target,
@@ -129,7 +130,23 @@ def _check_cells_of(given: Any, what: str) -> Cells:
     return tuple(tuple(int(number) for number in cell) for cell in cells)
 
 
-def _parse_start(text: str) -> list[list[int]]:
+def _check_start(given: Any) -> Cells | Inlet:
+    if isinstance(given, str):
+        return Inlet.parse(given)
+    return given if isinstance(given, Inlet) else _check_cells_of(given, "start")
+
+
+def _parse_start(text: str) -> Any:
+    from shoal.swarm.maps.files import open_map
+
+    if text.startswith("inlet:"):
+        return text
+    if os.path.exists(text):
+        return open_map(text).cells
+    return _parse_cells(text)
+
+
+def _parse_cells(text: str) -> list[list[int]]:
     return [[int(number) for number in cell.split(",")] for cell in text.split()]
 
 
@@ -239,7 +256,7 @@ class SwarmProblem(Problem):
             " pairs such as '0,3 0,4' (in three dimensions layer,row,column)."
         ),
         metavar="CELLS",
-        parse=_parse_start,
+        parse=_parse_cells,
         check=lambda given: _check_cells_of(given, "target"),
         dump=lambda given: [list(cell) for cell in given],
     )
@@ -249,16 +266,19 @@ class SwarmProblem(Problem):
         help="Placement of the particles: {names} or MODULE:ATTRIBUTE.",
         **_registered(lambda: (PLACEMENTS, make_placement)),
     )
-    start: Cells | None = option(
+    start: Cells | Inlet | None = option(
         None,
         help=(
             "Start cells of the particles, in place of a placement: row,column pairs such as '0,3"
-            " 0,4' (in three dimensions layer,row,column)."
+            " 0,4' (in three dimensions layer,row,column), a map whose free cells are the start"
+            " cells, or inlet:ROW,COLUMN for particles that have filled the map from there."
         ),
         metavar="CELLS",
         parse=_parse_start,
-        check=lambda given: _check_cells_of(given, "start"),
-        dump=lambda given: [list(cell) for cell in given],
+        check=_check_start,
+        dump=lambda given: (
+            str(given) if isinstance(given, Inlet) else [list(cell) for cell in given]
+        ),
     )
     rule: str = option("block", help="Move rule of the particles.", choices=tuple(RULES))
     policy: Any = option(
@@ -417,12 +437,13 @@ class SwarmProblem(Problem):
                     "placement: expected no placement together with start cells, got"
                     f" {_name_for_people(self.placement)}"
                 )
-            if "particles" in self.given and self.particles != len(self.start):
+            n_start = self.particles if isinstance(self.start, Inlet) else len(self.start)
+            if "particles" in self.given and self.particles != n_start:
                 raise InvalidInputError(
-                    f"particles: expected {len(self.start)}, the number of start cells, got"
+                    f"particles: expected {n_start}, the number of start cells, got"
                     f" {self.particles}"
                 )
-            object.__setattr__(self, "particles", len(self.start))
+            object.__setattr__(self, "particles", n_start)
         if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
             task = _name_for_people(self.task)
             raise InvalidInputError(
@@ -443,14 +464,15 @@ class SwarmProblem(Problem):
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
-            if "confidence" in self.given and not self.given & {"slip", "misplace", "miss"}:
+            stated = self.given & {"slip", "misplace", "miss"} or self.map == RIG
+            if "confidence" in self.given and not stated:
                 raise InvalidInputError(
                     "confidence: expected a confidence only together with noise (slip, misplace or"
                     f" miss), got {self.confidence:g}"
                 )
             return
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
-        if self.rule != "block":
+        if self.rule != "block" and not (self.rule == "merge" and self.map == RIG):
             raise InvalidInputError(f"noise: expected rule block, got {self.rule}")
         if self.task_name != "mapping" and self.map != RIG:
             raise InvalidInputError(f"noise: expected the task mapping, got {self.task_name}")
@@ -494,7 +516,9 @@ class SwarmProblem(Problem):
     @property
     def placement_name(self) -> str:
         """Name of the placement, or "given" if the problem has start cells."""
-        return "given" if self.start is not None else _name_for_people(self.placement)
+        if self.start is not None:
+            return "inlet" if isinstance(self.start, Inlet) else "given"
+        return _name_for_people(self.placement)
 
     @cached_property
     def setup(self) -> SwarmSetup:
@@ -521,7 +545,9 @@ class SwarmProblem(Problem):
             )
         check_rules(setup.policy, GridLayout(workspace.shape), self.rule)
         check_scanning(self.scanning, setup.policy, self.rule)
-        if self.start is not None:
+        if isinstance(self.start, Inlet) and self.map != RIG:
+            self.start.check(workspace)
+        if isinstance(self.start, tuple):
             check_start(workspace, self.start, rule=self.rule)
         elif self.particles > workspace.n_free and self.map != RIG:
             raise InvalidInputError(
@@ -645,8 +671,9 @@ class SwarmSetup:
         Start cells that the problem gives are not drawn.
         """
         problem = self.problem
-        if problem.start is None:
-            start = place(self.workspace, problem.particles, problem.placement, rng)
+        if not isinstance(problem.start, tuple):
+            placement = problem.start or problem.placement
+            start = place(self.workspace, problem.particles, placement, rng)
         else:
             start = check_start(self.workspace, problem.start, rule=problem.rule)
         return start, self.task.choose_targets(self.workspace, rng)

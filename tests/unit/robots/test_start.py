@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ pytest.importorskip("pymavlink")
 from dataclasses import replace
 
 from shoal.robots import modes, uploading
+from shoal.robots.flight_logs import read_tracks
 from shoal.robots.mavlink import Station
 from shoal.robots.onboard import pair, read_cargos, read_seats
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
@@ -149,7 +152,7 @@ def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
     assert all(vehicle.position[2] == 0 for vehicle in link.vehicles)
 
 
-def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
+def test_the_commands_start_only_with_arm(folder, tmp_path, capsys, monkeypatch):
     vehicles = two()
     link = SimulatedLink(vehicles)
     monkeypatch.setattr(uploading, "stations", lambda _links: nullcontext([Station(link)]))
@@ -158,7 +161,7 @@ def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
     def report(name, *more):
         code = run(["missions", name, *about, *more])
         out, err = capsys.readouterr()
-        return code, json.loads(out), err
+        return code, json.loads(out) if out else None, err
 
     code, _, err = report("start", "--arm")
     assert code == 1
@@ -176,10 +179,38 @@ def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
     assert [vehicle.armed for vehicle in vehicles] == [True, False]
     code, found, _ = report("watch", "--robots", "1")
     assert (code, found["robots"][0]["armed"], vehicles[0].armed) == (0, False, False)
+    out = tmp_path / "second"
+    watching = ["--arm", "--at", "+1", "--watch", "--out", str(out), "--robots", "2"]
+    code, found, err = report("start", *watching)
+    assert (code, found["robots"][0]["status"], vehicles[1].armed) == (0, "started", False)
+    assert "armed in mission, item" in err
+    highest = {track.system: max(track.heights) for track in read_tracks(out / "flight.tlog")}
+    assert highest == pytest.approx({1: 0, 2: 30}, abs=2)
+    code, _, err = report("start", *watching)
+    assert (code, "expected a folder without flight.tlog" in err) == (2, True)
+    assert json.loads((out / "start.json").read_text()) == found
+    for without in (["--at", "+1"], ["--delay-tolerance", "3"], ["--watch"]):
+        code, _, err = report("start", *without)
+        assert (code, "expected --arm together with it" in err) == (2, True)
 
 
-@pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60", ""])
+@pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60"])
 def test_a_wrong_time_is_refused(folder, capsys, at):
     about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2"]
-    assert run(["missions", "start", *about, "--at", at]) == 2
+    assert run(["missions", "start", *about, "--arm", "--at", at]) == 2
     assert "at: expected" in capsys.readouterr().err
+
+
+def test_the_page_has_vehicles_that_fit_the_missions(folder, monkeypatch):
+    page = (Path(__file__).parents[3] / "docs" / "concepts" / "missions.md").read_text()
+    (script,) = re.findall(r'```python title="vehicles.py"\n(.*?)```', page, re.S)
+    run_on = []
+    monkeypatch.setattr("shoal.robots.run_vehicles", lambda *about: run_on.append(about))
+    monkeypatch.chdir(folder.parent)
+    folder.rename(folder.parent / "missions")
+    exec(script, {})
+    ((vehicles, link),) = run_on
+    link.close()
+    assert [one.system for one in vehicles] == [1, 2]
+    fleet, _ = fleet_of(folder.parent / "missions", *vehicles)
+    assert check_fleet(fleet)

@@ -139,6 +139,30 @@ def test_quirks_of_autopilots_leave_nothing_different(folder, autopilot, quirks)
     assert on_board(folder, vehicles[0]) == NONE
 
 
+def test_several_vehicles_on_a_link_are_served_at_the_same_time(folder):
+    vehicles = two(silent_after=9)
+    made, _ = uploaded(folder, *vehicles, at_once=2, loss=0.1, delay=0.02)
+    assert [(one.status, one.different) for one in made.values()] == [("equal", 0)] * 2
+    assert [on_board(folder, one, robot) for robot, one in enumerate(vehicles, 1)] == [NONE] * 2
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_an_interrupted_upload_says_what_is_not_known(folder, at_once):
+    vehicles = two()
+    link = SimulatedLink(vehicles, at_once=at_once)
+    station = Station(link)
+    said = []
+
+    def interrupt(_vehicle, message):
+        if message.get_type() == "MISSION_REQUEST_INT" and message.seq == 3:
+            raise KeyboardInterrupt
+
+    station.on_message = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        upload_missions(pairs_of(folder), [station], on_event=said.append)
+    assert "robot 1: interrupted: what is on board is not known" in " ".join(said)
+
+
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("seed", range(4))
 def test_three_messages_in_ten_may_be_lost_in_each_direction(folder, autopilot, seed):
@@ -234,6 +258,24 @@ def test_nothing_is_sent_if_a_vehicle_is_silent_or_of_the_wrong_type(folder):
         assert made[1].status == ("equal" if status == "failed" else "refused")
         assert bool(first.stored[MISSION]) == (status == "failed")
         assert not vehicle.stored[MISSION]
+
+
+def test_a_file_that_does_not_say_what_flies_fits_a_fixed_wing(tmp_path):
+    for form, status in (("plan", "refused"), ("wpl", "equal")):
+        write_missions(missions(1), tmp_path / form, formats=[form])
+        made, _ = uploaded(tmp_path / form, SimulatedVehicle(1, kind="fixed-wing"), systems={1: 1})
+        assert made[1].status == status
+    made, _ = uploaded(tmp_path / "wpl", SimulatedVehicle(1, kind="rover"), systems={1: 1})
+    assert made[1].status == "refused"
+
+
+def test_nothing_is_sent_to_a_system_that_is_no_robots(folder):
+    vehicles = (*two(), SimulatedVehicle(9))
+    said = []
+    link = SimulatedLink(vehicles)
+    upload_missions(pairs_of(folder), [Station(link)], on_event=said.append)
+    assert "system 9 on simulated is no robot's" in said[0]
+    assert vehicles[2]._taken == 0
 
 
 def test_an_armed_vehicle_gets_nothing(folder):
@@ -386,10 +428,11 @@ def test_the_command_uploads_over_real_sockets(folder, capsys, on_air):
 
 
 def test_a_dry_run_opens_no_link(folder, capsys):
-    code, robots, _ = report(
-        capsys, folder, "--connect", "tcp:127.0.0.1:9", "--systems", "1=1,2=2", "--dry-run"
-    )
+    out = folder / "out"
+    given = ("--connect", "tcp:127.0.0.1:9", "--systems", "1=1,2=2", "--dry-run", "--out", out)
+    code, robots, _ = report(capsys, folder, *given)
     assert code == 0
+    assert json.loads((out / "upload.json").read_text()) == {"robots": robots}
     assert [(one["status"], one["different"], one["mission"]) for one in robots] == [
         ("dry-run", None, 9)
     ] * 2

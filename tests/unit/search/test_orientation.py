@@ -24,6 +24,7 @@ from shoal.search import (
     open_region,
     plan_search,
 )
+from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
 from shoal.search.episode import SearchEpisode
@@ -33,7 +34,6 @@ from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.planning.plan import plan_at_margin
-from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.tours.rows import CombTour
@@ -158,12 +158,12 @@ def test_the_allocation_is_the_one_done_first_flights_home_included():
         "places": tour_cost.points[[0, 30]],
         "widths": np.ones(2, dtype=np.int64),
     }
-    found = compared_allocations(tour_cost, np.array([0, 30]), ALLOCATIONS, **team)
+    found = compared_allocations(tour_cost, np.array([0, 30]), ALLOCATORS, **team)
     given, times = found[0][0], {allocation.allocator: time for allocation, time in found}
     assert given.allocator == next(iter(times))
     assert given.makespan == min(times.values())
     found = compared_allocations(
-        tour_cost, np.array([0, 30]), ALLOCATIONS, **team, energy=25.0, recharge=10.0
+        tour_cost, np.array([0, 30]), ALLOCATORS, **team, energy=25.0, recharge=10.0
     )
     longer = {allocation.allocator: time for allocation, time in found}
     assert all(longer[name] >= times[name] + 10.0 for name in times)

@@ -23,7 +23,7 @@ from shoal.search import (
 )
 from shoal.search.tours import TOURS
 from shoal.testing import check_tour_maker
-from shoal.views.search.figures import tour_figure
+from shoal.views.search.tour import tour_figure
 
 NAMES = list(TOURS)
 SHAPES = [

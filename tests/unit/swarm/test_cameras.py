@@ -14,6 +14,7 @@ from tests.benches import plant_of, render, view_of
 from shoal import InvalidInputError, open_map
 from shoal.core.errors import RigError
 from shoal.rigs import BenchRig, drive
+from shoal.rigs.calibration import transformed
 from shoal.rigs.cameras import CameraSensor, Detector, MicroManagerSource, Vision, open_camera
 from shoal.rigs.measuring import calibrate
 from shoal.rigs.physics import ANGLES
@@ -24,7 +25,7 @@ from shoal.testing import check_sensor
 
 cv2 = pytest.importorskip("cv2")
 
-VESSEL = open_map("vessels:50")
+VESSEL = open_map("vessels:100")
 
 
 def discs(points, *, size=(240, 200), radius=5.0, ground=60.0, disc=200.0, noise=3.0, seed=1):
@@ -56,6 +57,23 @@ def same_points(found, points, within=0.5):
 @pytest.mark.parametrize(("ground", "disc"), [(60.0, 200.0), (210.0, 90.0)])
 def test_bright_and_dark_particles_are_found_within_half_a_pixel(ground, disc):
     same_points(Detector().find(discs(POINTS, ground=ground, disc=disc)), POINTS)
+
+
+def test_few_small_particles_in_a_large_picture():
+    points = spread_points(3, (900, 800))
+    same_points(
+        Detector().find(discs(points, size=(900, 800), radius=4, disc=160, noise=8)), points
+    )
+
+
+def test_a_vessel_is_no_particle():
+    matrix, size = view_of(VESSEL.shape)
+    cells, rng = VESSEL.cells[::9], np.random.default_rng(1)
+    picture = render(VESSEL, cells, matrix, size, rng)
+    with pytest.raises(RigError, match="may be the vessel"):
+        Detector(Vision(particles="bright")).find(picture)
+    found = Detector(Vision(threshold="40", particles="dark", max_area=400)).find(picture)
+    same_points(found, transformed(matrix, cells))
 
 
 def test_colour_and_sixteen_bits():
@@ -95,8 +113,10 @@ def test_a_dark_picture_and_too_many_blobs_are_errors():
     with pytest.raises(RigError, match="brightness 7 to 7"):
         Detector().find(np.full((50, 50), 7, dtype=np.uint8))
     noise = np.random.default_rng(1).integers(0, 255, (100, 100)).astype(np.uint8)
-    with pytest.raises(RigError, match="at most 20 particles"):
-        Detector(Vision(min_area=1, most=20)).find(noise)
+    with pytest.raises(RigError, match="nothing stands out of the noise"):
+        Detector().find(noise)
+    with pytest.raises(RigError, match="at most 10 particles, got 12"):
+        Detector(Vision(most=10)).find(discs(POINTS))
 
 
 @pytest.mark.parametrize(
@@ -225,9 +245,9 @@ def test_a_video_file_is_played_at_its_speed_and_ends(tmp_path):
 class Stage:
     """A plant whose clock is that of this computer, and which can be drawn."""
 
-    def __init__(self, *, seed=0, particles=6, **properties):
+    def __init__(self, *, seed=0, particles=8, **properties):
         self.plant = plant_of(VESSEL, particles, seed, settle=0.0, camera_error=0.0, **properties)
-        self.matrix, self.size = view_of(VESSEL.shape, cell=14, turn=100, shear=0.1, mirror=True)
+        self.matrix, self.size = view_of(VESSEL.shape, cell=12, turn=100, shear=0.1, mirror=True)
         self.rng, self.lock, self.name = np.random.default_rng(seed), threading.Lock(), "stage"
         self.pulses = {letter: (angle, 0.083) for letter, angle in ANGLES.items()}
 
@@ -278,10 +298,11 @@ def stream():
     server.server_close()
 
 
-def test_a_stream_is_calibrated_by_the_map_and_driven(stream):
+def test_a_stream_is_calibrated_by_the_map_and_driven(stream, monkeypatch):
+    monkeypatch.setattr("shoal.rigs.measuring.CYCLES", (1, 1))  # each pulse takes real time
     sensor = open_camera(f"opencv:{stream.address},particles=dark,threshold=40,min-area=20")
     tie = tie_by_map(sensor.picture(), VESSEL.free)
-    found = calibrate(stream, sensor, pulses=stream.pulses, tie=tie, shape=VESSEL.shape, wait=0.03)
+    found = calibrate(stream, sensor, pulses=stream.pulses, tie=tie, shape=VESSEL.shape, wait=0.2)
     assert found.residual < 0.1
     rig = BenchRig(
         stream,

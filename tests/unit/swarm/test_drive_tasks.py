@@ -12,6 +12,7 @@ from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
 from shoal.rigs import NoisyRig, PhysicsRig, PlantProperties, SimulatedRig, drive, replay_log
 from shoal.rigs.physics import TOLD
+from shoal.rigs.rig import EnteringRig
 from shoal.rigs.suspects import MOVES
 from shoal.swarm.grid.board import noise_rng
 from shoal.swarm.grid.tasks import place
@@ -19,6 +20,7 @@ from shoal.swarm.noise import Noise
 
 MAZE = open_map("maze:9x7")
 VESSEL = open_map("vessels:150:1")
+VESSELS = open_map("vessels:300:3")
 NOISE = Noise(0.05, 0.02, 0.02)
 FEW = {"policy": "closest-frontier", "max_moves": 3000}
 TASKS = ({"task": "coverage"}, {"task": "coverage", "subset": 0.2}, {"target": ((6, 8),)})
@@ -150,17 +152,17 @@ def test_a_wrong_known_map_is_said(task, noise):
         assert f"1 walls are free, such as {cell}" in driven.alarms[-1].text
 
 
-def test_a_known_map_spares_scans_of_every_cell_under_noise():
+def test_a_mapping_with_a_known_map_needs_fewer_moves_under_noise():
     def moves(**about):
         rigs = [
-            NoisyRig(VESSEL, start(VESSEL, 10, seed), NOISE, np.random.default_rng(seed))
+            NoisyRig(VESSELS, start(VESSELS, 20, seed), NOISE, np.random.default_rng(seed))
             for seed in range(2)
         ]
         driven = [drive(rig, **about, **vars(NOISE), **FEW) for rig in rigs]
         assert all(driven)
         return sum(each.moves for each in driven)
 
-    assert moves(known=VESSEL) < 0.95 * moves()
+    assert moves(known=VESSELS) < 0.9 * moves()
 
 
 @pytest.mark.parametrize(
@@ -260,6 +262,79 @@ def test_two_particles_in_one_cell_are_no_end_of_a_drive(exact):
     assert driven.notes
 
 
+def test_a_perfect_rig_that_must_be_surer_than_a_drive_can_show_is_driven_with_noise(tmp_path):
+    log = tmp_path / "log.jsonl"
+    driven = drive(Unstated(MAZE, start(MAZE, 4)), log=log, confidence=0.999, **FEW)
+    assert driven.status == "complete"
+    assert (
+        "too few for the confidence 0.999"
+        in json.loads(next(line for line in log.read_text().splitlines() if '"noise"' in line))[
+            "text"
+        ]
+    )
+    _, verified = replay_log(log)
+    assert verified, verified.message
+
+
+def test_error_rates_that_nobody_has_stated_follow_the_scans(tmp_path):
+    noise = Noise(0.05, 0.02, 0.25)
+    rig = NoisyRig(VESSEL, start(VESSEL, 10), noise, np.random.default_rng(3))
+    driven = drive(rig, log=tmp_path / "log.jsonl", **FEW)
+    assert len(driven.notes) >= 2
+    assert driven.rates["miss"].low < 1.5 * driven.rates["miss"].stated
+    assert "rates" not in [alarm.kind for alarm in driven.alarms]
+    assert sum(driven.compared(VESSEL).values()) <= 2
+    _, verified = replay_log(tmp_path / "log.jsonl")
+    assert verified, verified.message
+
+
+# -------------------------------------------------------------------------------------------------
+# the start
+
+
+@pytest.mark.parametrize("kind", ["perfect", "grid"])
+@pytest.mark.parametrize("stated", [True, False])
+def test_particles_that_come_in_at_a_stated_inlet_are_no_alarm(kind, stated, tmp_path):
+    inlet = tuple(MAZE.cells[0].tolist())
+    made = apparatus(kind, [inlet], 1, MAZE)
+    rig = EnteringRig(made, inlet, every=4, most=9)
+    about = TOLD if stated and kind == "grid" else {"exact": True} if stated else {}
+    driven = drive(rig, inlet=inlet, log=tmp_path / "log.jsonl", **about, **FEW)
+    assert driven.status == "complete"
+    assert "number" not in [alarm.kind for alarm in driven.alarms]
+    assert len(made.observe()) >= 8
+    assert sum(driven.compared(MAZE).values()) <= (2 if kind == "grid" else 0)
+    _, verified = replay_log(tmp_path / "log.jsonl")
+    assert verified, verified.message
+
+
+def test_particles_that_come_in_without_a_stated_inlet_are_an_alarm():
+    inlet = tuple(VESSELS.cells[0].tolist())
+    rig = EnteringRig(apparatus("perfect", [inlet], 1), inlet, every=5, most=9)
+    driven = drive(rig, **FEW)
+    assert (driven.status, driven.alarms[0].kind) == ("alarm", "number")
+
+
+def test_the_command_takes_a_start(tmp_path, capsys):
+    mask = np.zeros(MAZE.shape, dtype=bool)
+    mask[tuple(MAZE.cells[:5].T)] = True
+    (tmp_path / "mask.txt").write_text(f"{GridWorkspace(mask)}\n")
+    words = ["drive", "maze:9x7", "--json", "--start"]
+    assert shoal([*words, str(tmp_path / "mask.txt")]) == 0
+    assert json.loads(capsys.readouterr().out)["particles"] == 5
+    inlet = "inlet:" + ",".join(map(str, MAZE.cells[0]))
+    assert shoal([*words, inlet, "--particles", "6"]) == 0
+    assert json.loads(capsys.readouterr().out)["particles"] == 6
+    assert shoal([*words, inlet, "--particles", "6", "--enter-every", "3"]) == 0
+    assert json.loads(capsys.readouterr().out)["particles"] == 6
+    assert shoal([*words, "0,1", "--enter-every", "3"]) == 2
+    assert "enter-every: expected a start such as inlet:3,4" in capsys.readouterr().err
+    assert shoal([*words, "inlet:99,99", "--particles", "6"]) == 2
+    assert "inlet: start" in capsys.readouterr().err
+    assert shoal(["map", "maze:9x7", "--start", inlet, "--particles", "6", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["placement"] == "inlet"
+
+
 # -------------------------------------------------------------------------------------------------
 # the first moves
 
@@ -297,15 +372,12 @@ class Wrong:
         self.rig.stop()
 
 
-def apparatus(kind, cells, seed):
+def apparatus(kind, cells, seed, workspace=VESSELS):
     if kind == "grid":
-        return NoisyRig(VESSELS, cells, Noise(**TOLD), noise_rng(seed))
+        return NoisyRig(workspace, cells, Noise(**TOLD), noise_rng(seed))
     if kind == "perfect":
-        return SimulatedRig(VESSELS, cells)
-    return PhysicsRig(VESSELS, cells, PlantProperties.of(kind), noise_rng(seed))
-
-
-VESSELS = open_map("vessels:300:3")
+        return SimulatedRig(workspace, cells)
+    return PhysicsRig(workspace, cells, PlantProperties.of(kind), noise_rng(seed))
 
 
 @pytest.mark.parametrize("kind", ["grid", "perfect", "roll"])

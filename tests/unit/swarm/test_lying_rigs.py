@@ -959,6 +959,9 @@ def test_commands_that_are_not_carried_out_as_sent_now_and_then_are_said(lie, ev
         assert driven.trust.level != "high"
         kind, text = LATE[lie]
         alarms = [alarm for alarm in driven.alarms if alarm.kind in {"commands", "twice"}]
+        if driven.alarms[0].kind == "direction":  # the first commands looked like swapped axes
+            assert (lie, driven.status) == ("turned", "alarm")
+            continue
         if lie != "late":  # which is also "not carried out" at one command, and "twice" at the next
             assert [alarm.kind for alarm in alarms] == [kind]
             assert text in alarms[0].text

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socketserver
+import threading
 import time
 
 import numpy as np
@@ -21,7 +23,9 @@ from shoal.rigs import (
     RemoteRig,
     SimulatedRig,
     SteeringBench,
+    decode_message,
     drive,
+    encode_message,
 )
 from shoal.rigs.calibration import Responses
 from shoal.rigs.physics import ANGLES, Plant, PlantProperties
@@ -33,6 +37,7 @@ from shoal.rigs.ports import (
     open_own_rig,
     open_sensor,
 )
+from shoal.rigs.protocol import Done, Points, Refusal, Stopped, Welcome
 from shoal.testing import check_actuator, check_rig, check_sensor
 
 ROOM = GridWorkspace(np.ones((3, 4)), name="room")
@@ -214,8 +219,8 @@ def test_a_sensor_that_changes_a_frame_afterwards_is_found():
 def test_an_exact_rig_of_two_devices_maps_as_the_simulated_one():
     workspace = open_map("maze:9x7")
     device = Grid(workspace, workspace.cells[:4])
-    result = drive(BenchRig(device, device), seed=3)
-    simulated = drive(SimulatedRig(workspace, workspace.cells[:4]), seed=3)
+    result = drive(BenchRig(device, device), seed=3, exact=True)
+    simulated = drive(SimulatedRig(workspace, workspace.cells[:4]), seed=3, exact=True)
     assert result.commands == simulated.commands
     assert result.compared(workspace) == {"false_free": 0, "false_obstacles": 0}
 
@@ -302,6 +307,95 @@ def test_a_bench_moves_particles_by_vectors():
         bench.send((0.1, 0))
     with pytest.raises(InvalidInputError, match="pushes in every direction"):
         SteeringBench(BenchRig(ports, ports), Responses.stated(ports.pulses, only=True))
+
+
+class PushingRig:
+    """A rig of the protocol that pushes in every direction and says where particles are."""
+
+    def __init__(self, ports, can=("push", "look")):
+        self.ports, self.can, self.session, self.seq, self.stopped = ports, can, "", 0, False
+
+    def reply(self, line):
+        message = decode_message(line) if line.strip() else None
+        if message is None:
+            return b""
+        if message.type == "hello":
+            if message.session != self.session:
+                self.session, self.seq, self.stopped = message.session, 0, False
+            about = {"shape": list(self.ports.shape), "can": list(self.can), "pulse": 0.083}
+            return encode_message(
+                Welcome(protocol=1, session=self.session, seq=self.seq, name="far", **about)
+            )
+        if message.type == "stop":
+            self.stopped = True
+            return encode_message(Stopped())
+        self.seq = message.seq
+        if message.type == "look":
+            cells = self.ports.calibration.to_cells(self.ports.observe().points)
+            return encode_message(Points(seq=message.seq, points=cells.tolist()))
+        if self.stopped:
+            return encode_message(Refusal(seq=message.seq, text="stopped"))
+        self.ports.push(message.angle, message.seconds)
+        return encode_message(Done(seq=message.seq, values={"current": 0.8}))
+
+
+def test_a_rig_behind_a_connection_may_push_in_every_direction():
+    about = PlantProperties.of("exact", radius=0.2)
+    plant = Plant(GridWorkspace(np.ones((8, 8))), [(4, 4), (4, 5)], about, np.random.default_rng(1))
+
+    def remote(**options):
+        transport = BenchTransport(PushingRig(PlantPorts(plant), **options))
+        return RemoteRig(transport, repeat_after=1, end_after=3)
+
+    bench = SteeringBench(remote(), Responses.stated(remote().pulses))
+    start = bench.look()
+    bench.send((0.3, -1.2))
+    assert bench.look() - start == pytest.approx(np.array([[0.3, -1.2]] * 2), abs=0.01)
+    assert bench.values == {"current": 0.8}
+    coils = RemoteActuator(remote())
+    assert not coils.whole
+    check_actuator(coils)
+    check_sensor(RemoteSensor(remote()))
+    whole = remote(can=())
+    with pytest.raises(InvalidInputError, match="expected a rig that pushes in every direction"):
+        whole.push(45.0, 0.1)
+    with pytest.raises(InvalidInputError, match="far, which can neither"):
+        SteeringBench(whole, Responses.stated(whole.pulses))
+
+
+def test_a_rig_behind_a_connection_is_steered(tmp_path, capsys):
+    about = PlantProperties.of("exact", radius=0.2)
+    plant = Plant(GridWorkspace(np.ones((8, 8))), [(2, 2), (6, 5)], about, np.random.default_rng(1))
+    rig = PushingRig(PlantPorts(plant))
+
+    class Line(socketserver.StreamRequestHandler):
+        def handle(self):
+            for line in self.rfile:
+                self.wfile.write(rig.reply(line.strip()))
+
+    corners = [[0.2, 0.2], [7.8, 0.2], [7.8, 7.8], [0.2, 7.8]]
+    problem = {"kind": "steering", "workspace": {"type": "polygon", "vertices": corners}}
+    file = tmp_path / "room.json"
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Line) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        named = f"tcp:127.0.0.1:{server.server_address[1]}"
+        file.write_text(json.dumps(problem))
+        words = [
+            "drive",
+            "--steer",
+            str(file),
+            "--rig",
+            named,
+            "--waypoints",
+            "3,4 4,2.5",
+            "--json",
+        ]
+        code = shoal(words)
+        server.shutdown()
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    assert json.loads(out)["status"] == "arrived"
+    assert plant.points[0] == pytest.approx([4, 2.5], abs=0.2)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import json
 import random
+import shlex
 import signal
 import socket
 import subprocess
@@ -16,7 +17,7 @@ from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench, example
 
 from shoal import open_map
 from shoal.cli import run as shoal
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.rigs import (
     DriveError,
     DriveInterrupted,
@@ -27,6 +28,7 @@ from shoal.rigs import (
     read_log,
     replay_log,
 )
+from shoal.rigs.ports import BenchRig, RemoteActuator, RemoteSensor
 from shoal.rigs.records import write_frames
 from shoal.rigs.resume import rebuild
 from shoal.swarm.maps.files import read_map
@@ -316,6 +318,34 @@ def test_the_command_goes_on_after_sigkill_and_ctrl_c(tmp_path):
     assert replay_log(log)[0].commands == result["commands"]
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("rig", "exec:touch pwned"),
+        ("rig", "antigravity:x"),
+        ("actuator", "antigravity:x"),
+        ("sensor", "pymmcore:x.cfg"),
+    ],
+)
+def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "log.jsonl"
+    assert (
+        shoal(["drive", "maze:9x7", "--particles", "4", "--log", str(log), "--max-moves", "3"]) == 0
+    )
+    header, *rest = log.read_text().splitlines(keepends=True)
+    stranger = json.loads(header)
+    stranger["options"][option] = value
+    log.write_text("".join([json.dumps(stranger) + "\n", *rest]))
+    capsys.readouterr()
+    assert shoal(["drive", "--resume", str(log), "--max-moves", "99"]) == 2
+    assert f"{option}: expected --{option} {shlex.quote(value)} beside --resume, as no file" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "pwned").exists()
+    assert "antigravity" not in sys.modules
+
+
 def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):
     log = tmp_path / "log.jsonl"
     words = ["drive", "maze:13x9:2", "--particles", "4", "--slip", "0.02", "--log", str(log)]
@@ -375,3 +405,40 @@ def test_values_that_a_rig_reports_are_in_the_table_of_frames(tmp_path):
     rows = list(csv.DictReader(write_frames(log, tmp_path / "f.csv").read_text().splitlines()))
     assert [row["field_mT"] for row in rows] == ["3.0"] * len(rows)
     assert [row["current_A"] for row in rows[:3]] == ["", "", "0.25"]
+
+
+def test_a_rig_of_two_devices_goes_on(tmp_path):
+    """The actuator knows which command it has carried out; the sensor only looks."""
+    log, rig = tmp_path / "log.jsonl", counted(bench(MAZE, particles=4).rig)
+    eye = example.Rig(rig.swarm, MAZE.shape, name="eye")
+    kinds = ["kill", "ctrl-c", "cable", "kill", None]
+    for turn, kind in enumerate(kinds):
+        past = read_log(log) if turn else None
+        line = Ending(rig, Interrupting(kind, 15 + turn))
+        session = None if past is None else past.session
+        actuator = RemoteRig(line, repeat_after=0.05, end_after=0.1, resume=session)
+        sensor = RemoteRig(BenchTransport(eye), repeat_after=0.05, end_after=0.1)
+        made = BenchRig(RemoteActuator(actuator), RemoteSensor(sensor), name="bench")
+        with contextlib.suppress(DriveError, DriveInterrupted):
+            result = drive(made, **({"resume": log} if turn else {"log": log}))
+    assert (result.status, result.compared(MAZE)["false_free"]) == ("complete", 0)
+    assert result.compared(MAZE)["false_obstacles"] == 0
+    assert result.commands == rig.carried_out
+    assert replay_log(log)[1]
+
+
+def test_two_drives_do_not_write_one_log(tmp_path):
+    log = tmp_path / "log.jsonl"
+    drive_interrupted(log, 20)
+
+    def second(_moves, _send):
+        rig, past = simulated(None), read_log(log)
+        rebuild(rig, past)
+        with pytest.raises(OutputError, match="another drive writes it at the moment"):
+            drive(rig, resume=past)
+        raise KeyboardInterrupt
+
+    rig, past = simulated(None), read_log(log)
+    rebuild(rig, past)
+    with pytest.raises(DriveInterrupted):
+        drive(rig, resume=past, on_rest=second)

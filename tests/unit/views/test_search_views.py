@@ -21,11 +21,12 @@ from shoal.search.problem.network import Battery, Crash, Liar, Pause, Slow, Wron
 from shoal.views import film
 from shoal.views.drawing.canvas import rings_of
 from shoal.views.drawing.charts import save_figure
-from shoal.views.search.figures import routes_figure, spread_out, timeline_figure
+from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.missions import label_offsets
 from shoal.views.search.page import page_data, simplified
+from shoal.views.search.timeline import timeline_figure
 
 TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
 CASES = {

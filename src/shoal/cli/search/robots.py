@@ -1,27 +1,31 @@
-"""shoal missions upload, start and watch: missions on board of vehicles that speak MAVLink."""
+"""shoal missions upload, start, watch and flown: missions on vehicles that speak MAVLink."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli.options import Json
-from shoal.cli.output import print_columns, print_json, say
+from shoal.cli.options import Json, UnusedSeed
+from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 
 if TYPE_CHECKING:
+    from shoal.missions.options import CheckOptions
+    from shoal.robots.mavlink import Station
     from shoal.robots.onboard import Cargo, Seat
     from shoal.robots.starting import Launch
     from shoal.robots.uploading import Delivery
 
 UPLOAD_EXAMPLE = (
     "Example: shoal missions upload missions --connect udpin:0.0.0.0:14550 --systems 1=1,2=2"
+    " --dry-run"
 )
 
 START_EXAMPLE = (
@@ -30,6 +34,11 @@ START_EXAMPLE = (
 )
 WATCH_EXAMPLE = (
     "Example: shoal missions watch missions --connect udpin:0.0.0.0:14550 --systems 1=1,2=2"
+)
+
+FLOWN_EXAMPLE = (
+    "Example: shoal missions flown missions 1=first.bin 2=second.ulg --region field.json"
+    " --footprint 20 --out flown"
 )
 
 Folder = Annotated[
@@ -64,6 +73,22 @@ Robots = Annotated[
         "--robots", metavar="ROBOTS", help="Only these robots, such as 1,3. Default: all robots."
     ),
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FOLDER", help="Folder for the report as upload.json."),
+]
+Flights = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FOLDER",
+        help=(
+            "Folder for the report as a JSON file, and for flight.tlog, a new flight log of all"
+            " vehicles for shoal missions flown and other programs."
+        ),
+    ),
+]
+FLIGHT_LOG = "flight.tlog"
 Sortie = Annotated[int, typer.Option("--sortie", help="Number of the robots' sortie.", min=1)]
 
 
@@ -80,6 +105,8 @@ def upload(
             help="Check the files, the systems and the links, and send nothing: no link is opened.",
         ),
     ] = False,
+    out: Report = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Upload missions, fences and rally points to vehicles, and read back what is on board.
@@ -92,13 +119,15 @@ def upload(
     """
     from shoal.robots.uploading import PLANNED, new_delivery, stations, upload_missions
 
+    if out is not None:
+        check_folder(out)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
     if dry_run:
         deliveries = [new_delivery(cargo, seat, PLANNED) for cargo, seat in pairs]
     else:
         with patient(), stations(links) as heard_by:
             deliveries = upload_missions(pairs, heard_by, on_event=say)
-    _report(deliveries, json_=json_)
+    _report(deliveries, out, json_=json_)
 
 
 def robot_numbers(text: str | None) -> list[int]:
@@ -111,7 +140,7 @@ def robot_numbers(text: str | None) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _report(deliveries: list[Delivery], *, json_: bool) -> None:
+def _report(deliveries: list[Delivery], out: Path | None, *, json_: bool) -> None:
     """Print what became of each upload; exit with 1 if a vehicle does not have what it should."""
     wrong = [one for one in deliveries if one.status not in ("equal", "dry-run")]
     for one in deliveries:
@@ -119,8 +148,10 @@ def _report(deliveries: list[Delivery], *, json_: bool) -> None:
             say(f"shoal: robot {one.robot}: {note}")
     for one in wrong:
         say(f"shoal: {one.sentence}")
+    report = {"robots": [one.report() for one in deliveries]}
+    written = _write(report, out, "upload")
     if json_:
-        print_json({"robots": [one.report() for one in deliveries]})
+        print_json(report)
     else:
         print_columns(
             ["robot", "system"],
@@ -128,6 +159,8 @@ def _report(deliveries: list[Delivery], *, json_: bool) -> None:
             [_row(vars(one)) for one in deliveries],
             title="items on board",
         )
+        for path in written:
+            print(f"written  {path}")
     if wrong:
         raise typer.Exit(1)
 
@@ -150,29 +183,37 @@ def start(
         ),
     ] = False,
     at: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--at",
             metavar="TIME",
             help=(
                 "Common start time: a time of today such as 14:30 or 14:30:00 on the clock of this"
-                " computer, or +SECONDS after the checks."
+                " computer, or +SECONDS after the checks. Default: +0."
             ),
         ),
-    ] = "+0",
+    ] = None,
     delay_tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
             "--delay-tolerance",
-            help="Seconds by which a start may be late. A later vehicle does not start.",
+            help=(
+                "Seconds by which a start may be late. A later vehicle does not start. Default: 10."
+            ),
         ),
-    ] = 10.0,
+    ] = None,
     lowest_battery: Annotated[
         int,
         typer.Option(
             "--lowest-battery", min=0, max=100, help="Battery that each vehicle needs, in percent."
         ),
     ] = 30,
+    watch_: Annotated[
+        bool,
+        typer.Option("--watch", help="After the starts, watch until all vehicles are back."),
+    ] = False,
+    out: Flights = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Check that each vehicle has its mission on board and can be armed, and with --arm start each
@@ -182,16 +223,19 @@ def start(
     the kind of vehicle, the arming checks that the vehicle reports, and its battery. Only with
     --arm, and only if all vehicles are ready, it waits for the common start time, and arms and
     starts each vehicle at its own start time in missions.json. The exit code is 0 if all vehicles
-    are ready or, with --arm, have started.
+    are ready or, with --arm, have started. Ctrl-C ends the command, and no flight.
     """
     from shoal.core.checks import check_number
-    from shoal.robots.starting import Fleet, check_fleet, start_missions
-    from shoal.robots.uploading import stations
+    from shoal.robots.starting import Fleet, check_fleet, start_missions, watch_fleet
 
-    check_number(delay_tolerance, what="delay-tolerance", above=0)
-    waiting = _seconds_until(at)
+    for name, value in (("at", at), ("delay-tolerance", delay_tolerance), ("watch", watch_)):
+        if value and not arm:
+            raise InvalidInputError(f"{name}: expected --arm together with it, got none")
+    tolerance = 10.0 if delay_tolerance is None else delay_tolerance
+    check_number(tolerance, what="delay-tolerance", above=0)
+    waiting = _seconds_until("+0" if at is None else at)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with patient(), stations(links) as heard_by:
+    with _logged_stations(links, out) as heard_by:
         fleet = Fleet(pairs, heard_by)
         ready = check_fleet(fleet, lowest_battery=lowest_battery)
         if arm and ready:
@@ -201,7 +245,10 @@ def start(
                     f"at: expected a time after the checks, got {at}, which was {-left:.0f} s ago"
                 )
             say(f"all vehicles are ready; the common start is in {left:.0f} s")
-            start_missions(fleet, begin=fleet.now() + left, tolerance=delay_tolerance, on_event=say)
+            start_missions(fleet, begin=fleet.now() + left, tolerance=tolerance, on_event=say)
+            started = [one.robot for one in fleet.launches.values() if one.status == "started"]
+            if watch_ and started:
+                watch_fleet(fleet, of=started, on_report=_say_telemetry)
         elif arm:
             say("shoal: no vehicle was armed, because not all are ready")
         launches = [*fleet.launches.values()]
@@ -209,10 +256,17 @@ def start(
     for one in wrong:
         if one.faults:
             say(f"shoal: {one.sentence}")
+    wrong += _breached(launches)
+    report = {"armed": bool(arm and ready), "robots": [one.report() for one in launches]}
+    written = _write(report, out, "start")
     if json_:
-        print_json({"armed": bool(arm and ready), "robots": [one.report() for one in launches]})
+        print_json(report)
     else:
-        _print_launches(launches, "starts")
+        rows = [
+            (f"robot {one.robot}", f"{one.status}, start {one.start:g} s; {telemetry_text(one)}")
+            for one in launches
+        ]
+        print_table(rows, title="starts", written=written)
     if wrong:
         raise typer.Exit(1)
 
@@ -230,6 +284,8 @@ def watch(
     every: Annotated[
         float, typer.Option("--every", help="Seconds between two reports.", show_default=True)
     ] = 5.0,
+    out: Flights = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Watch vehicles fly their missions: mode, progress, battery and breaches of the fence.
@@ -240,50 +296,89 @@ def watch(
     """
     from shoal.core.checks import check_number
     from shoal.robots.starting import Fleet, watch_fleet
-    from shoal.robots.uploading import stations
 
     check_number(every, what="every", above=0)
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with patient(), stations(links) as heard_by:
+    with _logged_stations(links, out) as heard_by:
         fleet = Fleet(pairs, heard_by)
-
-        def tell(launches: list[Launch]) -> None:
-            for one in launches:
-                if one.robot in fleet.found:
-                    total = len(fleet.cargos[one.robot].mission.waypoints)
-                    say(f"robot {one.robot}: {telemetry_text(one)}; {total} waypoints")
-
-        watch_fleet(fleet, seconds=seconds, every=every, on_report=tell)
+        watch_fleet(fleet, seconds=seconds, every=every, on_report=_say_telemetry)
         launches = [*fleet.launches.values()]
     lost = [one for one in launches if one.faults]
     for one in lost:
         say(f"shoal: {one.sentence}")
+    breached = _breached(launches)
+    names = ("robot", "system", "faults")
+    report = {
+        "robots": [
+            {name: vars(one)[name] for name in names} | vars(one.telemetry) for one in launches
+        ]
+    }
+    written = _write(report, out, "watch")
+    if json_:
+        print_json(report)
+    else:
+        rows = [(f"robot {one.robot}", telemetry_text(one)) for one in launches]
+        print_table(rows, title="vehicles", written=written)
+    if lost or breached:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Station]]:
+    """Open stations on links, and a log of what they hear in the folder ``out``."""
+    from shoal.robots.uploading import stations
+
+    log = None
+    if out is not None:
+        log = check_folder(out) / FLIGHT_LOG
+        if log.exists():
+            raise InvalidInputError(f"out: expected a folder without {FLIGHT_LOG}, got {out}")
+    with (
+        patient(),
+        stations(links) as heard_by,
+        nullcontext() if log is None else _new_file(log) as file,
+    ):
+        for station in heard_by:
+            station.log = file
+        yield heard_by
+
+
+def _new_file(path: Path) -> IO[bytes]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.open("xb")
+
+
+def _write(report: dict[str, Any], out: Path | None, name: str) -> list[Path]:
+    """Write a report into a folder, if there is one, and return the written files."""
+    if out is None:
+        return []
+    from shoal.core.files import write_json
+
+    write_json(out / f"{name}.json", report)
+    log = out / FLIGHT_LOG
+    return [out / f"{name}.json", *([log] if name != "upload" else [])]
+
+
+def _breached(launches: list[Launch]) -> list[Launch]:
+    """Return the vehicles that have breached their fence, and say so."""
     breached = [one for one in launches if one.telemetry.breaches]
     for one in breached:
         say(f"shoal: robot {one.robot} (system {one.system}): it has breached its fence")
-    if json_:
-        names = ("robot", "system", "faults")
-        print_json(
-            {
-                "robots": [
-                    {name: vars(one)[name] for name in names} | vars(one.telemetry)
-                    for one in launches
-                ]
-            }
-        )
-    else:
-        _print_launches(launches, "vehicles")
-    if lost or breached:
-        raise typer.Exit(1)
+    return breached
+
+
+def _say_telemetry(launches: list[Launch]) -> None:
+    for one in launches:
+        say(f"robot {one.robot}: {telemetry_text(one)}")
 
 
 def telemetry_text(launch: Launch) -> str:
     """Return what a vehicle has told of itself as text."""
     told = launch.telemetry
     parts = [f"{'armed' if told.armed else 'disarmed'} in {told.mode}"]
-    parts += [f"item {told.item}"] if told.item is not None else []
+    parts += [f"item {told.item} of {launch.items}"] if told.item is not None else []
     parts += [f"battery {told.battery} %"] if told.battery is not None else []
     parts += [f"{told.height:.0f} m above home"] if told.height is not None else []
     parts += [f"{told.breaches} breaches of the fence"] if told.breaches else []
@@ -292,18 +387,6 @@ def telemetry_text(launch: Launch) -> str:
 
 
 _SILENT = 3.0  # seconds
-
-
-def _print_launches(launches: list[Launch], title: str) -> None:
-    print_columns(
-        ["robot", "system"],
-        ["start", "status", "vehicle"],
-        [
-            [str(one.robot), str(one.system), f"{one.start:g} s", one.status, telemetry_text(one)]
-            for one in launches
-        ],
-        title=title,
-    )
 
 
 def _pairs(
@@ -337,3 +420,216 @@ def _seconds_until(text: str) -> Callable[[], float]:
         return (moment - datetime.now()).total_seconds()
 
     return left
+
+
+_OF_CHECK = ("region", "footprint", "vehicle", "angle", "margin", "no_go", "separation", "least")
+
+
+def flown(
+    folder: Folder,
+    logs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LOG...",
+            help=(
+                "Flight logs: .tlog (MAVLink), .bin (ArduPilot) or .ulg (PX4), as FILE or"
+                " ROBOT=FILE."
+            ),
+        ),
+    ],
+    systems: Annotated[
+        str | None,
+        typer.Option(
+            "--systems",
+            metavar="ROBOT=SYSTEM,...",
+            help="MAVLink system id of each robot's vehicle, for a .tlog with several vehicles.",
+        ),
+    ] = None,
+    sortie: Sortie = 1,
+    region: Annotated[
+        str | None,
+        typer.Option(
+            "--region",
+            metavar="REGION",
+            help="Region that was searched. Without it, the seen area is not measured.",
+        ),
+    ] = None,
+    footprint: Annotated[
+        str | None,
+        typer.Option(
+            "--footprint",
+            metavar="METRES",
+            help="Side of the square that a robot sees, or one side for each robot.",
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            "--vehicle", metavar="VEHICLE", help="Vehicle whose camera or detector gives the view."
+        ),
+    ] = None,
+    angle: Annotated[
+        float | None,
+        typer.Option(
+            "--angle",
+            metavar="DEGREES",
+            help=(
+                "Angle of the footprints. Default: the angle for which the missions were planned."
+            ),
+        ),
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(
+            "--margin", metavar="METRES", help="Distance that paths keep from the border."
+        ),
+    ] = None,
+    no_go: Annotated[
+        list[str] | None,
+        typer.Option("--no-go", metavar="FILE", help="No-go zones, beside those of the region."),
+    ] = None,
+    separation: Annotated[
+        str | None,
+        typer.Option(
+            "--separation",
+            metavar="METRES,METRES",
+            help="Horizontal and vertical separation that vehicles had to keep.",
+        ),
+    ] = None,
+    least: Annotated[
+        float | None,
+        typer.Option(
+            "--least",
+            help="Minimum share of the region that the vehicles must have seen. Default: 0.999.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="Folder for flown.json and, if some of the region was not seen, rest.geojson.",
+        ),
+    ] = None,
+    seed: UnusedSeed = 0,
+    json_: Json = False,
+) -> None:
+    """Compare flight logs with their missions: what was flown and seen, and what is left.
+
+    A vehicle sees while it follows the search of its mission. With --out, the rest of the region
+    becomes the file rest.geojson, a region for a new search (with --transit, if it has several
+    parts). The exit code is 1 if less than --least of the region was seen, or if vehicles came
+    nearer to each other than --separation.
+    """
+    from shoal.core.files import write_json
+    from shoal.missions.files import open_sheets
+    from shoal.robots.flight_logs import read_tracks
+    from shoal.robots.flown import assign_tracks, check_flown
+    from shoal.robots.onboard import read_cargos, read_seats
+
+    if out is not None:
+        check_folder(out)
+    given = dict(
+        zip(
+            _OF_CHECK,
+            (region, footprint, vehicle, angle, margin, no_go, separation, least),
+            strict=True,
+        )
+    )
+    options = _check_options(
+        {name: value for name, value in given.items() if value not in (None, [])}
+    )
+    missions = {robot: one.mission for robot, one in read_cargos(folder, sortie=sortie).items()}
+    seats = {} if systems is None else read_seats(systems)
+    found = []
+    for text in logs:
+        named = re.fullmatch("([1-9][0-9]{0,5})=(.+)", text, re.DOTALL)
+        tracks = read_tracks(text if named is None else named[2])
+        found.append((None if named is None else int(named[1]), tracks))
+    pairs = assign_tracks(missions, found, {seat.system: robot for robot, seat in seats.items()})
+    angles = [sheet.footprint_angle for sheet in open_sheets(folder)]
+    result = check_flown(pairs, options, angle=angles[0])
+    report, written = result.report(), []
+    if out is not None:
+        written.append(out / "flown.json")
+        write_json(written[0], report)
+        rest = out / "rest.geojson"
+        if result.write_rest(rest):
+            written.append(rest)
+    for note in result.notes:
+        say(f"shoal: {note}")
+    if json_:
+        print_json(report)
+    else:
+        print_table(_flown_rows(report), title="flown", written=written)
+    faults = _flown_faults(report, options)
+    if faults:
+        say(f"shoal: {' and '.join(faults)}")
+        raise typer.Exit(1)
+
+
+def _check_options(given: dict[str, Any]) -> CheckOptions | None:
+    """Return the options of a check from what was given, or None without a region."""
+    from shoal.cli.options import parsed
+    from shoal.missions.options import CheckOptions
+
+    if "region" not in given:
+        for name, value in given.items():
+            raise InvalidInputError(
+                f"{name.replace('_', '-')}: expected --region together with it, got {value!r} alone"
+            )
+        return None
+    known = CheckOptions.declarations()
+    return CheckOptions(**{name: parsed(known[name], value) for name, value in given.items()})
+
+
+def _flown_faults(report: dict[str, Any], options: CheckOptions | None) -> list[str]:
+    faults = []
+    seen, near = report["covered_fraction"], report["nearest_approach"]
+    if options is not None and seen is not None and seen < options.least:
+        faults.append(
+            f"{100 * seen:.5g} % of the region was seen, less than {100 * options.least:g} %"
+        )
+    apart = None if options is None else options.kept_apart
+    if near is not None and apart is not None and near["horizontal_m"] < apart.horizontal:
+        one, other = near["robots"]
+        faults.append(f"robots {one} and {other} came within {near['horizontal_m']:.3g} m")
+    return faults
+
+
+def _flown_rows(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of the summary of what was flown."""
+    rows = [
+        (
+            f"robot {one['robot']}",
+            (
+                f"{one['duration_s'] / 60:.1f} min and {one['length_m']:.0f} m of"
+                f" {one['planned_length_m']:.0f} m; {one['searched_m']:.0f} m of"
+                f" {one['planned_search_m']:.0f} m of its search, at most"
+                f" {one['farthest_m']:.1f} m beside it"
+            ),
+        )
+        for one in report["robots"]
+    ]
+    if report["covered_fraction"] is not None:
+        rows.append(("seen", f"{100 * report['covered_fraction']:.6g} % of {report['region']}"))
+        rows.append(
+            (
+                "not seen",
+                f"{report['uncovered_m2']:.4g} m², of which {report['rest_m2']:.4g} m² are in parts"
+                " large enough for a new search",
+            )
+        )
+    near = report["nearest_approach"]
+    if near is not None:
+        rows.append(
+            (
+                "nearest",
+                (
+                    f"{near['horizontal_m']:.3g} m, and {near['vertical_m']:.3g} m in height:"
+                    f" robots {near['robots'][0]} and {near['robots'][1]} after"
+                    f" {near['time_s']:.0f} s"
+                ),
+            )
+        )
+    return rows

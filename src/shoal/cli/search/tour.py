@@ -116,7 +116,7 @@ def _shown(value: Any) -> str:
 def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
     from shoal.core.files import atomic, write_json
     from shoal.views.drawing.charts import save_figure
-    from shoal.views.search.figures import tour_figure
+    from shoal.views.search.tour import tour_figure
 
     save_figure(tour_figure(made), out / FILES[0])
     with (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli.output import print_json, print_table
+from shoal.cli.output import print_json, print_table, say
 from shoal.core.errors import InvalidInputError, OutputError
 
 if TYPE_CHECKING:
@@ -58,6 +58,17 @@ PixelSize = Annotated[
         ),
     ),
 ]
+Frequencies = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--frequency",
+        metavar="HZ",
+        help=(
+            "For --calibrate: a frequency of the turning field at which the speed is measured as well"
+            " (at least three), to find the step-out frequency."
+        ),
+    ),
+]
 Trim = Annotated[
     bool | None,
     typer.Option(
@@ -86,11 +97,16 @@ def read_marks(texts: list[str]) -> list[tuple[float, ...]]:
 
 
 def check_calibrating(
-    into: Path | None, marks: list[str] | None, pixel_size: float | None, **of_a_drive: Any
+    into: Path | None,
+    marks: list[str] | None,
+    pixel_size: float | None,
+    frequencies: list[float] | None,
+    **of_a_drive: Any,
 ) -> None:
     """Refuse options without effect, and a file that cannot be written."""
     if into is None:
-        for name, value in (("mark", marks), ("pixel-size", pixel_size)):
+        only = {"mark": marks, "pixel-size": pixel_size, "frequency": frequencies}
+        for name, value in only.items():
             if value:
                 raise InvalidInputError(f"{name}: expected --calibrate FILE beside it, got none")
         return
@@ -113,6 +129,7 @@ def calibrate_bench(
     *,
     marks: list[str] | None,
     pixel_size: float | None,
+    frequencies: list[float] | None,
     cell_size: tuple[float, ...] | None,
     shape: tuple[int, ...] | None,
     truth: GridWorkspace | None,
@@ -127,12 +144,14 @@ def calibrate_bench(
     view = shape or (None if truth is None else truth.shape)
     side = _side(cell_size)
     tie, about = _tie(sensor, marks, pixel_size, side, view, truth)
+    say("shoal: test pulses move the particles back and forth along both axes")
     found = calibrate(
         actuator,
         sensor,
         pulses=pulses_of(actuator),
         tie=tie,
         cell_size=side,
+        frequencies=frequencies or (),
         **about,
     )
     picture = getattr(sensor, "picture", lambda: None)()
@@ -215,8 +234,21 @@ def summary(found: BenchCalibration) -> dict[str, Any]:
         "own_gain": round(found.own_gain, 4),
         "dead": round(found.responses.dead, 6),
         "directions": directions,
+        "speed": None if found.speed is None else found.speed.model_dump(),
         "notes": found.notes,
     }
+
+
+def _speed_rows(found: BenchCalibration) -> list[tuple[str, str]]:
+    speed = found.speed
+    if speed is None:
+        return []
+    pairs = zip(speed.frequencies, speed.speeds, strict=True)
+    out = "none seen" if speed.step_out is None else f"{speed.step_out:.3g} Hz"
+    return [
+        ("speed", ", ".join(f"{each:.2f} cells/s at {hertz:g} Hz" for hertz, each in pairs)),
+        ("step-out", out),
+    ]
 
 
 def _report(found: BenchCalibration, into: Path, *, json_: bool) -> None:
@@ -242,6 +274,7 @@ def _report(found: BenchCalibration, into: Path, *, json_: bool) -> None:
     rows += [
         ("camera", f"noise {found.noise:.2f} pixels, at rest {found.latency:.3f} s after a pulse"),
         ("particles", f"own gains differ by {100 * found.own_gain:.0f} %"),
+        *_speed_rows(found),
         *(("note", note) for note in found.notes),
     ]
     written = [into, into.with_suffix(".png")]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
@@ -13,6 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from shoal.cli import options
@@ -28,21 +30,24 @@ from shoal.cli.steering_drive import (
 from shoal.cli.swarm.calibrating import (
     CalibrateInto,
     CalibrationFile,
+    Frequencies,
     Marks,
     PixelSize,
     Trim,
     calibrate_bench,
     check_calibrating,
 )
-from shoal.core.checks import check_number, count_text, shape_text
+from shoal.core.checks import check_integer, check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import patient
+from shoal.swarm.grid.tasks import Inlet
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+    from shoal.cli.swarm.trials import Trials
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
     from shoal.rigs.calibration import BenchCalibration
@@ -129,6 +134,7 @@ def drive(
     calibrate: CalibrateInto = None,
     mark: Marks = None,
     pixel_size: PixelSize = None,
+    frequency: Frequencies = None,
     calibration: CalibrationFile = None,
     trim: Trim = None,
     size: Size = None,
@@ -141,6 +147,18 @@ def drive(
                 "Map that is known beforehand, as of an earlier drive or of an MRI. A mapping begins"
                 " with it as prior knowledge, and checks every cell of it; other tasks rest on it"
                 " until scans contradict."
+            ),
+        ),
+    ] = None,
+    enter_every: Annotated[
+        int | None,
+        typer.Option(
+            "--enter-every",
+            metavar="N",
+            min=1,
+            help=(
+                "With --start inlet:ROW,COLUMN and a rig that Shoal simulates: particles come in at"
+                " the inlet, one after every N commands, until there are --particles."
             ),
         ),
     ] = None,
@@ -204,6 +222,27 @@ def drive(
             ),
         ),
     ] = None,
+    trials: Annotated[
+        int,
+        typer.Option(
+            "--trials",
+            help=(
+                "Number of drives after one another, with the seeds SEED, SEED + 1, ..., and with"
+                " the success rate and its interval at the end. --out gets a folder for each."
+            ),
+        ),
+    ] = 1,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            "--between",
+            metavar="COMMAND",
+            help=(
+                "Command that resets a real rig between two of several --trials. Without it, Shoal"
+                " asks on the terminal. A simulated rig or a plant is made anew."
+            ),
+        ),
+    ] = None,
     steer: Annotated[
         str | None,
         typer.Option(
@@ -213,8 +252,8 @@ def drive(
                 "Steer two particles to their goals instead: a problem file of shoal steer, or a"
                 " workspace. Its friction_at_least, or else friction, is what is stated of the"
                 " walls. The rig is simulated, physics:KIND[,NAME=NUMBER...] (in cells of a 40th of the"
-                " size), MODULE:ATTRIBUTE (look and send), or --actuator and --sensor (the unit of the"
-                " workspace is then the cell)."
+                " size), MODULE:ATTRIBUTE (look and send), a rig behind a connection that can push and"
+                " look, or --actuator and --sensor (the unit of the workspace is then the cell)."
             ),
         ),
     ] = None,
@@ -261,6 +300,8 @@ def drive(
     code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
     a rig.
     """
+    from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
+    from shoal.cli.swarm.trials import run_trials
     from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
@@ -268,6 +309,7 @@ def drive(
     from shoal.rigs.ports import is_connection, open_own_rig
     from shoal.rigs.remote import open_rig
     from shoal.rigs.resume import check_resumable, is_finished, rebuild
+    from shoal.swarm.grid.board import letters_of
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
@@ -284,11 +326,10 @@ def drive(
             measured = None if calibration is None else BenchCalibration.load(calibration)
             truth = None if map_name is None else open_map(map_name)
             waits = {"repeat_after": repeat_after, "end_after": end_after}
-            timing = SECONDS | {key: value for key, value in waits.items() if value is not None}
+            quiet: dict[str, Any] = {"on_event": None} | SECONDS
+            quiet |= {key: value for key, value in waits.items() if value is not None}
             two = problem.replaced(particles=asked.n_particles)
-            pair = _open_devices(
-                devices, truth, two, seed, _apparatus(name), on_event=None, **timing
-            )
+            pair = _open_devices(devices, truth, two, seed, _apparatus(name), **quiet)
             with _closed_after(pair, always=False):
                 steered = steering_bench(pair, view, measured)
         steer_rig(
@@ -306,16 +347,25 @@ def drive(
     past = None
     if resume is not None:
         past = read_log(resume)
-        if (merged := _with_logged(ctx, past)) is not None:
-            assert ctx.command.callback is not None
-            ctx.command.callback(**merged)
+        if (missing := _missing(ctx, past)) is not None:
+            _run_again(ctx, missing)
             return
         check_resumable(past, problem.max_moves)
         if is_finished(past):
             say(f"shoal: {resume}: the drive was finished, so that nothing is left to do")
             _show_finished(past, map_name, out, film, json_)
             return
+    check_integer(trials, what="trials", least=1)
     rig, devices = _named(rig, actuator, sensor)
+    if trials > 1:
+        _check_trials(log=log, resume=resume, calibrate=calibrate)
+        about: dict[str, Any] = {"out": out, "film": film, "json_": json_, "seed": seed}
+        about |= {"between": between, "local": _is_local(rig)}
+        if not run_trials(lambda changed: _run_again(ctx, changed), ctx, trials, **about):
+            raise typer.Exit(1)
+        return
+    if between is not None:
+        raise InvalidInputError(f"between: expected several --trials beside it, got {trials}")
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     knowledge = None if known is None else open_map(known)
@@ -326,8 +376,9 @@ def drive(
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, devices, problem, **patience)
-    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    _check_effect(rig, devices, problem, enter_every, **patience)
+    without = {"log": log, "out": out, "film": film, "trim": trim, "calibration": calibration}
+    check_calibrating(calibrate, mark, pixel_size, frequency, resume=resume, **without)
     if devices is None:
         for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
             if value is not None:
@@ -344,7 +395,7 @@ def drive(
     if calibrate is not None:
         assert devices is not None
         with patient():
-            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            quiet = {"on_event": None, **SECONDS, **patience}
             pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
             with _closed_after(pair, always=True):
                 calibrate_bench(
@@ -352,9 +403,10 @@ def drive(
                     calibrate,
                     marks=mark,
                     pixel_size=pixel_size,
+                    frequencies=frequency,
                     cell_size=spacing_of(problem.cell_size, 2),
                     shape=shape,
-                    truth=truth,
+                    truth=truth if knowledge is None else knowledge,
                     json_=json_,
                 )
         return
@@ -369,18 +421,18 @@ def drive(
             **patience,
         }
         if devices is not None:
-            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            pair = _open_devices(devices, truth, problem, seed, apparatus, past=past, **link)
             with _closed_after(pair, always=False):
                 view = shape or (None if truth is None else truth.shape)
                 opened = _bench(pair, view, measured, trim)
         elif _is_local(rig):
-            opened = _local_rig(truth, problem, seed, apparatus)
-            if past is not None:
-                rebuild(opened, past)
+            opened = _local_rig(truth, problem, seed, apparatus, enter_every)
         elif is_connection(rig):
             opened = open_rig(rig, **link, resume=None if past is None else past.session)
         else:
             opened = open_own_rig(rig)
+        if past is not None and _is_local(rig):
+            rebuild(opened, past)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN if name in problem.given}
@@ -398,6 +450,7 @@ def drive(
             "spacing": spacing,
             "resume": past,
             "known": knowledge,
+            "inlet": _inlet(rig, problem, enter_every),
             "exact": exact or rig == "simulated" or rig.startswith("physics:exact") or None,
         }
         if problem.noise is not None and not exact:
@@ -405,29 +458,41 @@ def drive(
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
-            result = drive_rig(opened, **options, **fields)
-        except BaseException as error:
-            if not hasattr(error, "drive"):  # nothing was scanned
-                raise
-            failure, result = error, error.drive
+            with keyboard(letters_of(len(opened.shape))) as keys:
+                options["on_rest"] = None if keys is None else keys.rest
+                try:
+                    result = drive_rig(opened, **options, **fields)
+                except BaseException as error:
+                    if not hasattr(error, "drive"):  # nothing was scanned
+                        raise
+                    failure, result = error, error.drive
+                if keys is not None and any(alarm.kind == "stop" for alarm in result.alarms):
+                    stop_until_confirmed(opened)
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+        outputs["trials"] = ctx.obj
         book_path = None if book is None else book.path
+        named = [("rig", rig)] if devices is None else [*zip(DEVICES, devices, strict=True)]
+        outputs["named"] = named
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
-        if isinstance(failure, KeyboardInterrupt | SystemExit):
-            say(_how_to_go_on(result, book_path, out))
+        if isinstance(failure, KeyboardInterrupt | SystemExit) and ctx.obj is None:
+            say(_how_to_go_on(result, book_path, out, named))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
     if unstopped:
         raise RigError(unstopped[0].text)
-    if result.status is Status.ALARM:
+    if result.status is Status.ALARM and ctx.obj is None:
         raise typer.Exit(1)
 
 
 def _check_effect(
-    rig: str, devices: tuple[str, str] | None, problem: SwarmProblem, **seconds: float
+    rig: str,
+    devices: tuple[str, str] | None,
+    problem: SwarmProblem,
+    enter_every: int | None,
+    **seconds: float,
 ) -> None:
     """Refuse options that have no effect on the kind of rig."""
     from shoal.rigs.ports import is_connection
@@ -443,15 +508,20 @@ def _check_effect(
         without |= {
             name: (getattr(problem, name), expected)
             for name in ("start", "placement")
-            if name in problem.given
+            if name in problem.given and not isinstance(getattr(problem, name), Inlet)
         }
+    if _is_local(rig) and not isinstance(problem.start, Inlet) and enter_every is not None:
+        without["enter_every"] = enter_every, "a start such as inlet:3,4"
+    if not _is_local(rig) and enter_every is not None:
+        without["enter_every"] = enter_every, "the rig simulated or physics"
     for name, (value, expected) in without.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
         )
 
 
-NOT_LOGGED = ("log", "json_", "resume")
+DEVICES = ("actuator", "sensor")
+NOT_LOGGED = ("log", "json_", "resume", "trials", "between")
 MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
 name, shape and rule must be those of the log.
@@ -463,14 +533,12 @@ def _given(ctx: typer.Context) -> dict[str, Any]:
     return {
         name: json.loads(json.dumps(value, default=str))
         for name, value in ctx.params.items()
-        if name not in NOT_LOGGED
-        and getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+        if name not in NOT_LOGGED and _is_given(ctx, name) and value is not None
     }
 
 
-def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
-    """Return all options of the command, with those of the log that the user has not repeated, or
-    None if there are none.
+def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
+    """Return the options of the log that the user has not repeated, or None if there are none.
 
     Raises
     ------
@@ -486,16 +554,44 @@ def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
             )
-    source = ctx.get_parameter_source("resume")
+    from shoal.rigs.ports import runs_code
+
+    for name in ("rig", "actuator", "sensor"):
+        if name not in given and runs_code(str(logged.get(name) or "")):
+            raise InvalidInputError(
+                f"{name}: expected --{name} {shlex.quote(str(logged[name]))} beside --resume, as no"
+                " file alone makes Shoal run a program or a module, got none"
+            )
+    missing = {
+        param.name: param.process_value(ctx, logged[param.name])
+        for param in ctx.command.params
+        if param.name is not None and param.name in logged and param.name not in given
+    }
+    return missing or None
+
+
+def _run_again(ctx: typer.Context, changed: dict[str, Any]) -> None:
+    """Run the command again in its context, with some options as if they had been given."""
+    source = ctx.get_parameter_source(next(name for name in ctx.params if _is_given(ctx, name)))
     assert source is not None
-    missing = [
-        param for param in ctx.command.params if param.name in logged and param.name not in given
-    ]
-    for param in missing:  # as if they had been given
-        assert param.name is not None
-        ctx.set_parameter_source(param.name, source)
-        ctx.params[param.name] = param.process_value(ctx, logged[param.name])
-    return dict(ctx.params) if missing else None
+    assert ctx.command.callback is not None
+    for name, value in changed.items():
+        ctx.set_parameter_source(name, source)
+        ctx.params[name] = value
+    ctx.command.callback(**ctx.params)
+
+
+def _is_given(ctx: typer.Context, name: str) -> bool:
+    return getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def _check_trials(**given: Path | None) -> None:
+    """Refuse options that concern one drive."""
+    for name, path in given.items():
+        if path is not None:
+            raise InvalidInputError(
+                f"{name}: expected one drive, got several --trials (with --out, each has a log)"
+            )
 
 
 def _book(
@@ -535,7 +631,17 @@ def _show_finished(
     _report(result, past, log=past.path, verified=verified, **about, **outputs)
 
 
-def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
+def _command_to_go_on(log: Path, named: Iterable[tuple[str, str]]) -> str:
+    """Return the command that goes on with a drive. ``named`` are the options that name devices."""
+    from shoal.rigs.ports import runs_code
+
+    again = [f" --{name} {shlex.quote(value)}" for name, value in named if runs_code(value)]
+    return f"shoal drive --resume {log}{''.join(again)}"
+
+
+def _how_to_go_on(
+    result: Drive, log: Path | None, out: Path | None, named: Iterable[tuple[str, str]]
+) -> str:
     """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
     """
@@ -544,7 +650,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-        again = f"to go on: 'shoal drive --resume {log}'"
+        again = f"to go on: '{_command_to_go_on(log, named)}'"
     else:
         again = (
             "to go on, start the drive again, with --log: it begins with the particles where they"
@@ -640,6 +746,8 @@ def _open_devices(
     problem: SwarmProblem,
     seed: int,
     apparatus: PlantProperties | None,
+    *,
+    past: RecordedRig | None = None,
     **link: Any,
 ) -> tuple[Actuator, Sensor]:
     """Open two devices, which may be one."""
@@ -647,7 +755,7 @@ def _open_devices(
     from shoal.rigs.ports import PlantPorts, Sensor, is_connection, open_actuator, open_sensor
 
     if apparatus is not None:
-        rig = _local_rig(truth, problem, seed, apparatus)
+        rig = _local_rig(truth, problem, seed, apparatus, None)
         assert isinstance(rig, PhysicsRig)
         ports = PlantPorts(rig.plant)
         return ports, ports
@@ -657,7 +765,10 @@ def _open_devices(
             f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
             f" {seen_by!r} for both"
         )
-    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    session = None if past is None else past.session
+    moves = open_actuator(
+        moved_by, **{**link, "resume": session} if is_connection(moved_by) else {}
+    )
     if moved_by == seen_by and isinstance(moves, Sensor):
         return moves, moves
     try:
@@ -692,21 +803,43 @@ def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
     return truth
 
 
+def _inlet(rig: str, problem: SwarmProblem, enter_every: int | None) -> tuple[int, ...] | None:
+    """Return the cell at which particles may come in during the drive, or None."""
+    if not isinstance(problem.start, Inlet) or (_is_local(rig) and enter_every is None):
+        return None
+    return problem.start.cell
+
+
 def _local_rig(
-    truth: GridWorkspace | None, problem: SwarmProblem, seed: int, apparatus: PlantProperties | None
+    truth: GridWorkspace | None,
+    problem: SwarmProblem,
+    seed: int,
+    apparatus: PlantProperties | None,
+    enter_every: int | None,
 ) -> Rig:
     from shoal.rigs.physics import PhysicsRig
-    from shoal.rigs.rig import NoisyRig, SimulatedRig
+    from shoal.rigs.rig import EnteringRig, NoisyRig, SimulatedRig
     from shoal.swarm.grid.board import noise_rng, trial_rng
     from shoal.swarm.grid.tasks import place
 
     truth = _check_local(truth, "simulated")
-    start = problem.start or place(truth, problem.particles, problem.placement, trial_rng(seed))
+    if isinstance(problem.start, tuple):
+        start = np.array(problem.start)
+    else:
+        n = problem.particles if enter_every is None else 1
+        start = place(truth, n, problem.start or problem.placement, trial_rng(seed))
     if apparatus is not None:
-        return PhysicsRig(truth, start, apparatus, noise_rng(seed))
-    if problem.noise is not None:
-        return NoisyRig(truth, start, problem.noise, noise_rng(seed))
-    return SimulatedRig(truth, start, rule=problem.rule)
+        rig: Any = PhysicsRig(truth, start, apparatus, noise_rng(seed))
+    elif problem.noise is not None:
+        rig = NoisyRig(truth, start, problem.noise, noise_rng(seed))
+    else:
+        rig = SimulatedRig(truth, start, rule=problem.rule)
+    if enter_every is None:
+        plain: Rig = rig
+        return plain
+    assert isinstance(problem.start, Inlet)
+    most = problem.particles - 1
+    return EnteringRig(rig, problem.start.cell, every=enter_every, most=most)
 
 
 def _size(text: str) -> tuple[int, ...]:
@@ -786,6 +919,8 @@ def _report(
     truth: GridWorkspace | None = None,
     log: Path | None = None,
     verified: Verification | None = None,
+    trials: Trials | None = None,
+    named: Iterable[tuple[str, str]] = (),
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
 
@@ -805,6 +940,9 @@ def _report(
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
+    if trials is not None:
+        trials.take(result, about)
+        return
     if json_:
         print_json(
             about
@@ -863,7 +1001,7 @@ def _report(
             )
         )
     if result.status is Status.INTERRUPTED and log is not None and verified is None:
-        rows.append(("go on", f"shoal drive --resume {log}"))
+        rows.append(("go on", _command_to_go_on(log, named)))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)

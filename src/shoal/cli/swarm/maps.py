@@ -117,14 +117,14 @@ def _parts(read: GridWorkspace, n_free: int, problem: SwarmProblem) -> dict[str,
     """
     from shoal.swarm.maps.resampling import parts_of
 
-    found = parts_of(read.free)
+    parts = parts_of(read.free)
     size = {
         "free_share": n_free / read.free.size,
         "spacing": None if read.spacing is None else list(read.spacing),
     }
-    if found is None:
+    if parts is None:
         return {"parts": None, "largest_share": None, "place": None, **size}
-    box = found.largest if problem.largest_component else found.whole
+    box = parts.largest if problem.largest_component else parts.whole
     # with a width, the place is that in the smaller map
     scale = problem.scale if problem.width is None else 1.0
     scales = (1.0, scale, scale)[3 - read.ndim :]
@@ -133,8 +133,8 @@ def _parts(read: GridWorkspace, n_free: int, problem: SwarmProblem) -> dict[str,
         for (first, last), scale in zip(box, scales, strict=True)
     )
     return {
-        "parts": found.number,
-        "largest_share": found.share,
+        "parts": parts.number,
+        "largest_share": parts.share,
         "place": _place(box),
         **size,
     }
@@ -200,23 +200,23 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         check_folder(out)
     with quiet():
         workspace = problem.place
-    found = vessels_of(problem)
-    if found.warning:
-        say(f"shoal: warning: {problem.map}: {found.warning}")
+    vessels = vessels_of(problem)
+    if vessels.warning:
+        say(f"shoal: warning: {problem.map}: {vessels.warning}")
     written: list[Path] = []
     if out is not None:
         written = [
-            save_picture(mask_picture(found.mask), out / "mask.png"),
+            save_picture(mask_picture(vessels.mask), out / "mask.png"),
             *overlay(problem, out),
             out / "map.png",
         ]
         write_map(workspace, out / "map.png")
-    mapped, share = VesselMap(found.mask, width=problem.width), float(found.mask.mean())
-    parts = parts_of(found.mask, corners=True)
+    mapped, share = VesselMap(vessels.mask, width=problem.width), float(vessels.mask.mean())
+    parts = parts_of(vessels.mask, corners=True)
     if json_:
         result = {
-            "confidence": found.confidence,
-            "bright": found.bright,
+            "confidence": vessels.confidence,
+            "bright": vessels.bright,
             "vessel_share": share,
             "pixels_a_cell": mapped.pixels_a_cell,
             "parts": None if parts is None else parts.number,
@@ -234,11 +234,11 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         (
             "vessels",
             (
-                f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f}"
+                f"{'brighter' if vessels.bright else 'darker'} than the background, {100 * share:.1f}"
                 " % of the photograph"
             ),
         ),
-        ("confidence", f"{found.confidence:.2f} of 1"),
+        ("confidence", f"{vessels.confidence:.2f} of 1"),
         (
             "parts",
             f"{count}the network that is kept has {100 * mapped.share:.4g} % of the vessel pixels",

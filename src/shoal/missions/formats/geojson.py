@@ -83,15 +83,15 @@ def scan(text: str, sheet: Sheet) -> None:
 
 def _route(sheet: Sheet, where: str, geometry: Any) -> None:
     kind = geometry.get("type") if isinstance(geometry, dict) else None
-    found = geometry.get("coordinates") if isinstance(geometry, dict) else None
-    if kind not in ("LineString", "Point") or not isinstance(found, list):
+    coordinates = geometry.get("coordinates") if isinstance(geometry, dict) else None
+    if kind not in ("LineString", "Point") or not isinstance(coordinates, list):
         sheet.add(
             "wrong-value",
             where,
             f"expected a LineString, or a Point for one waypoint, got {kind!r}",
         )
         return
-    positions = [found] if kind == "Point" else found
+    positions = [coordinates] if kind == "Point" else coordinates
     pairs = [
         _position(sheet, f"{where}, position {k}", position)
         for k, position in enumerate(positions, start=1)

@@ -135,14 +135,14 @@ def _with_speeds(points: Sequence[Item], speeds: Sequence[Item]) -> list[Item]:
     """Return items with the item of a new speed before each waypoint whose leg has another speed
     than the leg before.
     """
-    found: list[Item] = []
+    items: list[Item] = []
     reached = 0
     for item in points:
         if item.command == WAYPOINT:
-            found += [speeds[reached]] if reached and speeds[reached] != speeds[reached - 1] else []
+            items += [speeds[reached]] if reached and speeds[reached] != speeds[reached - 1] else []
             reached += 1
-        found.append(item)
-    return found + ([speeds[-1]] if speeds[-1] != speeds[-2] else [])
+        items.append(item)
+    return items + ([speeds[-1]] if speeds[-1] != speeds[-2] else [])
 
 
 def _placeless(command: int, *params: float) -> Item:

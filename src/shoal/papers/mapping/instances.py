@@ -110,19 +110,19 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a fie
     searches = looked = moves = 0
     while True:
         before: dict[tuple[int, ...], tuple[int, ...]] = {cell: cell}
-        queue, found = deque([cell]), None
-        while queue and found is None:
+        queue, pair = deque([cell]), None
+        while queue and pair is None:
             here = queue.popleft()
             looked += 1
             for step in STEPS:
                 there = (here[0] + step[0], here[1] + step[1])
                 if there not in known:
-                    found = here, there
+                    pair = here, there
                     break
                 if known[there] and there not in before:
                     before[there] = here
                     queue.append(there)
-        if found is None:
+        if pair is None:
             return {
                 "searches": searches,
                 "cells_looked_at": looked,
@@ -130,7 +130,7 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a fie
                 "moves": moves,
             }
         searches += 1
-        here, there = found
+        here, there = pair
         known[there] = bool(free[there])
         back, moves = here, moves + 1
         while before[back] != back:

@@ -39,19 +39,19 @@ def _fig5_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = summarise(store, sweeps[0].name, "planned")
-    found = curve_of("", rows, "robots")
+    curve = curve_of("", rows, "robots")
     share = Curve(
         "robots that stay: T$_E$",
-        found.x,
-        100 * found.mean / CELLS,
-        100 * found.low / CELLS,
-        100 * found.high / CELLS,
+        curve.x,
+        100 * curve.mean / CELLS,
+        100 * curve.low / CELLS,
+        100 * curve.high / CELLS,
         Published(np.array([20.0]), np.array([20.0]), points=True),
     )
     theory = np.array([100 * stay_share(int(m)) for m in ROBOTS])
     least = 100 / np.array(ROBOTS)
     flat = [
-        Curve(label, found.x, values, values, values)
+        Curve(label, curve.x, values, values, values)
         for label, values in (("theory: H$_m$/m", theory), ("no search is faster: 1/m", least))
     ]
     at, last = ROBOTS.index(20), len(ROBOTS) - 1

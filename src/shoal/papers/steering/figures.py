@@ -249,10 +249,10 @@ def largest_two_move_fraction() -> tuple[float, float]:
     """
     from scipy.optimize import minimize_scalar
 
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda d: -disk_reach(float(d), moves=2)[0].fraction(), bounds=(0.5, 0.99), method="bounded"
     )
-    return float(found.x), -float(found.fun)
+    return float(minimum.x), -float(minimum.fun)
 
 
 @dataclass(frozen=True, eq=False)

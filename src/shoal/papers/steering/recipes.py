@@ -157,14 +157,14 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     fillings = {n: polygon_fractions(regular_polygon(n), START, moves=MOVES[-1]) for n in SIDES}
     # the drawn start is one of them
-    found: dict[int, list[int]] = {n: [filling.moves or 10] for n, filling in fillings.items()}
+    counts: dict[int, list[int]] = {n: [filling.moves or 10] for n, filling in fillings.items()}
     for trial in trials_of(store, sweeps[0]):
-        found[trial["sides"]].append(trial["moves_to_fill"] or 10)
+        counts[trial["sides"]].append(trial["moves_to_fill"] or 10)
 
     def filled(sides: int, moves: int, *, source: str = "") -> Claim:
-        share = float(np.mean([needed <= moves for needed in found[sides]]))
+        share = float(np.mean([needed <= moves for needed in counts[sides]]))
         what = (
-            f"{sides} sides{source}: share of {len(found[sides])} starts from which {moves} moves"
+            f"{sides} sides{source}: share of {len(counts[sides])} starts from which {moves} moves"
             " fill the space"
         )
         return claim(what, "all", share, within=(1, 1), why="one start refutes it")
@@ -174,7 +174,7 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         filled(4, 4, source=', "at most five moves" with the last translation'),
         *(filled(n, 6) for n in SIDES[1:]),
     )
-    rows = [[n, *(sum(m == moves for m in found[n]) for moves in (*MOVES, 10))] for n in SIDES]
+    rows = [[n, *(sum(m == moves for m in counts[n]) for moves in (*MOVES, 10))] for n in SIDES]
     sentence = (
         "Starts are the one drawn and random ones, short differences as often as long. From the one"
         " drawn "

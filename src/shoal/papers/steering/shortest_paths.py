@@ -121,10 +121,10 @@ def crossing_check(*, seed: int) -> dict[str, float | None]:
     """
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
-    found = shortest_crossing(start, goal)
-    if found is None:
+    crossing = shortest_crossing(start, goal)
+    if crossing is None:
         return {"solved": 0, "off": None, "tilt": None, "reflected": None}
-    _, toucher, contact, reflected = found
+    _, toucher, contact, reflected = crossing
     moves = crossing_moves(start, goal, toucher, contact)
     end = ContactWorld(SQUARE).play(start, moves)[-1]
     wall = int(np.argmin(SQUARE.wall_distances(contact)))
@@ -252,13 +252,13 @@ def best_angle(s: float, e: float, beta: float) -> float:
     around = np.linspace(-pi, pi, 2001)
     near = around[np.argmin(length_by_contact(around, s, e, beta))]
     bounds = (near - 0.01, near + 0.01)
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda t: float(length_by_contact(t, s, e, beta)),
         bounds=bounds,
         method="bounded",
         options={"xatol": 1e-12},
     )
-    return float(found.x)
+    return float(minimum.x)
 
 
 @measuring("s", "e", "beta", "theta", "angles", "equation")

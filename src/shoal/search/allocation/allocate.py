@@ -59,11 +59,11 @@ class Arc:
         [(3, 2), (0, 1)]
         """
         low = self.first if self.step > 0 else self.first - self.count + 1
-        found = list(runs(self.bits(n) & wanted, low, n))
+        spans = list(runs(self.bits(n) & wanted, low, n))
         return (
-            found
+            spans
             if self.step > 0
-            else [((first + count - 1) % n, count) for first, count in reversed(found)]
+            else [((first + count - 1) % n, count) for first, count in reversed(spans)]
         )
 
     def next_of(self, wanted: int, n: int) -> int | None:
@@ -125,8 +125,8 @@ def numbers_of(arcs: Sequence[Arc], n: int) -> NDArray[np.int64]:
     """Return the cells of arcs in the order of the search, as indices on a tour of n cells; int64,
     shape (k,).
     """
-    found = [(arc.first + arc.step * np.arange(arc.count)) % n for arc in arcs]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+    pieces = [(arc.first + arc.step * np.arange(arc.count)) % n for arc in arcs]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
 
 
 Indices = NDArray[np.int64]
@@ -139,6 +139,9 @@ _CANDIDATES = 12  # number of trials whose borders are improved
 
 Allocator = Callable[[TourCost, Team], list[list[Arc]]]
 ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
+"""All rules, from the simplest to the one that is most often the fastest. Help and `auto` begin with
+the last.
+"""
 
 
 @ALLOCATORS.register("stay")
@@ -199,10 +202,10 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
-    found = []
+    allocations = []
     for start, low, high in zip(team.starts + n, borders[:-1], borders[1:], strict=True):
         if not low <= start < high:
-            found.append([Arc(int(low % n), int(high - low))])
+            allocations.append([Arc(int(low % n), int(high - low))])
             continue
         back = [
             Arc(int(start % n), int(start - low + 1), -1),
@@ -213,14 +216,14 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
             Arc(int((start - 1) % n), int(start - low), -1),
         ]
         place = tour_cost.points[start % n]
-        found.append(
+        allocations.append(
             min(
                 back,
                 forth,
                 key=lambda work: work_time(tour_cost, [one for one in work if one.count], place),
             )
         )
-    return found
+    return allocations
 
 
 @ALLOCATORS.register("hop")
@@ -316,10 +319,6 @@ class Allocation:
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to its first cell. The unit of time is the
         time in which a robot of speed 1 searches one cell.
-    lower_bound : float
-        Lower bound on the completion time of any allocation: the number of necessary cell visits
-        divided by the sum of all search rates. The search rate of a robot is its speed times its
-        footprint width in cells.
     work : tuple of tuple of Arc
         All arcs that each robot searches, in the order of the search. If several robots must search
         each cell, a robot first searches its own arcs. Then the robot searches the arcs of the next
@@ -329,7 +328,6 @@ class Allocation:
     allocator: str
     arcs: tuple[tuple[Arc, ...], ...]
     times: Floats
-    lower_bound: float
     work: tuple[tuple[Arc, ...], ...]
 
     @property
@@ -403,9 +401,7 @@ def allocate(
             for work, place, start, width in zip(arcs, at, numbers, wide, strict=True)
         ]
     )
-    return Allocation(
-        allocator, arcs, times / speeds, tour_cost.least / float((speeds * wide).sum()), arcs
-    )
+    return Allocation(allocator, arcs, times / speeds, arcs)
 
 
 def arcs_of(
@@ -574,11 +570,9 @@ def in_passes(
         time_of(tour_cost, work[number], place, start, width) / rate
         for (number, start, rate, width), place in zip(robots, places, strict=True)
     ]
-    bound = count * allocation.lower_bound
     return replace(
         allocation,
         times=np.array(times),
-        lower_bound=bound,
         work=tuple(work[number] for number, *_ in robots),
     )
 

@@ -102,12 +102,12 @@ def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDAr
 
     Positions without a cell of the tour get -1.
     """
-    found = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
+    numbers = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = position[top : row + reach + 1, left : col + reach + 1]
     down, right = top - row + reach, left - col + reach
-    found[down : down + part.shape[0], right : right + part.shape[1]] = part
-    return found
+    numbers[down : down + part.shape[0], right : right + part.shape[1]] = part
+    return numbers
 
 
 def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
@@ -140,17 +140,17 @@ def select_viewpoints(
     wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True
     at, total, fresh = int(cells[0]) if here is None else here, 0.0, True
-    found: list[int] = []
+    chosen: list[int] = []
     for aim in cells.tolist():
         while wanted[aim]:
             stop = best_viewpoint(
                 tour_cost, width, at, wanted, aim, partial(_cost, tour_cost, at, fresh)
             )
-            total += _cost(tour_cost, at, fresh, stop) if found else 1.0
+            total += _cost(tour_cost, at, fresh, stop) if chosen else 1.0
             wanted[tour_cost.seen(stop, width)] = False
-            found.append(stop)
+            chosen.append(stop)
             at, fresh = stop, False
-    return np.array(found, dtype=np.int64), total
+    return np.array(chosen, dtype=np.int64), total
 
 
 def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:

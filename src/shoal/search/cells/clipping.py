@@ -365,7 +365,7 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
     means horizontal lines.
     """
     start, end, piece = _segments(clipped)
-    found: list[Stretch] = []
+    stretches: list[Stretch] = []
     for shift in (0, 1):
         if axis == 0:
             line = lattice.left + (clipped.cols[piece] + shift) * lattice.size
@@ -382,8 +382,8 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
         )
         rows, cols = clipped.rows[of] + shift * axis, clipped.cols[of] + shift * along
         columns = (rows, cols, np.full(len(of), 1 - shift), of, low, high)
-        found += zip(*(column.tolist() for column in columns), strict=True)
-    return found
+        stretches += zip(*(column.tolist() for column in columns), strict=True)
+    return stretches
 
 
 def _matched(

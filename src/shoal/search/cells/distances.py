@@ -333,9 +333,9 @@ class RegionDistances:
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
         free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
-        found = self._cells.lengths(here)
+        lengths = self._cells.lengths(here)
         return np.asarray(
-            straight + np.where(found < len(found), np.maximum(found - free, 0.0), 0.0)
+            straight + np.where(lengths < len(lengths), np.maximum(lengths - free, 0.0), 0.0)
         )
 
     def _measure(self, here: int, cell: int) -> float:

@@ -58,10 +58,10 @@ class MaskFootprint:
         if width == 1:
             return np.array([cell], dtype=np.int64)
         key = (cell, width)
-        found = self._known.get(key)
-        if found is None:
-            found = self._known[key] = np.sort(self._look(cell, width))
-        return found
+        seen = self._known.get(key)
+        if seen is None:
+            seen = self._known[key] = np.sort(self._look(cell, width))
+        return seen
 
     def _look(self, cell: int, width: int) -> Numbers:
         middle = self._cells[cell]

@@ -136,8 +136,8 @@ class LayeredGrid:
         """Return the cells (layer, row, column) of a given layer above points on the ground; int64,
         shape (n, 3).
         """
-        found = self.layers[layer].cell_of(points)
-        return np.column_stack([np.full(len(found), layer), found])
+        cells = self.layers[layer].cell_of(points)
+        return np.column_stack([np.full(len(cells), layer), cells])
 
     def __repr__(self) -> str:
         ups = ", ".join(f"{up:g}" for up in self.altitudes)

@@ -231,13 +231,13 @@ class Transits:
         ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
         if inside(self._space, ends[:1], ends[1:])[0]:
             return ends
-        found = self._corners.shortest(ends[0], ends[1], np.arange(len(self._corners.corners)))
-        if found is None:
+        path = self._corners.shortest(ends[0], ends[1], np.arange(len(self._corners.corners)))
+        if path is None:
             places = f"{text_of(ends[0])} m to {text_of(ends[1])} m"
             raise InvalidInputError(
                 f"launch: expected a path from {places} around no-go zones, got none"
             )
-        return found
+        return path
 
 
 class WaysOut:
@@ -505,13 +505,13 @@ class RegionPaths:
             if len(candidates) > _MOST_CORNERS:
                 return best
             # where that fails, `_far` finds the cells through which a path leads
-            found = self._corners.shortest(start, end, candidates, rough=True)
-            best = best if found is None else found
+            path = self._corners.shortest(start, end, candidates, rough=True)
+            best = best if path is None else path
             # A path around more distant corners would have to go there and come back.
-            needed = np.inf if found is None else (length_of(found) - straight) / 2
+            needed = np.inf if path is None else (length_of(path) - straight) / 2
             if needed <= width or width >= most:
                 return best
-            width = min(_WIDTH_FACTOR * width if found is None else needed, most)
+            width = min(_WIDTH_FACTOR * width if path is None else needed, most)
 
     @cached_property
     def _corners(self) -> VisibilityGraph:
@@ -561,13 +561,13 @@ class RegionPaths:
         return np.concatenate(legs)
 
     def _by_corners(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points:
-        found = self._corners.shortest(start, end, candidates)
-        if found is None:
+        path = self._corners.shortest(start, end, candidates)
+        if path is None:
             raise InvalidInputError(
                 f"path: expected a passage from {text_of(start)} to {text_of(end)}, got a passage"
                 " narrower than the rounding error"
             )
-        return found
+        return path
 
     def _corners_beside(self, way: Points) -> NDArray[np.int64]:
         """Return the corners that are at most one cell side away from a bend of the path."""

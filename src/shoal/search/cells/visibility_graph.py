@@ -43,12 +43,12 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
     """
     import shapely
 
-    found = np.empty(len(starts), dtype=np.bool_)
+    clear = np.empty(len(starts), dtype=np.bool_)
     for low in range(0, len(starts), _AT_ONCE):
         part = slice(low, low + _AT_ONCE)
         lines = shapely.linestrings(np.stack([starts[part], ends[part]], axis=1))
-        found[part] = ~shapely.intersects(region.border, lines)
-    return found
+        clear[part] = ~shapely.intersects(region.border, lines)
+    return clear
 
 
 class VisibilityGraph:
@@ -93,9 +93,9 @@ class VisibilityGraph:
         """
         reach = float((high - low).max()) / 2 * (1 + _ALONG)
         near = self._tree.query_ball_point((low + high) / 2, reach, p=np.inf, return_sorted=True)
-        found = np.array(near, dtype=np.int64)
-        places = self.corners[found]
-        return np.asarray(found[((places >= low) & (places <= high)).all(axis=1)])
+        corners = np.array(near, dtype=np.int64)
+        places = self.corners[corners]
+        return np.asarray(corners[((places >= low) & (places <= high)).all(axis=1)])
 
     def around(self, points: Points, distance: float) -> NDArray[np.int64]:
         """Return the indices of the corners that are at most ``distance`` metres away from one of
@@ -121,9 +121,9 @@ class VisibilityGraph:
             region has such a shape. That no such path exists is known sooner.
         """
         few = candidates[candidates < self._few]
-        found = self._shortest(start, end, few, few=True)
-        if found is not None or (rough and self._few):
-            return found
+        path = self._shortest(start, end, few, few=True)
+        if path is not None or (rough and self._few):
+            return path
         return self._shortest(start, end, candidates, few=False)
 
     def _shortest(

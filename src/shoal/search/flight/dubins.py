@@ -395,10 +395,10 @@ def plan_dubins_path(
             points, straight, marks = _shorten_straight_legs(
                 points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8)
             )
-        found = _shortest_path(_possible_poses(points, straight), radius, airspace, detours=detours)
-        if not isinstance(found, list):
-            return _join_pieces(*found, marks)
-        *stuck, lost = found
+        path = _shortest_path(_possible_poses(points, straight), radius, airspace, detours=detours)
+        if not isinstance(path, list):
+            return _join_pieces(*path, marks)
+        *stuck, lost = path
         exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
         if exhausted and not detours:
             detours, loosen = True, []
@@ -741,14 +741,14 @@ def _chosen_curves(
     starts, ends = _move_ahead(starts, before), _move_ahead(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     points, curves = dubins_paths(starts, types, parts, radius)
-    found = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
-    for number, way in enumerate(found):
+    curves_of = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
+    for number, way in enumerate(curves_of):
         way[-1] = ends[number, :2]  # the heading exists except for rounding errors
         if before[number] or after[number]:
             first = _move_ahead(starts[number], -before[number])[:2]
             last = _move_ahead(ends[number], after[number])[:2]
-            found[number] = np.vstack([first, way, last])
-    return found
+            curves_of[number] = np.vstack([first, way, last])
+    return curves_of
 
 
 def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:

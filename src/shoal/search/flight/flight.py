@@ -190,8 +190,8 @@ class Flight:
             If the path meets the ground, or if the vehicle has no space for a turn, a circle or its
             approach.
         """
-        found = self._exact_waypoints(way)
-        return np.column_stack([self._rounded(found[:, :2]), found[:, 2]])
+        waypoints = self._exact_waypoints(way)
+        return np.column_stack([self._rounded(waypoints[:, :2]), waypoints[:, 2]])
 
     def _rounded(self, points: Points) -> Points:
         """Return points rounded as in a mission file. Rounding changes directions of short legs,
@@ -282,21 +282,24 @@ class Flight:
             self._circle_climb(one[-2:, :2], one[-1], other[0, 2])[1:-1]
             for one, other in pairwise(flown)
         ]
-        found = np.vstack(
+        waypoints = np.vstack(
             [flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)]
         )
-        first, found = found[:2, :2], found[1:]
-        if found[0, 2] > (most := self._climb_limits(first)[0][0]) + _HAIR:
-            found = np.vstack(
-                [self._circle_climb(first, np.append(first[1], most), found[0, 2])[:-1], found]
+        first, waypoints = waypoints[:2, :2], waypoints[1:]
+        if waypoints[0, 2] > (most := self._climb_limits(first)[0][0]) + _HAIR:
+            waypoints = np.vstack(
+                [
+                    self._circle_climb(first, np.append(first[1], most), waypoints[0, 2])[:-1],
+                    waypoints,
+                ]
             )
         if not self.glides:
             # the end is also a waypoint
             kept = self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
-            return found if kept else found[:-1]
-        if found[-1, 2] > (most := self._climb_limits(last)[1][0]) + _HAIR:
-            found = np.vstack([found, self._circle_climb(last, found[-1], most)[1:]])
-        return found
+            return waypoints if kept else waypoints[:-1]
+        if waypoints[-1, 2] > (most := self._climb_limits(last)[1][0]) + _HAIR:
+            waypoints = np.vstack([waypoints, self._circle_climb(last, waypoints[-1], most)[1:]])
+        return waypoints
 
     def _climb_limits(self, way: Points) -> tuple[Floats, Floats]:
         """Return, for each leg of a level path, the largest possible climb and the largest possible
@@ -373,7 +376,7 @@ class Flight:
             ((whole, safe, least), False),
         ):
             for course, speed in self._directions(then - self.home):
-                found = []
+                courses = []
                 for lasting in lengths:
                     far = max(lasting * speed, 2 * self.radius)
                     end, height = (
@@ -390,9 +393,9 @@ class Flight:
                     ):
                         over = [end, then] if self._passes(end, then) else [end, self.home, then]
                         length = float(np.hypot(*np.diff(over, axis=0).T).sum())
-                        found.append((length + around * (lasting < whole), end))
-                if found:
-                    return min(found, key=lambda one: one[0])[1]
+                        courses.append((length + around * (lasting < whole), end))
+                if courses:
+                    return min(courses, key=lambda course: course[0])[1]
         raise NoRoomError(
             "launch: expected a path without no-go zones and higher ground, on which the vehicle"
             f" climbs by {up:g} m from {text_of(self.home)}, got none in any direction"

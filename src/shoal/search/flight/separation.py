@@ -161,7 +161,7 @@ def nearest_approach(
             best = min(
                 best,
                 _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)),
-                key=lambda found: found[0],
+                key=lambda encounter: encounter[0],
             )
     if best[1] is None:
         return None
@@ -284,19 +284,21 @@ def _least(
     """
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
-    found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
+    candidates = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
     for point, along, low, high, base, change in _edges(start, mine, theirs, normals, limits):
         square = (change**2).sum(axis=1)
         best = -(base * change).sum(axis=1) / np.where(square > 0, square, 1.0)
         there = (low <= high) & np.isfinite(low) & np.isfinite(high)
         at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))
         apart = np.hypot(*(base + at[:, None] * change).T)
-        found.append((np.where(there, apart, np.inf), point + at[:, None] * along))
-    apart = np.array([np.maximum(one - mine.reach - theirs.reach, 0.0) for one, _ in found])
+        candidates.append((np.where(there, apart, np.inf), point + at[:, None] * along))
+    apart = np.array(
+        [np.maximum(distances - mine.reach - theirs.reach, 0.0) for distances, _ in candidates]
+    )
     which, k = np.unravel_index(int(np.argmin(apart)), apart.shape)
     if not np.isfinite(apart[which, k]):
         return np.inf, None
-    since = found[which][1][k]
+    since = candidates[which][1][k]
     times = (float(mine.begins[k] + since[0]), float(theirs.begins[k] + since[1]))
     places = np.stack(
         [
@@ -375,14 +377,14 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
     start = a.points[:, :2] - b.points[:, :2]
     begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
-    found = [_tangents(start, a.velocities, b.velocities, normals, limits, near_by)]
+    intervals = [_tangents(start, a.velocities, b.velocities, normals, limits, near_by)]
     for point, along, low, high, base, change in _edges(start, a, b, normals, limits):
         least, most = _near(base, change, near_by, low, high)
         there = (least <= most) & np.isfinite(least) & np.isfinite(most)
         ends = np.where(there[:, None], np.stack([least, most], axis=1), 0.0)
         shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
-        found.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
-    every = np.array(found)
+        intervals.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
+    every = np.array(intervals)
     return merge_intervals(
         np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
     )
@@ -424,12 +426,12 @@ def _tangents(
     )
     way = rows[:, 0] - rows[:, 1]
     way /= np.maximum(np.hypot(*way.T), np.finfo(float).tiny)[:, None]
-    found = np.full((2, len(start)), np.inf)
+    edges = np.full((2, len(start)), np.inf)
     for k, sign in enumerate((-1.0, 1.0)):
         times = middle + sign * horizontal[:, None] * (rows * way[:, None]).sum(axis=2)
         good = there & _within(times, normals, limits)
-        found[k] = np.where(good, times[:, 0] - times[:, 1], -sign * np.inf)
-    return np.stack([found[0], found[1]], axis=1)
+        edges[k] = np.where(good, times[:, 0] - times[:, 1], -sign * np.inf)
+    return np.stack([edges[0], edges[1]], axis=1)
 
 
 def merge_intervals(intervals: Floats) -> Floats:
@@ -506,7 +508,9 @@ def stagger_starts(
     ([0, 0], [0.0, 71.0])
     """
     flown = [cache(flight) for flight in flights]
-    lasting = np.array([max((one.duration for one in flight(0)), default=0.0) for flight in flown])
+    lasting = np.array(
+        [max((part.duration for part in flight(0)), default=0.0) for flight in flown]
+    )
     chosen, delays = np.zeros(len(flights), dtype=np.int64), np.zeros(len(flights))
     least = np.zeros(len(flights)) if earliest is None else earliest
     settled: list[int] = []
@@ -515,15 +519,21 @@ def stagger_starts(
         if not flown[vehicle](0):
             continue
         options = range(opened + 1) if layers is None else [layers[vehicle]]
-        others = [*before, *((flown[one](int(chosen[one])), float(delays[one])) for one in settled)]
-        found: list[tuple[float, int, float]] = []
+        others = [
+            *before,
+            *(
+                (flown[earlier](int(chosen[earlier])), float(delays[earlier]))
+                for earlier in settled
+            ),
+        ]
+        choices: list[tuple[float, int, float]] = []
         for layer in options:
             delay = _earliest(flown[vehicle](layer), others, separation, float(least[vehicle]))
             dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
-            found.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
-            if found[-1][0] <= end:
+            choices.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
+            if choices[-1][0] <= end:
                 break
-        _, chosen[vehicle], delays[vehicle] = min(found)
+        _, chosen[vehicle], delays[vehicle] = min(choices)
         end, opened = (
             max(end, float(delays[vehicle] + lasting[vehicle])),
             max(opened, int(chosen[vehicle]) + 1),
@@ -540,7 +550,7 @@ def _earliest(
     """
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
-        if started + max(one.duration for one in theirs) + separation.delay < delay:
+        if started + max(part.duration for part in theirs) + separation.delay < delay:
             continue  # it has landed, however late it is
         for one, other in zip(mine, theirs, strict=True):
             apart = conflicts(

@@ -104,12 +104,14 @@ class Sorties:
                 f" a path of {end / 1000:.4g} km, which takes {end / each:.0f} sorties or more of"
                 f" {self.limit / 60:.4g} min without the reserve"
             )
-        found = [(0.0, self._latest(0.0))]
-        while found[-1][1] < end:
-            before, begin = found[-1]
+        departures = [(0.0, self._latest(0.0))]
+        while departures[-1][1] < end:
+            before, begin = departures[-1]
             # the whole rest is as slow to compute as it is long
-            found.append((begin, self._latest(begin, hope=end - begin < _HOPE * (begin - before))))
-        return found
+            departures.append(
+                (begin, self._latest(begin, hope=end - begin < _HOPE * (begin - before)))
+            )
+        return departures
 
     def _latest(self, begin: float, *, hope: bool = True) -> float:
         """Return the largest distance along the path at which a sortie that joins the path at
@@ -207,8 +209,8 @@ class Sorties:
         point = self._point(at)
         way = np.array([point[:2], end])
         if self.ways is not None and not np.array_equal(*way):
-            found = check_plane_points(self.ways(point[:2], end), what="way home")
-            way = found if len(found) >= 2 else way
+            path = check_plane_points(self.ways(point[:2], end), what="way home")
+            way = path if len(path) >= 2 else way
         # the whole path has the altitude of the point
         self._home[key] = np.column_stack([way, np.tile(point[2:], (len(way), 1))])
         return self._home[key]

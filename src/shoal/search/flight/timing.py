@@ -136,10 +136,10 @@ def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
     here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
-    found = np.zeros(len(points) - 2, dtype=np.bool_)
+    sharp = np.zeros(len(points) - 2, dtype=np.bool_)
     apart = step_lengths(headings[here]) > STRAIGHT
-    found[here[1:][apart] - 1] = True
-    return found
+    sharp[here[1:][apart] - 1] = True
+    return sharp
 
 
 def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float = 0.0) -> Floats:

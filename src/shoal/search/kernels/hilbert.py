@@ -305,10 +305,14 @@ def half(length):
 
 
 @kernel
-def push(stack, top, px, py, pz, a_axis, a, b_axis, b, c_axis, c):
-    stack[top, 0], stack[top, 1], stack[top, 2] = px, py, pz
-    stack[top, 3], stack[top, 4], stack[top, 5] = a_axis, a, b_axis
-    stack[top, 6], stack[top, 7], stack[top, 8] = b, c_axis, c
+def push(stack, top, place, first, second, third):
+    """Put a box onto the stack: its first position (x, y, z), and each side as (axis, signed
+    length), the direction of the path first. Return the new size of the stack.
+    """
+    stack[top, 0], stack[top, 1], stack[top, 2] = place
+    stack[top, 3], stack[top, 4] = first
+    stack[top, 5], stack[top, 6] = second
+    stack[top, 7], stack[top, 8] = third
     return top + 1
 
 
@@ -333,36 +337,20 @@ def walk_box(start, axes, lengths, places, at):
     along the first axis must also have the length 1 along another axis.
     """
     stack = np.empty((DEPTH, 9), dtype=np.int64)
-    top = push(
-        stack,
-        0,
-        start[0],
-        start[1],
-        start[2],
-        axes[0],
-        lengths[0],
-        axes[1],
-        lengths[1],
-        axes[2],
-        lengths[2],
-    )
+    place = (start[0], start[1], start[2])
+    first, second = (axes[0], lengths[0]), (axes[1], lengths[1])
+    top = push(stack, 0, place, first, second, (axes[2], lengths[2]))
     while top > 0:
         top -= 1
-        p = (stack[top, 0], stack[top, 1], stack[top, 2])
-        i, a, j, b, k, c = (
-            stack[top, 3],
-            stack[top, 4],
-            stack[top, 5],
-            stack[top, 6],
-            stack[top, 7],
-            stack[top, 8],
-        )
-        w, h, d = abs(a), abs(b), abs(c)
+        place = (stack[top, 0], stack[top, 1], stack[top, 2])
+        first = (stack[top, 3], stack[top, 4])
+        second, third = (stack[top, 5], stack[top, 6]), (stack[top, 7], stack[top, 8])
+        w, h, d = abs(first[1]), abs(second[1]), abs(third[1])
         if int(w == 1) + int(h == 1) + int(d == 1) >= 2:
-            axis, length = (i, a) if w > 1 else ((j, b) if h > 1 else (k, c))
-            at = walk_line(p, axis, length, places, at)
+            axis, length = first if w > 1 else (second if h > 1 else third)
+            at = walk_line(place, axis, length, places, at)
         else:
-            top = split(stack, top, p, i, a, j, b, k, c)
+            top = split(stack, top, place, first, second, third)
     return at
 
 
@@ -377,34 +365,35 @@ def walk_line(place, axis, length, places, at):
 
 
 @kernel
-def split(stack, top, p, i, a, j, b, k, c):
+def split(stack, top, p, first, second, third):
     """Push the parts of a box onto the stack, in the reverse order of the path's visits."""
+    (i, a), (j, b), (k, c) = first, second, third
     w, h, d = abs(a), abs(b), abs(c)
     a2, b2, c2 = half(a), half(b), half(c)
     if 2 * w > 3 * h and 2 * w > 3 * d:
         q = moved(p, i, a2)
-        top = push(stack, top, q[0], q[1], q[2], i, a - a2, j, b, k, c)
-        return push(stack, top, p[0], p[1], p[2], i, a2, j, b, k, c)
+        top = push(stack, top, q, (i, a - a2), (j, b), (k, c))
+        return push(stack, top, p, (i, a2), (j, b), (k, c))
     da, db, dc = np.sign(a), np.sign(b), np.sign(c)
     end = moved(p, i, a - da)
     if 3 * h > 4 * d:  # up along b, along a, down along b
         q = moved(end, j, b2 - db)
-        top = push(stack, top, q[0], q[1], q[2], j, -b2, k, c, i, a2 - a)
+        top = push(stack, top, q, (j, -b2), (k, c), (i, a2 - a))
         q = moved(p, j, b2)
-        top = push(stack, top, q[0], q[1], q[2], i, a, j, b - b2, k, c)
-        return push(stack, top, p[0], p[1], p[2], j, b2, k, c, i, a2)
+        top = push(stack, top, q, (i, a), (j, b - b2), (k, c))
+        return push(stack, top, p, (j, b2), (k, c), (i, a2))
     if 3 * d > 4 * h:  # up along c, along a, down along c
         q = moved(end, k, c2 - dc)
-        top = push(stack, top, q[0], q[1], q[2], k, -c2, i, a2 - a, j, b)
+        top = push(stack, top, q, (k, -c2), (i, a2 - a), (j, b))
         q = moved(p, k, c2)
-        top = push(stack, top, q[0], q[1], q[2], i, a, j, b, k, c - c2)
-        return push(stack, top, p[0], p[1], p[2], k, c2, i, a2, j, b)
+        top = push(stack, top, q, (i, a), (j, b), (k, c - c2))
+        return push(stack, top, p, (k, c2), (i, a2), (j, b))
     q = moved(end, j, b2 - db)
-    top = push(stack, top, q[0], q[1], q[2], j, -b2, k, c2, i, a2 - a)
+    top = push(stack, top, q, (j, -b2), (k, c2), (i, a2 - a))
     q = moved(moved(end, j, b2), k, c - dc)
-    top = push(stack, top, q[0], q[1], q[2], k, -c, i, a2 - a, j, b - b2)
+    top = push(stack, top, q, (k, -c), (i, a2 - a), (j, b - b2))
     q = moved(moved(p, j, b2 - db), k, c - dc)
-    top = push(stack, top, q[0], q[1], q[2], i, a, j, -b2, k, c2 - c)
+    top = push(stack, top, q, (i, a), (j, -b2), (k, c2 - c))
     q = moved(p, j, b2)
-    top = push(stack, top, q[0], q[1], q[2], k, c, i, a2, j, b - b2)
-    return push(stack, top, p[0], p[1], p[2], j, b2, k, c2, i, a2)
+    top = push(stack, top, q, (k, c), (i, a2), (j, b - b2))
+    return push(stack, top, p, (j, b2), (k, c2), (i, a2))

@@ -437,13 +437,13 @@ def _long_sides(area: Any) -> list[float]:
     """
     import shapely
 
-    found: dict[float, float] = {}
+    costs: dict[float, float] = {}
     for ring in shapely.get_rings(shapely.get_parts(area)):
         sides = np.diff(shapely.get_coordinates(ring), axis=0)
         ways = np.round(np.degrees(angles_of(sides)) % 90.0, 1)
         for way, length in zip(ways.tolist(), np.hypot(*sides.T).tolist(), strict=True):
-            found[way % 90.0] = found.get(way % 90.0, 0.0) + length
-    best = sorted(found, key=lambda way: -found[way])[:_SIDES]
+            costs[way % 90.0] = costs.get(way % 90.0, 0.0) + length
+    best = sorted(costs, key=lambda way: -costs[way])[:_SIDES]
     return [way + quarter for way in best for quarter in (0.0, 90.0)]
 
 

@@ -64,10 +64,13 @@ READING = ("layer", "inner", "hidden", "closed_lines")
 """Fields that decide how files of regions and no-go zones are read."""
 
 LIVE_FAULTS = ("crash", "slow")
-ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
-"""Names of all allocators, the one that is most often the fastest first. They stand here again,
-because the registry `ALLOCATORS` belongs to a higher layer.
-"""
+
+
+def allocations() -> tuple[str, ...]:
+    """Return the names of all allocators, the one that is most often the fastest first."""
+    from shoal.search.allocation.allocate import ALLOCATORS  # brings kernels
+
+    return tuple(ALLOCATORS)[::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,12 +227,11 @@ class SearchProblem(Problem):
     allocation: str = option(
         "auto",
         help=(
-            f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or"
-            " MODULE:ATTRIBUTE. auto means the fastest rule. In large searches, auto means hop: if"
-            " the number of cells times the number of robots exceeds 100,000, or 10,000 with"
-            " footprints wider than a cell."
+            "Rule that divides the tour among the robots: {names} or MODULE:ATTRIBUTE. auto means"
+            " the fastest rule. In large searches, auto means hop: if the number of cells times the"
+            " number of robots exceeds 100,000, or 10,000 with footprints wider than a cell."
         ),
-        names=ALLOCATIONS,
+        names=allocations,
     )
     angle: float | str | None = option(
         None,
@@ -507,7 +509,7 @@ class SearchProblem(Problem):
         """Names of the allocators that the planner compares. The allocator that is most often the
         fastest comes first.
         """
-        return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
+        return allocations() if self.allocation == AUTO else (self.allocation,)
 
     @property
     def _volume(self) -> bool:

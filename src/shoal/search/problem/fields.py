@@ -82,8 +82,8 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
         read_polygon(check_text(one, what="region: barriers"), where="region: barriers")
         for one in list_of(data["barriers"])
     )
-    found = region_of(area, frame=place, name=name)
-    return replace(found, no_go=zones.area, no_go_zones=count, height=height, barriers=barriers)
+    region = region_of(area, frame=place, name=name)
+    return replace(region, no_go=zones.area, no_go_zones=count, height=height, barriers=barriers)
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -174,12 +174,12 @@ def check_bands(value: Any) -> tuple[float, ...]:
     """Return altitudes in metres, sorted from the lowest to the highest. The function refuses equal
     altitudes.
     """
-    found = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
-    if not found or len({*found}) < len(found):
+    altitudes = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
+    if not altitudes or len({*altitudes}) < len(altitudes):
         raise InvalidInputError(
             f"bands: expected one altitude or more, each once, got {shortened(value)}"
         )
-    return found
+    return altitudes
 
 
 def check_number_list(

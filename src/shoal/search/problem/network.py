@@ -320,13 +320,13 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
         raise InvalidInputError(
             f"faults: expected a list such as ['crash:2@30'], got {shortened(value)}"
         )
-    found: list[Fault] = []
+    faults: list[Fault] = []
     for entry in value:
         if not isinstance(entry, str):
-            found.append(_checked(entry))
+            faults.append(_checked(entry))
             continue
-        found += [_parsed(word.strip()) for word in entry.split(",") if word.strip()]
-    return tuple(found)
+        faults += [_parsed(word.strip()) for word in entry.split(",") if word.strip()]
+    return tuple(faults)
 
 
 def fault_text(fault: Fault) -> str:

@@ -353,7 +353,7 @@ class Receiver:
         self.most = most
         self._key, self._robots, self._cells, self._window = key, robots, cells, window
         self._stamps: dict[int, set[int]] = {}
-        self._floors: dict[int, int] = {}
+        self._forgotten: dict[int, int] = {}
         self._counts: dict[int, tuple[int, int]] = {}
 
     def open(self, message: bytes, clock: int) -> Beacon:
@@ -382,7 +382,7 @@ class Receiver:
                 f"message: expected a present time and a robot from 1 to {self._robots}, got"
                 f" another time or robot {sender}"
             )
-        if stamp <= self._floors.get(sender, -1) or stamp in self._stamps.get(sender, ()):
+        if stamp <= self._forgotten.get(sender, -1) or stamp in self._stamps.get(sender, ()):
             raise InvalidInputError(
                 f"message: expected a new message, got an old message of robot {sender}"
             )
@@ -412,5 +412,5 @@ class Receiver:
         stamps = self._stamps.setdefault(sender, set())
         stamps.add(stamp)
         if len(stamps) > _REMEMBERED:
-            self._floors[sender] = min(stamps)
-            stamps.remove(self._floors[sender])
+            self._forgotten[sender] = min(stamps)
+            stamps.remove(self._forgotten[sender])

@@ -150,12 +150,12 @@ def _sensed(robot: Robot, event: Sensed) -> Robot:
     """Return the state of a robot after a search. All cells that the robot sees from its cell count
     as searched.
     """
-    found = dict(robot.found)
+    findings = dict(robot.found)
     for cell in (*((event.cell,) if event.found else ()), *event.beside):
-        found[cell] = found.get(cell, 0) | 1 << robot.number
+        findings[cell] = findings.get(cell, 0) | 1 << robot.number
     searched = {**robot.searched, robot.number: robot.mine | _seen(robot, event.cell)}
     stopped = _stopped(robot, event.cell, robot.through, left=robot.left - robot.cost)
-    return stopped.but(searched=searched, found=found, fresh=False)
+    return stopped.but(searched=searched, found=findings, fresh=False)
 
 
 def _seen(robot: Robot, cell: int) -> int:
@@ -216,11 +216,13 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
             *_path_of_peer(robot, known, heartbeat, time),
         )
     closed = _with_news(robot, robot.closed, beacon.closed)
-    found = robot.found
+    findings = robot.found
     for cell, witnesses in beacon.found:
-        if cell < len(robot.brief.tour_cost) and witnesses & ~found.get(cell, 0):
-            found = {**found, cell: found.get(cell, 0) | witnesses}
-    return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
+        if cell < len(robot.brief.tour_cost) and witnesses & ~findings.get(cell, 0):
+            findings = {**findings, cell: findings.get(cell, 0) | witnesses}
+    return robot.but(
+        peers=peers, lost=lost, got=got, searched=searched, found=findings, closed=closed
+    )
 
 
 def _marks(
@@ -290,7 +292,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
         robot.announced[0] if len(robot.announced) == _REPEATED else ({}, {}, {})
     )
     window = _window(robot, n)
-    found = tuple(
+    findings = tuple(
         (cell, robots)
         for cell, robots in robot.found.items()
         if window >> cell & 1 or robots & ~before[1].get(cell, 0)
@@ -299,7 +301,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
         robot.number,
         (_own_heartbeat(robot, time), *_relayed(robot)),
         _news(robot.searched, before[0], window),
-        found,
+        findings,
         _news(robot.closed, before[2], window),
     )
     announced = (*robot.announced[-_REPEATED + 1 :], known)

@@ -134,9 +134,9 @@ def open_region(
         return build_region(builtin_region(text), extra, name=name or text, reading=reading)
     if inner is not None:
         check_choice(inner, what="--inner", choices=INNER)
-    found = read_outlines(text, reading)
+    outlines = read_outlines(text, reading)
     stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
-    return build_region(found, extra, name=name or stem, inner=inner, reading=reading)
+    return build_region(outlines, extra, name=name or stem, inner=inner, reading=reading)
 
 
 def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:

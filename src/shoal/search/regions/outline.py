@@ -262,8 +262,8 @@ def place_of(said: str) -> str:
     >>> place_of("Self-intersection[1.5 2]")
     ' at (1.5, 2)'
     """
-    found = re.search(r"\[(\S+) ([^\s\]]+)", said)
-    return f" at {text_of([float(found[1]), float(found[2])])}" if found else ""
+    match = re.search(r"\[(\S+) ([^\s\]]+)", said)
+    return f" at {text_of([float(match[1]), float(match[2])])}" if match else ""
 
 
 def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:

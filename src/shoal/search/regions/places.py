@@ -139,13 +139,13 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
     if region.frame is None or degrees is False:
         return points
     try:
-        found = region.frame.to_metres(points)
+        places = region.frame.to_metres(points)
     except InvalidInputError as error:
         _refuse_swapped(points, region, where, far=True)
         raise InvalidInputError(f"{where}: {error}") from None
-    if not region.contains(found).all():
+    if not region.contains(places).all():
         _refuse_swapped(points, region, where, far=False)
-    return found
+    return places
 
 
 def _refuse_swapped(points: Points, region: SearchRegion, where: Any, *, far: bool) -> None:

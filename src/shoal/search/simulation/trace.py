@@ -172,7 +172,7 @@ class SearchTrace:
 
 def _log_from(data: Any, what: str, n: int) -> RobotLog:
     """Return the log of one robot from its entry in the mapping of `SearchTrace.to_dict`."""
-    names = {one.name for one in fields(RobotLog)}
+    names = {field.name for field in fields(RobotLog)}
     if (
         not isinstance(data, dict)
         or set(data) != names
@@ -188,7 +188,10 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
     def moment(value: Any) -> float:
         return check_number(value, what=f"{what}: time")
 
-    cells, times = [cell(one) for one in data["cells"]], [moment(one) for one in data["times"]]
+    cells, times = (
+        [cell(number) for number in data["cells"]],
+        [moment(number) for number in data["times"]],
+    )
     if len(cells) != len(times):
         raise InvalidInputError(
             f"{what}: expected a time for each cell, got {len(cells)} cells and {len(times)} times"
@@ -202,8 +205,8 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
                 for time, state in data["states"]
             ),
             tuple(
-                (cell(one), tuple(check_integer(robot, what=what) for robot in robots))
-                for one, robots in data["found"]
+                (cell(number), tuple(check_integer(robot, what=what) for robot in robots))
+                for number, robots in data["found"]
             ),
             tuple(tuple(cell(one) for one in passed) for passed in data["detours"]),
             tuple((moment(time), cell(one)) for time, one in data["obstructed"]),
@@ -263,7 +266,7 @@ def _with_recharging(
     holds the times without recharging.
     """
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
-    found, left = lasting.copy(), brief.energy
+    completion, left = lasting.copy(), brief.energy
     away = [
         tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell)
         for cell in cells.tolist()
@@ -274,14 +277,14 @@ def _with_recharging(
             cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(
                 robot + 1, start, cell
             )
-            found[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
+            completion[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
         if cost + away[k] > left:
             raise InvalidInputError(
                 f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home"
                 f" of robot {robot + 1}, got {brief.energy:.4g} cells"
             )
         left -= cost
-    return found
+    return completion
 
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
@@ -336,8 +339,8 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
         for place in range(count):
             best[place], mine = np.minimum(best[place], mine), np.maximum(best[place], mine)
     last = np.minimum(able, count) - 1
-    found = np.maximum(best[last, np.arange(len(last))], truly)
-    return np.asarray(found[bits_to_array(scenario.goal, len(last))])
+    detection = np.maximum(best[last, np.arange(len(last))], truly)
+    return np.asarray(detection[bits_to_array(scenario.goal, len(last))])
 
 
 def coverages(
@@ -346,7 +349,7 @@ def coverages(
     """Return, for each layer from the lowest to the highest, the coverage by the robots with the
     numbers ``robots`` (from 0).
     """
-    layers, found = layers_of(plan.grid), []
+    layers, coverages = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
         ways = [
@@ -355,7 +358,7 @@ def coverages(
             for way in _ways(plan, trace, routes, robot, number)
         ]
         footprints = [side for _, side in ways] or layer.footprint
-        found.append(
+        coverages.append(
             coverage_check(
                 layer.region,
                 [way for way, _ in ways],
@@ -364,7 +367,7 @@ def coverages(
                 image=plan.image,
             )
         )
-    return tuple(found)
+    return tuple(coverages)
 
 
 def _ways(
@@ -440,7 +443,7 @@ def merge_findings(
     """
     hit = min(max(scenario.detection, _LEAST_RATE), _MOST_RATE)
     alarm = min(max(scenario.false_alarm, _LEAST_RATE), _MOST_RATE)
-    found = []
+    findings = []
     for cell, witnesses in sorted(reports.items()):
         missed = tuple(
             sorted(
@@ -454,8 +457,8 @@ def merge_findings(
             + len(witnesses) * math.log(hit / alarm)
             + len(missed) * math.log((1 - hit) / (1 - alarm))
         )
-        found.append(Finding(cell, tuple(sorted(witnesses)), missed, _chance(odds)))
-    return tuple(found)
+        findings.append(Finding(cell, tuple(sorted(witnesses)), missed, _chance(odds)))
+    return tuple(findings)
 
 
 def _chance(odds: float) -> float:

@@ -458,9 +458,9 @@ class Air:
         """Return the messages that transmit a beacon."""
         if not self._split:
             return [beacon]
-        found = self._senders[sender].messages(beacon, _clock(time))
-        self._recorded = (self._recorded + found)[-_RECORDED:]
-        return list(found)
+        messages = self._senders[sender].messages(beacon, _clock(time))
+        self._recorded = (self._recorded + messages)[-_RECORDED:]
+        return list(messages)
 
     def carried(
         self, message: Message, link: Link, *, reaches: bool

@@ -72,8 +72,8 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     chosen = find_tour_maker(maker)
     if mask.ndim in chosen.dimensions:
         return _made(chosen, mask)
-    floors = np.flatnonzero(mask.any(axis=(1, 2))).tolist()
-    tour = joined([_made(chosen, mask[floor]) for floor in floors], floors=floors)
+    layers = np.flatnonzero(mask.any(axis=(1, 2))).tolist()
+    tour = joined([_made(chosen, mask[layer]) for layer in layers], layers=layers)
     return check_covers(Tour(tour.cells, mask.shape, closed=tour.closed, name=tour.name), mask)
 
 

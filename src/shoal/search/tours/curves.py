@@ -150,7 +150,7 @@ def joined(
     tours: Sequence[Tour],
     points: Sequence[Floats] | None = None,
     *,
-    floors: Sequence[int] | None = None,
+    layers: Sequence[int] | None = None,
     turn: float = TIE,
 ) -> Tour:
     """Join the tours of several layers to one tour, which climbs from layer to layer and descends
@@ -168,7 +168,7 @@ def joined(
     points : sequence of ndarray of float64, each of shape (N, 3), optional
         Viewpoint of each cell of each tour. By default, the viewpoint of a cell is (row, column,
         layer).
-    floors : sequence of int, optional
+    layers : sequence of int, optional
         Layer number of each tour. By default, the tours get the numbers 0, 1, 2, ...
     turn : float
         Cost of a turn, in the unit of the viewpoints. If a turn costs more than 0, the function
@@ -188,14 +188,14 @@ def joined(
     Examples
     --------
     >>> from shoal.search.tours import make_tour
-    >>> floors = joined([make_tour("spanning-tree", (4, 6))] * 3)
-    >>> len(floors), floors.metrics().length, bool((floors.steps == 1).all())
+    >>> tour = joined([make_tour("spanning-tree", (4, 6))] * 3)
+    >>> len(tour), tour.metrics().length, bool((tour.steps == 1).all())
     (72, 72.0, True)
     """
-    floors = range(len(tours)) if floors is None else floors
+    layers = range(len(tours)) if layers is None else layers
     cells = [
-        np.column_stack([np.full(len(tour), floor), tour.cells])
-        for floor, tour in zip(floors, tours, strict=True)
+        np.column_stack([np.full(len(tour), layer), tour.cells])
+        for layer, tour in zip(layers, tours, strict=True)
     ]
     points = (
         [np.roll(one, -1, axis=1).astype(np.float64) for one in cells] if points is None else points
@@ -211,7 +211,7 @@ def joined(
             places,
             turn * bent,
         )
-    shape = (floors[-1] + 1, *np.max([tour.shape for tour in tours], axis=0).tolist())
+    shape = (layers[-1] + 1, *np.max([tour.shape for tour in tours], axis=0).tolist())
     return Tour(
         np.concatenate(cells)[way],
         shape,

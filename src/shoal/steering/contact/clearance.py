@@ -5,7 +5,7 @@ which it was planned.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import cos, sin
 from typing import Any
 
@@ -42,6 +42,10 @@ class _Copy:
 
     world: Any
     matrix: NDArray[np.float64]
+
+    @cached_property
+    def scale(self) -> float:
+        return float(np.linalg.norm(self.matrix[:, 0]))
 
 
 @lru_cache(maxsize=64)
@@ -111,9 +115,9 @@ def why_sensitive(
         return None
     size = float(world.workspace.size)
     for copy in _disturbed_worlds(world, clearance):
-        scale = float(np.linalg.norm(copy.matrix[:, 0]))
+        scale = copy.scale
         end = copy.world.final(start @ copy.matrix.T, moves @ copy.matrix.T) / scale
-        error = float(np.linalg.norm(end - goal @ copy.matrix.T / scale, axis=1).max())
+        error = float(_distances(end, goal @ copy.matrix.T / scale).max())
         if error > tolerance * (1 + _SLACK) + 1e-15 * size:
             how = (
                 "in turned coordinates"
@@ -122,14 +126,14 @@ def why_sensitive(
                 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
             )
             return f"{how} it ends {error:.3g} from the goals"
-    for shifts in _roundings(len(moves) + len(start), start.shape[1]):
-        end = world.final(start + shifts[: len(start)] * size, moves + shifts[len(start) :] * size)
-        error = float(np.linalg.norm(end - goal, axis=1).max())
-        if error > tolerance + FORGIVEN * size:
-            return (
-                f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the"
-                " goals"
-            )
+    shifts = _roundings(len(moves) + len(start), start.shape[1]) * size
+    ends = world.finals(start + shifts[:, : len(start)], moves + shifts[:, len(start) :])
+    errors = _distances(ends, goal).max(axis=1)
+    for error in errors[errors > tolerance + FORGIVEN * size][:1]:
+        return (
+            f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the"
+            " goals"
+        )
     if isinstance(world.workspace, ConvexWorkspace) and world.friction == np.inf:
         slope = _least_slope(world, start, moves)
         if slope < GRAZING:
@@ -145,12 +149,19 @@ def why_sensitive(
 
 
 @lru_cache(maxsize=64)
-def _roundings(rows: int, d: int) -> tuple[Points, ...]:
-    """Return some arrays of random errors, float64, shape (rows, d), relative to the size of the
-    workspace.
+def _roundings(rows: int, d: int) -> NDArray[np.float64]:
+    """Return patterns of random errors, float64, shape (PATTERNS, rows, d), relative to the size of
+    the workspace.
     """
     rng = np.random.default_rng(rows)
-    return tuple(ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS))
+    return np.array([ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS)])
+
+
+def _distances(points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances of points, as `numpy.linalg.norm` does, but in half its time."""
+    apart = points - others
+    distances: NDArray[np.float64] = np.sqrt((apart * apart).sum(axis=-1))
+    return distances
 
 
 def _least_slope(world: Any, start: Points, moves: Points) -> float:

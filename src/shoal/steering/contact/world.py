@@ -95,6 +95,17 @@ class SteeringWorld(ABC):
             self.moved(state, move)
         return state
 
+    def finals(self, points: Points, plans: Points) -> Points:
+        """Return the same for several plans, each from its own positions; float64, shape (plans, n,
+        dimensions).
+
+        Parameters
+        ----------
+        points : ndarray of float64, shape (plans, n, dimensions)
+        plans : ndarray of float64, shape (plans, moves, dimensions)
+        """
+        return np.stack([self.final(*each) for each in zip(points, plans, strict=True)])
+
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
         """Return which particles a wall with infinite friction would hold at the start of ``move``;
         bool, shape (n,).
@@ -261,23 +272,35 @@ class ContactWorld(SteeringWorld):
         """
         if self.radius or not len(moves):
             return super().final(points, moves)
-        state = np.array(points, dtype=np.float64, order="C")
-        kernels.advance_plan(
-            state,
-            np.ascontiguousarray(moves, dtype=np.float64),
-            self.walls,
-            np.empty(state.shape[1]),
-        )
+        state: Points = self.finals(np.asarray(points)[None], np.asarray(moves)[None])[0]
         return state
+
+    def finals(self, points: Points, plans: Points) -> Points:
+        """Return the positions of the particles after all moves of each plan, without checks of the
+        input.
+        """
+        if self.radius:
+            return super().finals(points, plans)
+        states = np.array(points, dtype=np.float64, order="C")
+        kernels.advance_plans(
+            states,
+            np.ascontiguousarray(plans, dtype=np.float64),
+            self.walls,
+            np.empty(states.shape[2]),
+        )
+        return states
 
     def moved(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
         checks.
         """
-        before, spare = state.copy(), np.empty_like(move)
+        spare = np.empty_like(move)
+        if not self.radius:
+            kernels.advance_plans(state[None], move[None, None], self.walls, spare)
+            return state
+        before = state.copy()
         shares = np.array([kernels.advance(point, move, self.walls, spare) for point in state])
-        if self.radius:
-            stop_at_others(before, move, shares, 2 * self.radius, state)
+        stop_at_others(before, move, shares, 2 * self.radius, state)
         return state
 
 

@@ -267,10 +267,14 @@ def advance_all(state, move, walls, velocity):
 
 
 @in_place_kernel
-def advance_plan(state, moves, walls, velocity):
-    """Make all moves of a plan with all particles in place; the rows of ``moves`` are the moves."""
-    for m in range(moves.shape[0]):
-        advance_all(state, moves[m], walls, velocity)
+def advance_plans(states, plans, walls, velocity):
+    """Make all moves of each plan with all particles of its state in place.
+
+    ``states`` has shape (plans, particles, dimensions), ``plans`` (plans, moves, dimensions).
+    """
+    for k in range(plans.shape[0]):
+        for m in range(plans.shape[1]):
+            advance_all(states[k], plans[k, m], walls, velocity)
 
 
 @in_place_kernel

@@ -236,8 +236,8 @@ def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     def fitted(given: Points, wanted: Points) -> list[list[float]]:
         columns = np.stack([given[:, 0] ** i * given[:, 1] ** j for i, j in powers], axis=1)
-        found = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-        return [[i, j, *map(float, pair)] for (i, j), pair in zip(powers, found, strict=True)]
+        solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+        return [[i, j, *map(float, pair)] for (i, j), pair in zip(powers, solution, strict=True)]
 
     return {
         "frame": [frame.longitude, frame.latitude],

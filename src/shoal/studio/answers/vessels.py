@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.studio.answers.shared import (
+from shoal.studio.answers.pictures import (
     LARGEST_SHOWN,
     base64_of,
     fit_to_page,
@@ -87,9 +87,13 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     thresholds = {"low": problem.low, "high": problem.high}
     answer: dict[str, Any] = {"exact": bool(about.get("exact"))}
     if answer["exact"]:
-        found = vessels_in(problem.map, **thresholds, **fields)
-        mask = found.mask
-        answer |= {"confidence": found.confidence, "warning": found.warning, "bright": found.bright}
+        vessels = vessels_in(problem.map, **thresholds, **fields)
+        mask = vessels.mask
+        answer |= {
+            "confidence": vessels.confidence,
+            "warning": vessels.warning,
+            "bright": vessels.bright,
+        }
     else:
         finder = finder_of(problem.map, **fields)
         rows, columns = finder.shape

@@ -347,17 +347,75 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
     """Choose a random free cell, and take the n free cells with the shortest paths to the chosen
     cell.
     """
+    start = workspace.cells[rng.integers(workspace.n_free)]
+    return _nearest(workspace, n, start, what="flood-fill")
+
+
+def _nearest(
+    workspace: GridWorkspace, n: int, start: NDArray[np.int64], *, what: str
+) -> NDArray[np.int64]:
+    """Return the n free cells with the shortest paths to a free cell."""
     from shoal.swarm.kernels.search import nearest_cells
 
-    padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
+    padded = np.pad(workspace.free, 1)
     flat = int(np.ravel_multi_index(tuple(start + 1), padded.shape))
-    found = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
-    if len(found) < n:
+    nearest = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
+    if len(nearest) < n:
         raise InvalidInputError(
-            f"flood-fill: expected {n} connected free cells around {tuple(start.tolist())} of"
-            f" {workspace.name}, got only {len(found)}"
+            f"{what}: expected {n} connected free cells around {tuple(start.tolist())} of"
+            f" {workspace.name}, got only {len(nearest)}"
         )
-    return np.stack(np.unravel_index(found, padded.shape), axis=1) - 1
+    return np.stack(np.unravel_index(nearest, padded.shape), axis=1) - 1
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """The placement of particles that have filled a vessel from an inlet outwards: the n free cells
+    with the shortest paths to the inlet.
+
+    Parameters
+    ----------
+    cell : tuple of int
+        The cell of the inlet.
+
+    Examples
+    --------
+    >>> workspace = GridWorkspace([[1, 1, 0, 1], [1, 1, 1, 1]])
+    >>> Inlet((0, 3))(workspace, 3, np.random.default_rng(0)).tolist()
+    [[0, 3], [1, 3], [1, 2]]
+    """
+
+    cell: tuple[int, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Inlet:
+        """Return the inlet of a text such as "inlet:3,4".
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the text does not name a cell.
+        """
+        numbers = text.removeprefix("inlet:").split(",")
+        if len(numbers) not in (2, 3) or not all(one.strip().isdecimal() for one in numbers):
+            raise InvalidInputError(
+                f"start: expected inlet:row,column (in three dimensions inlet:layer,row,column), got"
+                f" {shortened(text)}"
+            )
+        return cls(tuple(int(one) for one in numbers))
+
+    def check(self, workspace: GridWorkspace) -> None:
+        """Refuse a workspace in which the inlet is not a free cell."""
+        with errors_at("inlet"):
+            check_start(workspace, [self.cell])
+
+    def __call__(self, workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
+        """Return the start cells (int64, shape (n, ndim)), nearest first."""
+        self.check(workspace)
+        return _nearest(workspace, n, np.array(self.cell), what="inlet")
+
+    def __str__(self) -> str:
+        return f"inlet:{','.join(map(str, self.cell))}"
 
 
 @PLACEMENTS.register("region-fill")

@@ -27,8 +27,9 @@ CLUTTER = 1e-6  # probability that a scan shows a particle in a cell that has no
 UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle may be unknown
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
-# clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified
-RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound")
+# clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified;
+# merge: 1 if particles share cells, else 0
+RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge")
 
 
 class NoisyState(NamedTuple):
@@ -140,10 +141,17 @@ def foresee(noisy, command):
     inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
     offset, slip = noisy.offsets[command], noisy.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
+    merge = noisy.rates.merge > 0.0
     moved[:] = 0.0
     for _ in range(inside.shape[0]):
         held = inside[at]
-        if held > 0.0:
+        if held > 0.0 and merge:  # no particle blocks another one
+            ahead = at + offset
+            staying[at] = 1.0 - (1.0 - slip) * max(chance(noisy.logit[ahead]), inside[ahead])
+            moved[at] += (1.0 - moved[at]) * held * staying[at]
+            going = held * (1.0 - staying[at])
+            moved[ahead] += (1.0 - moved[ahead]) * going if going > FAINT * FAINT else 0.0
+        elif held > 0.0:
             ahead = at + offset
             taken = inside[ahead]
             room = (
@@ -245,6 +253,9 @@ def weigh(noisy, at, offset):
     ) * none
     stayed = held * both + (1.0 - held) * only_here
     share_taken = taken / free
+    if noisy.rates.merge > 0.0:  # a particle also enters a cell in which another one stays
+        behind_only = next_coming * both + (1.0 - next_coming) * only_here
+        stayed = gone * behind_only + coming * slip * both + (1.0 - coming) * behind_only
     particle = (1.0 - share_taken * stay) * entered + share_taken * stay * stayed
     room = particle + (1.0 - share_taken * stay) * empty
     tiny = 1e-300
@@ -340,6 +351,14 @@ def scan_likelihood(noisy, command):
             else:
                 room = max(chance(noisy.logit[ahead]), inside[ahead])
                 going = held * (1.0 - slip) * room
+                if noisy.rates.merge > 0.0:
+                    if_left = blocked * if_held + (1.0 - blocked) * if_empty
+                    stay, gone = (held - going) * if_left, going * if_held + (1.0 - held) * if_left
+                    both = stay + gone
+                    stays[at] = stay / both
+                    total += np.log(both)
+                    at += step
+                    continue
                 stay = (1.0 - blocked) * (held - going) * if_empty + blocked * held * if_held
                 gone = (1.0 - blocked) * (going * if_held + (1.0 - held) * if_empty)
                 gone += blocked * (1.0 - held) * if_held

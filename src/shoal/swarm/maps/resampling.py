@@ -395,8 +395,8 @@ def join_diagonals(free: Mask) -> Mask:
     joined = free.copy()
     # contacts at edges first: they may connect parts that also touch at a corner
     for axes in range(2, free.ndim + 1):
-        for one, step in _contacts(connected_parts(joined)[0], axes):
-            at = one.copy()
+        for contact, step in _contacts(connected_parts(joined)[0], axes):
+            at = contact.copy()
             for axis in reversed(np.flatnonzero(step)[1:]):
                 at[:, axis] += step[axis]
                 joined[tuple(at.T)] = True
@@ -426,6 +426,6 @@ def _contacts(
             for one, side in zip(way, parts.shape, strict=True)
         )
         apart = (parts[first] > 0) & (parts[second] > 0) & (parts[first] != parts[second])
-        at = np.argwhere(apart) + np.array([one.start for one in first])
+        at = np.argwhere(apart) + np.array([part.start for part in first])
         if len(at):
             yield at, step

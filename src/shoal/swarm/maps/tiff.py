@@ -126,11 +126,11 @@ class Tiff:
         self._series = self._all[0]
         # A writer that knows nothing of series writes each page as one; they are the layers of the
         # map.
-        alike = {(one.shape, one.dtype, one.axes) for one in self._all}
+        alike = {(series.shape, series.dtype, series.axes) for series in self._all}
         if len(self._all) > 1 and (
             len(alike) > 1 or set(self._series.axes) - set("YXS") or self._file.is_ome
         ):
-            sizes = " and ".join("x".join(map(str, one.shape)) for one in self._all[:3])
+            sizes = " and ".join("x".join(map(str, series.shape)) for series in self._all[:3])
             raise InvalidInputError(
                 f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of"
                 f" {sizes}"
@@ -142,7 +142,7 @@ class Tiff:
         if self.dtype.kind not in "biuf":
             raise InvalidInputError(f"{self.path}: expected a picture of numbers, got {self.dtype}")
         self.orientation = int(page.tags.get(274).value) if page.tags.get(274) is not None else 1
-        self.extra = tuple(int(one) for one in page.extrasamples)
+        self.extra = tuple(int(sample) for sample in page.extrasamples)
         axes, shape = self._series.axes, tuple(int(side) for side in self._series.shape)
         rows, columns = int(page.imagelength), int(page.imagewidth)
         index: list[Any] = []
@@ -189,7 +189,7 @@ class Tiff:
         sides = [
             int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"
         ]
-        chosen = [one for axis, one in zip(axes, self._index, strict=True) if axis not in "YXS"]
+        chosen = [index for axis, index in zip(axes, self._index, strict=True) if axis not in "YXS"]
         within = tuple(axis for axis in axes if axis in "YXS")
         count = int(np.prod(sides, dtype=np.int64))
         by_page = len(series.pages) == count and not (
@@ -287,8 +287,10 @@ class Tiff:
             order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
             # row by row: the bits of a whole strip need eight times its bytes
             for row, octets in enumerate(packed, start=first):
-                one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
-                page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
+                samples = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(
+                    width, bits
+                )
+                page[plane, row] = samples @ (1 << np.arange(bits, dtype=np.int64)[::-1])
         shape = (
             (rows, columns)
             if self.samples == 1
@@ -321,9 +323,9 @@ class Tiff:
     def _channel_names(self) -> list[str]:
         """Return the names of the channels of an OME or ImageJ file, if the file contains them."""
         if self._file.is_ome:
-            found = re.findall(r"<(?:\w+:)?Channel\b[^>]*", self._file.ome_metadata or "")
-            names = [re.search(r'\bName="([^"]{0,80})"', one) for one in found]
-            return [one.group(1) if one else "" for one in names]
+            channels = re.findall(r"<(?:\w+:)?Channel\b[^>]*", self._file.ome_metadata or "")
+            names = [re.search(r'\bName="([^"]{0,80})"', channel) for channel in channels]
+            return [name.group(1) if name else "" for name in names]
         return []
 
     def _spacing(self, axes: str) -> None:
@@ -362,10 +364,10 @@ class Tiff:
                 )
 
     def _pixel(self, tag: int, unit: str) -> float | None:
-        found = self._file.pages[0].tags.get(tag)
-        if found is None:
+        entry = self._file.pages[0].tags.get(tag)
+        if entry is None:
             return None
-        value = found.value
+        value = entry.value
         count, length = value if isinstance(value, tuple) else (value, 1)
         return self._length(length / count if count else None, unit)
 

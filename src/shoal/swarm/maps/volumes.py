@@ -372,10 +372,10 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
             file.seek(-size, 2)
         elif skip_bytes > 0:
             opened.read(min(skip_bytes, LARGEST_DATA))
-        found = opened.read(size)
-        if len(found) < size:
-            raise ValueError(f"expected {size} bytes of data, got {len(found)}")
-        return np.frombuffer(found, dtype=dtype)
+        content = opened.read(size)
+        if len(content) < size:
+            raise ValueError(f"expected {size} bytes of data, got {len(content)}")
+        return np.frombuffer(content, dtype=dtype)
 
 
 def _nrrd_space(
@@ -394,7 +394,9 @@ def _nrrd_space(
         if spacings is None:
             return None, None
         lengths = tuple(abs(float(spacings[axis])) * factor for axis in domain)
-        return (lengths if all(isfinite(one) and one > 0 for one in lengths) else None), None
+        return (
+            lengths if all(isfinite(length) and length > 0 for length in lengths) else None
+        ), None
     vectors = np.array([np.asarray(found[axis], dtype=np.float64) for axis in domain])
     if not np.isfinite(vectors).all():
         raise ValueError("a direction of an axis is not finite")
@@ -443,8 +445,8 @@ def read_dicom(path: Path, options: MapOptions) -> Cells:
     """
     pydicom = import_extra("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(path, "a DICOM file"):
-        one = _dicom_header(path, pydicom)
-        return _dicom_cells(path, [path], [one], pydicom, options)
+        header = _dicom_header(path, pydicom)
+        return _dicom_cells(path, [path], [header], pydicom, options)
 
 
 def dicom_files(folder: Path) -> list[Path]:
@@ -608,7 +610,7 @@ def _dicom_order(
         return [0], thickness, None
     turns = [head.get("ImageOrientationPatient") for head in heads]
     places = [head.get("ImagePositionPatient") for head in heads]
-    if any(one is None for one in (*turns, *places)):
+    if any(value is None for value in (*turns, *places)):
         if any(head.get("InstanceNumber") is None for head in heads):
             raise InvalidInputError(
                 f"{where}: expected the place or the number of each image, got images without them"
@@ -627,10 +629,10 @@ def _dicom_order(
     order = [int(index) for index in np.argsort(depth, kind="stable")]
     steps = np.diff(depth[order])
     if (steps < 1e-4).any():
-        one = int(np.argmin(steps))
+        k = int(np.argmin(steps))
         raise InvalidInputError(
-            f"{where}: expected one image at each place, got {files[order[one]].name} and"
-            f" {files[order[one + 1]].name} at the same place (several points in time need a folder"
+            f"{where}: expected one image at each place, got {files[order[k]].name} and"
+            f" {files[order[k + 1]].name} at the same place (several points in time need a folder"
             " each)"
         )
     distance = float(np.median(steps))

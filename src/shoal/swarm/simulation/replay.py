@@ -316,6 +316,7 @@ class ObservedReplay(_BeliefReplay):
         The true free cells, or None if the true map is unknown.
     goal : Goal
         The task, with the map that was known beforehand.
+    rule : str
     placed : tuple of Placement
     """
 
@@ -326,6 +327,7 @@ class ObservedReplay(_BeliefReplay):
     observations: tuple[NDArray[np.int64], ...]
     truth: NDArray[np.bool_] | None
     goal: Goal
+    rule: str
     placed: tuple[Placement, ...] = ()
 
     def _truth(self) -> NDArray[np.bool_] | None:
@@ -345,7 +347,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = self.goal.noisy(seen, self.noise, self.confidence)
+        belief = self.goal.noisy(seen, self.noise, self.confidence, rule=self.rule)
         placed = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
         first = belief.remaining
         for _, seen in (one for one in placed if one[0] == 0):

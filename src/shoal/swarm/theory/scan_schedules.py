@@ -574,11 +574,11 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
         middle = Fraction(
             (middle.numerator << 2 * _PRECISION) // middle.denominator, 1 << 2 * _PRECISION
         )
-        found = latest(middle)
-        if found is None:
+        time = latest(middle)
+        if time is None:
             low = middle
         else:
-            best, high = found, latest.ratio(found)
+            best, high = time, latest.ratio(time)
     for _ in range(_LAST_STEPS):  # enough whenever the limit on scans has no effect
         better = latest(high, below=True)
         if better is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from math import cos, floor, log10, radians, sin
 from typing import TYPE_CHECKING, Any
 
@@ -187,3 +188,49 @@ def draw_scale_bar(
                 "mutation_scale": 7,
             },
         )
+
+
+def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
+    """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes."""
+    from matplotlib.transforms import blended_transform_factory
+
+    edge = blended_transform_factory(axes.transAxes, figure.transFigure)
+    figure.suptitle(
+        words,
+        fontsize=11,
+        color=INK,
+        x=0.0,
+        ha="left",
+        fontweight="bold",
+        parse_math=False,
+        transform=edge,
+    )
+
+
+def marker(shape: str, label: str, **look: Any) -> Any:
+    """Return a marker for a legend; ``look`` holds arguments of a `matplotlib.lines.Line2D`."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], ls="", marker=shape, label=label, **look)
+
+
+def dashes(label: str, **look: Any) -> Any:
+    """Return a dashed line for a legend."""
+    from matplotlib.lines import Line2D
+
+    usual: dict[str, Any] = {"color": MUTED, "lw": 1.0, "ls": (0, (3, 2))}
+    return Line2D([], [], label=label, **usual | look)
+
+
+def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
+    """Write a legend below a figure."""
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=ncols,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+        handletextpad=0.5,
+        columnspacing=spacing,
+    )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -12,257 +11,27 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import count_text
 from shoal.core.geometry import left_of, segments_of
-from shoal.search import SearchEpisode, Tour
+from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.canvas import hole_in, path_of_rings, rings_of
 from shoal.views.drawing.charts import (
     INK,
     MUTED,
+    add_legend,
     bare_axes,
+    dashes,
+    draw_heading,
     draw_scale_bar,
+    marker,
     new_figure,
-    plain_axes,
-    set_title,
 )
-from shoal.views.search.history import Activity, SearchHistory, robot_colour, sizes_text
+from shoal.views.search.history import SearchHistory, robot_colour, sizes_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
-
-
-WAITING, LISTENING = "#d5dae0", "#eceff2"
-
-
-def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
-    """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes."""
-    from matplotlib.transforms import blended_transform_factory
-
-    edge = blended_transform_factory(axes.transAxes, figure.transFigure)
-    figure.suptitle(
-        words,
-        fontsize=11,
-        color=INK,
-        x=0.0,
-        ha="left",
-        fontweight="bold",
-        parse_math=False,
-        transform=edge,
-    )
-
-
-def marker(shape: str, label: str, **look: Any) -> Any:
-    """Return a marker for a legend; ``look`` holds arguments of a `matplotlib.lines.Line2D`."""
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], ls="", marker=shape, label=label, **look)
-
-
-def dashes(label: str, **look: Any) -> Any:
-    """Return a dashed line for a legend."""
-    from matplotlib.lines import Line2D
-
-    usual: dict[str, Any] = {"color": MUTED, "lw": 1.0, "ls": (0, (3, 2))}
-    return Line2D([], [], label=label, **usual | look)
-
-
-def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
-    """Write a legend below a figure."""
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=ncols,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=spacing,
-    )
-
-
-def timeline_figure(episode: SearchEpisode) -> Figure:
-    """Return a figure with the timeline of a search, with one row for each robot.
-
-    If the problem names a vehicle, the unit of the time axis is minutes. Without a vehicle, the
-    unit is the cell time: the time that a robot of speed 1 needs for one cell.
-
-    A full colour means that the robot searched its own part. A hatched colour means that the robot
-    searched the part of another robot; a number names the other robot. A grey bar means that the
-    robot waited, a pale bar means that it listened, and a dotted bar means that it was paused. A
-    cross means that the robot died. A dot means that the robot declared the search complete.
-    """
-    history = SearchHistory(episode)
-    clock = _Clock(episode)
-    end = clock.at(history.end)
-    rows = history.n_robots
-    pitch = float(np.clip(9.0 / rows, 0.2, 0.34))
-    figure = new_figure(8.0, 1.35 + pitch * max(rows, 2))
-    axes = figure.add_subplot()
-    for robot, activities in enumerate(history.activities):
-        for activity in activities:
-            placed = replace(activity, begin=clock.at(activity.begin), end=clock.at(activity.end))
-            _draw_activity(axes, robot, placed, end, pitch)
-    _draw_moments(axes, history, clock)
-    axes.set(
-        xlim=(0, 1.015 * end),
-        ylim=(rows - 0.4, -0.6),
-        xlabel=f"time, in {clock.unit}",
-        ylabel="robot",
-    )
-    axes.set_yticks(
-        range(rows), [str(robot + 1) for robot in range(rows)], fontsize=8 if pitch > 0.26 else 6.5
-    )
-    plain_axes(axes)
-    axes.grid(visible=False, axis="y")
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    draw_heading(figure, axes, f"{episode.plan.grid.region.name}: what each robot did")
-    _draw_kinds(figure, history)
-    return figure
-
-
-class _Clock:
-    """The time axis of a timeline: minutes if the problem of an episode names a vehicle, and
-    otherwise cell times.
-    """
-
-    def __init__(self, episode: SearchEpisode) -> None:
-        self.episode = episode
-        self.unit = "cells" if episode.problem.vehicle is None else "minutes"
-
-    def at(self, moment: float) -> float:
-        """Return the position on the time axis of a moment in cell times."""
-        return moment if self.unit == "cells" else float(self.episode.clock(moment)) / 60
-
-    def text(self, moment: float) -> str:
-        """Return a moment in cell times as text."""
-        return (
-            f"{moment:.4g}"
-            if self.unit == "cells"
-            else duration_text(float(self.episode.clock(moment)))
-        )
-
-
-def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch: float) -> None:
-    from matplotlib.colors import to_rgb
-
-    colour, length = robot_colour(robot), activity.end - activity.begin
-    span = (activity.begin, length)
-    match activity.kind:
-        case "own":
-            axes.broken_barh([span], (robot - 0.32, 0.64), facecolors=colour, linewidth=0, zorder=2)
-        case "taken":
-            pale = tuple(1 - 0.3 * (1 - part) for part in to_rgb(colour))
-            axes.broken_barh(
-                [span],
-                (robot - 0.32, 0.64),
-                facecolors=[pale],
-                edgecolors=colour,
-                linewidth=0.9,
-                hatch="/////",
-                zorder=2.2,
-            )
-            if length > 0.028 * end:
-                axes.text(
-                    activity.begin + length / 2,
-                    robot,
-                    str(activity.other),
-                    fontsize=7 if pitch > 0.26 else 5.5,
-                    fontweight="bold",
-                    color=INK,
-                    ha="center",
-                    va="center_baseline",
-                    zorder=4,
-                    bbox={
-                        "facecolor": "white",
-                        "edgecolor": "none",
-                        "pad": 0.8,
-                        "boxstyle": "round,pad=0.12",
-                    },
-                )
-        case "waiting" | "listening":
-            shade = WAITING if activity.kind == "waiting" else LISTENING
-            axes.broken_barh(
-                [span], (robot - 0.32, 0.64), facecolors=shade, linewidth=0, zorder=1.8
-            )
-        case "paused":
-            axes.plot(
-                [activity.begin, activity.end],
-                [robot, robot],
-                color=colour,
-                lw=1.6,
-                ls=(0, (1, 1.6)),
-                zorder=2,
-            )
-        case "dead":
-            axes.plot(
-                activity.begin, robot, "x", color="white", ms=8, mew=4, zorder=5, clip_on=False
-            )
-            axes.plot(activity.begin, robot, "x", color=INK, ms=7, mew=2, zorder=5.1, clip_on=False)
-        case _:
-            axes.plot(
-                activity.begin,
-                robot,
-                "o",
-                mfc="white",
-                mec=INK,
-                mew=1.3,
-                ms=5,
-                zorder=5,
-                clip_on=False,
-            )
-
-
-def _draw_moments(axes: Axes, history: SearchHistory, clock: _Clock) -> None:
-    """Mark the time at which all cells were searched, and the time at which the last robot knew
-    about the completion.
-    """
-    episode = history.episode
-    marks: list[tuple[float, str, Any]] = []
-    if episode.trace.covered_at < inf:
-        marks.append(
-            (
-                episode.trace.covered_at,
-                "all searched, all back" if clock.episode.plan.flies else "all searched",
-                "solid",
-            )
-        )
-    if episode.trace.declared:
-        marks.append((max(episode.trace.declared.values()), "all who live know it", (0, (3, 2))))
-    if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * history.end:
-        marks = [(marks[1][0], f"all searched, {marks[1][1]}", "solid")]
-    for row, (moment, words, style) in enumerate(reversed(marks)):
-        axes.axvline(clock.at(moment), color=INK, lw=1.1, ls=style, zorder=3)
-        axes.annotate(
-            f"{words}: {clock.text(moment)}",
-            (clock.at(moment), 1),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 4 + 11 * row),
-            textcoords="offset points",
-            fontsize=8,
-            color=INK,
-            ha="right" if moment > 0.35 * history.end else "left",
-        )
-
-
-def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
-    from matplotlib.patches import Patch
-
-    first = robot_colour(0)
-    known: Mapping[str, Any] = {
-        "listening": Patch(facecolor=LISTENING, label="listening"),
-        "own": Patch(facecolor=first, label="its own part"),
-        "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="another's part"),
-        "waiting": Patch(facecolor=WAITING, label="waiting"),
-        "paused": dashes("paused", color=first, lw=1.6, ls=(0, (1, 1.6))),
-        "dead": marker("x", "died", color=INK, ms=7, mew=2),
-        "complete": marker("o", "knows that all is searched", mfc="white", mec=INK, mew=1.3, ms=5),
-    }
-    kinds = {activity.kind for activities in history.activities for activity in activities}
-    add_legend(figure, [handle for kind, handle in known.items() if kind in kinds], 7, spacing=1.2)
-
+from shoal.views.search.timeline import timeline_figure
 
 NOT_SEEN = "#d81b1b"
 OBSTACLE = "#5b6470"
@@ -523,11 +292,11 @@ def _draw_not_seen(axes: Axes, history: SearchHistory) -> None:
 
 
 def _draw_findings(axes: Axes, history: SearchHistory) -> None:
-    found = history.episode.findings
-    for finding in found:
+    findings = history.episode.findings
+    for finding in findings:
         place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
-        if len(found) <= _NAMED:
+        if len(findings) <= _NAMED:
             _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
 
 
@@ -675,136 +444,3 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
 
 
 FIGURES = {"routes": routes_figure, "timeline": timeline_figure}
-
-
-_BRIGHTEST = 0.93
-"""Upper limit of the colour map viridis, whose last yellow is too pale for a thin line on white."""
-_TOUR_LINES = 40_000
-"""Maximum number of cells for drawing lines.
-
-Larger tours are drawn as a picture of visiting times, because lines would merge into areas.
-"""
-_GROUND, _OUTSIDE_TOUR = "#ffffff", "#e3e6ea"
-
-
-def tour_figure(tour: Tour) -> Figure:
-    """Return a figure of a tour, coloured from dark at the first cell to bright at the last cell.
-
-    A ring marks the first cell of the tour, and a square marks the last cell. Grid positions
-    without a cell are grey. The closing edge (from the last cell to the first) is dashed, and steps
-    across gaps are thin lines. For a tour of more than 40,000 cells, the figure is a picture in
-    which the colour of a cell shows its position in the tour. A 3-D tour appears in perspective,
-    seen from above.
-    """
-    metrics = tour.metrics()
-    sides = " × ".join(str(side) for side in reversed(tour.shape))
-    turns = f"{metrics.turns_per_cell:.2f} turns a cell, length {metrics.length:.7g}"
-    title = f"{tour.name}, {sides}: {turns}"
-    if len(tour.shape) == 3:
-        figure = new_figure(6.4, 6.2)
-        _draw_space(figure.add_subplot(projection="3d"), tour)
-        figure.suptitle(title, fontsize=11, color=INK, x=0.03, ha="left", fontweight="bold")
-        return figure
-    height, width = tour.shape
-    inches = float(np.clip(6.4 * height / width, 1.2, 8.6))
-    figure = new_figure(6.4 if inches < 8.6 else max(4.2, 8.6 * width / height), inches + 0.55)
-    axes = figure.add_subplot()
-    if len(tour) > _TOUR_LINES:
-        _draw_picture(axes, tour)
-    else:
-        _draw_lines(axes, tour, 72 * min(6.0 / width, inches / height))
-    axes.set_axis_off()
-    set_title(axes, title if figure.get_figwidth() > 6 else f"{tour.name}, {sides}")
-    return figure
-
-
-def _course() -> Colormap:
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colormaps["viridis"](np.linspace(0, _BRIGHTEST, 256))).with_extremes(
-        bad=_OUTSIDE_TOUR
-    )
-
-
-def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
-    """Draw the path of a tour as lines; ``points`` is the side of a cell in points (1/72 inch)."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import ListedColormap
-
-    height, width = tour.shape
-    ground = ListedColormap([_OUTSIDE_TOUR, _GROUND])
-    axes.imshow(tour.position >= 0, cmap=ground, vmin=0, vmax=1, interpolation="nearest", zorder=0)
-    axes.plot(
-        [-0.5, width - 0.5, width - 0.5, -0.5, -0.5],
-        [-0.5, -0.5, height - 0.5, height - 0.5, -0.5],
-        color=_OUTSIDE_TOUR,
-        lw=1,
-        zorder=1,
-    )
-    way = tour.cells[:, ::-1].astype(float)
-    pieces, thin = _pieces(tour, way)
-    thick = float(np.clip(0.22 * points, 0.6, 3.2))
-    lines = LineCollection(
-        list(pieces),
-        cmap=_course(),
-        array=np.arange(len(pieces)),
-        linewidths=np.where(thin, 0.4 * thick, thick),
-        capstyle="round",
-        zorder=2,
-    )
-    axes.add_collection(lines)
-    size = float(np.clip(0.55 * points, 4, 11))
-    if tour.closed and len(tour) > 2:
-        axes.plot(
-            *way[[-1, 0]].T, "--", color=INK, lw=max(0.9, 0.5 * thick), dashes=(2.2, 1.6), zorder=3
-        )
-    axes.plot(*way[-1], "s", mfc="white", mec=INK, mew=1.3, ms=0.8 * size, zorder=4)
-    axes.plot(*way[0], "o", mfc="white", mec=INK, mew=1.6, ms=size, zorder=4)
-    axes.set_xlim(-0.8, width - 0.2)
-    axes.set_ylim(height - 0.2, -0.8)
-
-
-def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the steps from the first to the last cell of a tour, shape (N - 1, 2, dimensions), and
-    a mask of steps across gaps.
-    """
-    return segments_of(way), tour.steps[: len(way) - 1] > 1.5
-
-
-def _draw_picture(axes: Axes, tour: Tour) -> None:
-    visited = np.ma.masked_less(tour.position, 0)
-    interpolation = "nearest" if max(tour.shape) < 900 else "antialiased"
-    image = axes.imshow(visited, cmap=_course(), interpolation=interpolation)
-    bar = image.axes.figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(colors=MUTED, labelsize=8)
-    bar.set_label("visited as number", color=MUTED, fontsize=9)
-
-
-def _draw_space(axes: Any, tour: Tour) -> None:
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
-
-    layers, height, width = tour.shape
-    way = tour.cells[:, ::-1].astype(float)
-    way[:, 1] = height - 1 - way[:, 1]
-    pieces, thin = _pieces(tour, way)
-    thick = float(np.clip(28 / max(tour.shape), 0.3, 3.0))
-    if len(pieces):  # matplotlib refuses an empty list of lines in 3-D
-        axes.add_collection3d(
-            Line3DCollection(
-                list(pieces),
-                cmap=_course(),
-                array=np.arange(len(pieces)),
-                linewidths=np.where(thin, 0.4 * thick, thick),
-                capstyle="round",
-            )
-        )
-    if tour.closed and len(tour) > 2:
-        axes.plot(*way[[-1, 0]].T, "--", color=INK, lw=1.2)
-    axes.plot(*way[-1], "s", mfc="white", mec=INK, mew=1.2, ms=6)
-    axes.plot(*way[0], "o", mfc="white", mec=INK, mew=1.5, ms=7)
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(-0.5, height - 0.5), zlim=(-0.5, layers - 0.5))
-    axes.set_box_aspect((width, height, layers), zoom=1.15)
-    axes.view_init(elev=24, azim=-62)
-    axes.set_axis_off()

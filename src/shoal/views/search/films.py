@@ -284,5 +284,5 @@ class SearchFilm:
 
 def _current(activities: tuple[Activity, ...], time: float) -> Activity:
     """Return the activity of a robot at the time ``time``."""
-    found = [activity for activity in activities if activity.begin <= time]
-    return found[-1] if found else Activity(0.0, inf, "listening")
+    begun = [activity for activity in activities if activity.begin <= time]
+    return begun[-1] if begun else Activity(0.0, inf, "listening")

@@ -22,12 +22,15 @@ from shoal.views.drawing.canvas import path_of_rings, rings_of
 from shoal.views.drawing.charts import (
     INK,
     MUTED,
+    add_legend,
     bare_axes,
+    dashes,
+    draw_heading,
     draw_scale_bar,
+    marker,
     new_figure,
     save_figure,
 )
-from shoal.views.search.figures import add_legend, dashes, draw_heading, marker
 from shoal.views.search.history import ROBOTS, robot_colour
 
 if TYPE_CHECKING:

@@ -102,7 +102,7 @@ def read_outlines(
     try:
         check_file(source, what="region file", most=LARGEST_DATABASE)
         if suffix in _LAYERED:
-            found = _LAYERED[suffix](source, reading, zones=zones)
+            outlines = _LAYERED[suffix](source, reading, zones=zones)
         elif (
             reading.layer is not None
             and not zones
@@ -113,10 +113,10 @@ def read_outlines(
                 f" with {source}"
             )
         else:
-            found = _READERS[suffix](source, reading)
+            outlines = _READERS[suffix](source, reading)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    check_count(len(found.outlines), MOST_POLYGONS, where=str(source), what="polygons")
-    corners = sum(len(ring.points) for outline in found.outlines for ring in outline.rings)
+    check_count(len(outlines.outlines), MOST_POLYGONS, where=str(source), what="polygons")
+    corners = sum(len(ring.points) for outline in outlines.outlines for ring in outline.rings)
     check_count(corners, MOST_CORNERS, where=str(source), what="corners")
-    return found
+    return outlines

@@ -69,19 +69,19 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in a GeoJSON file."""
     data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
-    found: list[RegionOutline] = []
+    outlines: list[RegionOutline] = []
     passed: set[str] = set()
     for where, shape, no_go in _geometries(data, str(path)):
         kind = shape.get("type")
         if kind == "Polygon":
-            found.append(_polygon(_list(shape, "coordinates", where), where, no_go))
+            outlines.append(_polygon(_list(shape, "coordinates", where), where, no_go))
         elif kind == "MultiPolygon":
             for k, rings in enumerate(_list(shape, "coordinates", where), start=1):
                 if not isinstance(rings, list):
                     raise InvalidInputError(
                         f"{where}, polygon {k}: expected a list of rings, got {_short(rings)}"
                     )
-                found.append(_polygon(rings, f"{where}, polygon {k}", no_go))
+                outlines.append(_polygon(rings, f"{where}, polygon {k}", no_go))
         elif isinstance(kind, str) and kind in _OTHER:
             lines = (
                 [_points(line, where) for line in _lines(shape, where)]
@@ -93,7 +93,7 @@ def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
                 for points in lines
                 if reading.is_polygon(points)
             ]
-            found += closed
+            outlines += closed
             passed |= set() if closed else {kind}
         else:
             got = "no type" if kind is None else f"the type {_short(kind)}"
@@ -101,13 +101,13 @@ def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
                 f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection,"
                 f" got {got}"
             )
-    if not found:
+    if not outlines:
         got = only_lines_text(passed, closed_lines=reading.closed_lines)
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
     name = _crs_name(data, str(path))
     if name is None:
-        return RegionOutlines(tuple(found), str(path), geographic=True)
-    return to_degrees(tuple(found), str(path), name)
+        return RegionOutlines(tuple(outlines), str(path), geographic=True)
+    return to_degrees(tuple(outlines), str(path), name)
 
 
 def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
@@ -267,13 +267,15 @@ def read_geopackage(path: Path, reading: Reading, *, zones: bool = False) -> Reg
         known = {str(row[0]): row for row in database.execute(_LAYERS)}
         names = [*known] if zones else _chosen(path, reading.layer, [*known])
         read = [_outlines(database, path, known, name, reading) for name in names]
-    if len({one.geographic for one in read}) > 1:
+    if len({source.geographic for source in read}) > 1:
         raise InvalidInputError(
             f"{path}: expected only layers with positions on Earth or only layers without, got"
             f" both: {', '.join(names)[:80]}"
         )
     return RegionOutlines(
-        tuple(outline for one in read for outline in one.outlines), str(path), read[0].geographic
+        tuple(outline for source in read for outline in source.outlines),
+        str(path),
+        read[0].geographic,
     )
 
 
@@ -328,7 +330,7 @@ def _outlines(
         for number, (blob, *_) in enumerate(rows, start=1)
     ]
     properties = [dict(zip(marks, values, strict=True)) for _, *values in rows]
-    found = layer_polygons(
+    outlines = layer_polygons(
         zip(shapes, properties, strict=True),
         where,
         reading,
@@ -336,17 +338,17 @@ def _outlines(
     )
     who = str(organization or "none").upper()
     if who == "NONE":
-        return RegionOutlines(found, str(path), geographic=False)
-    return to_degrees(found, str(path), f"EPSG:{code}" if who == "EPSG" else str(definition))
+        return RegionOutlines(outlines, str(path), geographic=False)
+    return to_degrees(outlines, str(path), f"EPSG:{code}" if who == "EPSG" else str(definition))
 
 
 def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
     """Refuse SQLite views and virtual tables, because they can run code."""
-    found = database.execute(
+    listed = database.execute(
         "SELECT type, sql FROM sqlite_master WHERE lower(name) = lower(?)", (name,)
     ).fetchone()
-    kind = "nothing" if found is None else str(found[0])
-    if kind == "table" and "VIRTUAL" in str(found[1]).upper().split()[:2]:
+    kind = "nothing" if listed is None else str(listed[0])
+    if kind == "table" and "VIRTUAL" in str(listed[1]).upper().split()[:2]:
         kind = "virtual table"
     if kind != "table":
         raise InvalidInputError(
@@ -463,7 +465,7 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
     can lead to another folder.
     """
     with opened_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
-        inside = {one.filename: one for one in archive.infolist()}
+        inside = {member.filename: member for member in archive.infolist()}
         shapes = [
             name
             for name in inside
@@ -511,13 +513,13 @@ def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutli
             )
         for beside in there:
             check_file(beside, what="part of a Shapefile", most=LARGEST_FILE)
-    found, crs = _read(path, where, reading)
+    outlines, crs = _read(path, where, reading)
     if not crs:
         raise InvalidInputError(
             f"{path.with_suffix('.prj')}: expected a known coordinate reference system, got another"
             " text"
         )
-    return to_degrees(found, where, crs)
+    return to_degrees(outlines, where, crs)
 
 
 def _read(path: Path, where: str, reading: Reading) -> tuple[tuple[RegionOutline, ...], str | None]:

@@ -222,7 +222,7 @@ def _wpl_fence(lines: list[tuple[int, str]], where: str) -> list[RegionOutline]:
     """Return the polygons and circles of a fence that Mission Planner or Shoal has written as items
     of a mission.
     """
-    found: list[RegionOutline] = []
+    outlines: list[RegionOutline] = []
     vertices: list[tuple[float, float]] = []
     numbers: list[int] = []
     begun: tuple[int, int] | None = (
@@ -240,7 +240,7 @@ def _wpl_fence(lines: list[tuple[int, str]], where: str) -> list[RegionOutline]:
             ring = Ring(
                 points_of(vertices), f"{where}: polygon from line {numbers[0]}", np.array(numbers)
             )
-            found.append(RegionOutline(ring, no_go=begun[0] == _OUTSIDE))
+            outlines.append(RegionOutline(ring, no_go=begun[0] == _OUTSIDE))
         vertices.clear()
         numbers.clear()
         begun = None
@@ -273,7 +273,7 @@ def _wpl_fence(lines: list[tuple[int, str]], where: str) -> list[RegionOutline]:
             points = _circle(
                 np.array([longitude, latitude]), count, place, around=command == _CIRCLE_OUTSIDE
             )
-            found.append(RegionOutline(Ring(points, place), no_go=command == _CIRCLE_OUTSIDE))
+            outlines.append(RegionOutline(Ring(points, place), no_go=command == _CIRCLE_OUTSIDE))
         elif (
             command != _RETURN and words[0] != "0"
         ):  # the first item of a file may be the home position
@@ -282,8 +282,8 @@ def _wpl_fence(lines: list[tuple[int, str]], where: str) -> list[RegionOutline]:
                 f" {command}"
             )
     end(last)
-    if not found:
+    if not outlines:
         raise InvalidInputError(
             f"{where}: expected the items of a fence (commands 5001 to 5004), got none"
         )
-    return found
+    return outlines

@@ -86,7 +86,7 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
         root = parse_xml(text, root="kml")
     except XmlError as error:
         raise InvalidInputError(f"{where}: line {error.line}: {error}") from None
-    found: list[RegionOutline] = []
+    outlines: list[RegionOutline] = []
     passed: set[str] = set()
     skipped = 0
     for number, (element, no_go, hidden) in enumerate(_shapes(root), start=1):
@@ -110,8 +110,8 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
             if reading.hidden == "skip":
                 skipped += 1
                 continue
-        found.append(outline)
-    if not found:
+        outlines.append(outline)
+    if not outlines:
         passed |= {element.tag for element in root.walk() if element.tag in _OTHER}
         got = (
             f"{skipped} hidden ones"
@@ -119,7 +119,7 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
             else only_lines_text(passed, closed_lines=reading.closed_lines)
         )
         raise InvalidInputError(f"{where}: expected a Polygon, got {got}")
-    return RegionOutlines(tuple(found), where, geographic=True)
+    return RegionOutlines(tuple(outlines), where, geographic=True)
 
 
 def _shapes(root: Element) -> Iterator[tuple[Element, bool, int | None]]:

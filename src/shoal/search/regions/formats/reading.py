@@ -191,20 +191,20 @@ def layer_polygons(
     InvalidInputError
         If no feature has a polygon.
     """
-    found: list[RegionOutline] = []
+    outlines: list[RegionOutline] = []
     kinds: set[str] = set()
     for number, (shape, properties) in enumerate(shapes, start=1):
         if shape is not None and not shape.is_empty:
             kinds.add(shape.geom_type)
             lines = reading.closed_lines and "LineString" in shape.geom_type
             areas = _closed(shape, reading) if lines else shape
-            found += polygon_outlines(
+            outlines += polygon_outlines(
                 areas, f"{where}: feature {number}", no_go=no_go or is_no_go(properties)
             )
-    if not found:
+    if not outlines:
         got = only_lines_text(kinds, closed_lines=reading.closed_lines)
         raise InvalidInputError(f"{where}: expected a Polygon or MultiPolygon, got {got}")
-    return tuple(found)
+    return tuple(outlines)
 
 
 def _closed(shape: Any, reading: Reading) -> Any:

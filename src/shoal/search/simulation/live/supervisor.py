@@ -443,13 +443,13 @@ def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
     own = [event for event in events if event.robot == number]
     searched = [event for event in own if event.kind == "searched" and event.cell is not None]
     detours = tuple(event.through for event in searched)
-    found = {event.cell for event in searched if event.found and event.cell is not None}
-    found |= {cell for event in searched for cell in event.beside}
+    findings = {event.cell for event in searched if event.found and event.cell is not None}
+    findings |= {cell for event in searched for cell in event.beside}
     return RobotLog(
         cells=np.array([event.cell for event in searched], dtype=np.int64),
         times=np.array([event.time for event in searched]),
         states=tuple((event.time, _STATES[event.kind]) for event in own if event.kind in _STATES),
-        found=tuple((cell, (number,)) for cell in sorted(found)),
+        found=tuple((cell, (number,)) for cell in sorted(findings)),
         detours=detours if any(detours) else (),
         obstructed=tuple(
             (event.time, event.cell)

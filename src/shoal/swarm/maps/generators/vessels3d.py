@@ -89,11 +89,11 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
     """Return random points in an ellipsoid as an array of shape (tips, 3) with the columns layer,
     row and column.
     """
-    found: Points = np.zeros((0, 3))
-    while len(found) < tips:
+    points: Points = np.zeros((0, 3))
+    while len(points) < tips:
         cube = rng.uniform(-1, 1, (2 * tips + 8, 3))
-        found = np.concatenate([found, cube[(cube**2).sum(axis=1) <= 1]])
-    return np.asarray(found[:tips] * ORGAN)
+        points = np.concatenate([points, cube[(cube**2).sum(axis=1) <= 1]])
+    return np.asarray(points[:tips] * ORGAN)
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:

@@ -107,11 +107,11 @@ class CentreLines(NamedTuple):
 
         A segment whose two ends are the same node occurs twice in the node's list.
         """
-        found: list[list[Segment]] = [[] for _ in self.places]
-        for one in self.segments:
-            found[one.nodes[0]].append(one)
-            found[one.nodes[1]].append(one.backward())
-        return found
+        branches: list[list[Segment]] = [[] for _ in self.places]
+        for segment in self.segments:
+            branches[segment.nodes[0]].append(segment)
+            branches[segment.nodes[1]].append(segment.backward())
+        return branches
 
 
 def centre_lines(mask: Mask) -> CentreLines:
@@ -183,7 +183,11 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
         group, node, nodes = [pixel], nodes, nodes + 1
         node_of[pixel] = node
         for member in group if len(near) > 2 else ():
-            new = [one for one in links[member] if len(links[one]) > 2 and one not in node_of]
+            new = [
+                neighbour
+                for neighbour in links[member]
+                if len(links[neighbour]) > 2 and neighbour not in node_of
+            ]
             node_of.update(dict.fromkeys(new, node))
             group += new
     chains = []
@@ -223,10 +227,10 @@ def _joined(
     count = int(nodes.max(initial=-1)) + 1
     radii = np.zeros(count)
     np.maximum.at(radii, nodes, depth[pixels] - 0.5)
-    ends = np.array([one.nodes for one in segments], dtype=np.int64).reshape(-1, 2)
+    ends = np.array([segment.nodes for segment in segments], dtype=np.int64).reshape(-1, 2)
     junction = np.bincount(ends.ravel(), minlength=count) > 2
     close = junction[ends].all(axis=1) & (
-        np.array([one.length for one in segments]) < radii[ends].sum(axis=1)
+        np.array([segment.length for segment in segments]) < radii[ends].sum(axis=1)
     )
     links = sparse.coo_matrix((np.ones(close.sum()), tuple(ends[close].T)), shape=(count, count))
     joints, joint = sparse.csgraph.connected_components(links, directed=False)
@@ -236,8 +240,8 @@ def _joined(
     largest = np.zeros(joints)
     np.maximum.at(largest, joint, radii)
     kept = [
-        one._replace(nodes=(int(joint[one.nodes[0]]), int(joint[one.nodes[1]])))
-        for one, gone in zip(segments, close.tolist(), strict=True)
+        segment._replace(nodes=(int(joint[segment.nodes[0]]), int(joint[segment.nodes[1]])))
+        for segment, gone in zip(segments, close.tolist(), strict=True)
         if not gone
     ]
     return CentreLines(kept, places - 1, largest, skeleton)

@@ -675,5 +675,5 @@ def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, 
     from scipy import ndimage
 
     near = ndimage.binary_dilation(network, np.ones((3, 3)))
-    found = resized(np.where(near, response, np.minimum(response, low)), shape) > low
-    return _without_small(found, SMALLEST_PART * found.size / network.size)
+    mask = resized(np.where(near, response, np.minimum(response, low)), shape) > low
+    return _without_small(mask, SMALLEST_PART * mask.size / network.size)

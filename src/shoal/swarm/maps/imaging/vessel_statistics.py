@@ -159,22 +159,22 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
         raise InvalidInputError(f"expected a view of shape {vessels.shape}, got {within.shape}")
     lines = centre_lines(vessels & within)
     branches, radii = lines.branches(), lines.radii.tolist()
-    measured = [one for around in branches if (one := _bifurcation(around, radii))]
+    measured = [measurement for around in branches if (measurement := _bifurcation(around, radii))]
     degrees = [len(around) for around in branches]
     inner = [
-        one
-        for one in lines.segments
-        if one.nodes[0] != one.nodes[1] and min(degrees[node] for node in one.nodes) > 2
+        segment
+        for segment in lines.segments
+        if segment.nodes[0] != segment.nodes[1] and min(degrees[node] for node in segment.nodes) > 2
     ]
     covered = int((vessels & within).sum())
-    length = max(1.0, sum(one.length for one in lines.segments))
+    length = max(1.0, sum(segment.length for segment in lines.segments))
     ends = _ends_inside(lines, np.array(degrees) == 1, within if view is not None else None)
     return VesselStatistics(
         angles=np.array([angle for angle, _ in measured]),
         radii=np.array([radii for _, radii in measured]).reshape(-1, 3),
-        lengths=np.array([one.length for one in inner]),
-        chords=np.array([np.hypot(*(one.points[-1] - one.points[0])) for one in inner]),
-        widths=np.array([one.width(0, one.length) for one in inner]),
+        lengths=np.array([segment.length for segment in inner]),
+        chords=np.array([np.hypot(*(segment.points[-1] - segment.points[0])) for segment in inner]),
+        widths=np.array([segment.width(0, segment.length) for segment in inner]),
         area_density=float(covered / within.sum()),
         dead_ends=100 * ends * covered / length**2 if length**2 > covered else float("nan"),
         fractal_dimension=box_dimension(lines.skeleton, smallest=covered / length),
@@ -246,17 +246,21 @@ def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, li
     """Return the angle between the daughter vessels (degrees) and the three radii, or None if a
     branch is too short to measure.
     """
-    if len(branches) != 3 or any(one.nodes[0] == one.nodes[1] for one in branches):
+    if len(branches) != 3 or any(branch.nodes[0] == branch.nodes[1] for branch in branches):
         return None
     radius = radii[branches[0].nodes[0]]
     first, reach = CLEAR * radius, max(SHORTEST, REACH * radius)
-    last = [min(first + reach, one.length - CLEAR * radii[one.nodes[1]]) for one in branches]
+    last = [
+        min(first + reach, branch.length - CLEAR * radii[branch.nodes[1]]) for branch in branches
+    ]
     if min(last) < first + LEAST:
         return None
-    widths = np.array([one.width(first, end) for one, end in zip(branches, last, strict=True)])
-    headings = [_heading(one, first, end) for one, end in zip(branches, last, strict=True)]
+    widths = np.array(
+        [branch.width(first, end) for branch, end in zip(branches, last, strict=True)]
+    )
+    headings = [_heading(branch, first, end) for branch, end in zip(branches, last, strict=True)]
     angles = np.degrees(
-        np.arccos(np.clip([headings[one - 2] @ headings[one - 1] for one in range(3)], -1, 1))
+        np.arccos(np.clip([headings[k - 2] @ headings[k - 1] for k in range(3)], -1, 1))
     )
     parent = int(np.argmin(np.where(widths >= ALIKE * widths.max(), angles, np.inf)))
     return float(angles[parent]), [

@@ -1,0 +1,223 @@
+"""Flight logs of vehicles: the tracks in a ``.tlog`` (MAVLink, of a ground station), a ``.bin``
+(ArduPilot) or a ``.ulg`` (PX4).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import check_file
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, import_extra
+from shoal.robots.mavlink import NO_AUTOPILOT, dialect
+
+LARGEST_LOG = 2**32  # bytes
+_SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
+_DATAFLASH = b"\xa3\x95\x80"  # a message that describes messages
+_MAVLINK_1, _MAVLINK_2, _SIGNED = 0xFE, 0xFD, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where a vehicle was.
+
+    Parameters
+    ----------
+    file : str
+    system : int or None
+        MAVLink system id, if the log names it.
+    times : ndarray of float64, shape (n,)
+        Seconds since 1970 if ``absolute``, otherwise since the vehicle was switched on; increasing.
+    places : ndarray of float64, shape (n, 2)
+        Longitude and latitude in degrees.
+    heights : ndarray of float64, shape (n,)
+        Metres above home.
+    absolute : bool
+    """
+
+    file: str
+    system: int | None
+    times: NDArray[np.float64]
+    places: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    absolute: bool
+
+
+Row = tuple[float, float, float, float]
+"""Time, longitude, latitude and height."""
+
+
+def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
+    """Read the track of each vehicle in a flight log.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is no flight log, or if it has no position.
+    MissingExtraError
+        If the library that reads the log is not installed.
+    """
+    source = Path(path)
+    readers: dict[str, Callable[[Path], dict[int | None, list[Row]]]] = {
+        ".tlog": _read_tlog,
+        ".bin": _read_dataflash,
+        ".ulg": _read_ulog,
+    }
+    reader = readers.get(source.suffix.lower())
+    if reader is None:
+        raise InvalidInputError(
+            f"{source}: expected a flight log ({' '.join(readers)}), got the suffix"
+            f" {source.suffix!r}"
+        )
+    check_file(source, what="flight log", most=LARGEST_LOG)
+    tracks = [
+        _track(source.name, system, rows)
+        for system, rows in sorted(reader(source).items(), key=str)
+    ]
+    tracks = [track for track in tracks if len(track.times) > 1]
+    if not tracks:
+        raise InvalidInputError(f"{source}: expected positions of a vehicle, got none")
+    return tracks
+
+
+def _track(file: str, system: int | None, rows: list[Row]) -> Track:
+    """Return the track of rows, without those that have no fix or go back in time."""
+    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    fixed = np.isfinite(table).all(axis=1) & (np.abs(table[:, 1:3]).sum(axis=1) > 1e-6)
+    fixed &= (np.abs(table[:, 1]) <= 180) & (np.abs(table[:, 2]) <= 90)
+    table = table[fixed]
+    latest = np.maximum.accumulate(table[:, 0])
+    table = table[np.diff(latest, prepend=-np.inf) > 0]
+    absolute = len(table) > 0 and bool(table[0, 0] > _SINCE_1970)
+    return Track(file, system, table[:, 0], table[:, 1:3], table[:, 3], absolute)
+
+
+def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
+    """Read a log of a ground station: packets of MAVLink, each after its time in microseconds."""
+    rows: dict[int | None, list[Row]] = {}
+    vehicles: set[tuple[int, int]] = set()
+    for stamp, message in _messages(path.read_bytes()):
+        source = message.get_srcSystem(), message.get_srcComponent()
+        if message.get_type() == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT:
+            vehicles.add(source)
+        elif message.get_type() == "GLOBAL_POSITION_INT":
+            rows.setdefault(source[0], []).append(
+                (stamp / 1e6, message.lon / 1e7, message.lat / 1e7, message.relative_alt / 1000)
+            )
+    known = {system for system, _ in vehicles}
+    return {system: found for system, found in rows.items() if system in known or not known}
+
+
+def _messages(data: bytes) -> Iterator[tuple[int, Any]]:
+    """Yield the messages of a log with their times. Skip bytes where no whole message begins."""
+    make = dialect()
+    parser = make.MAVLink(None)
+    place = 0
+    while place + 16 <= len(data):
+        magic, size = data[place + 8], data[place + 9]
+        length = 0
+        if magic == _MAVLINK_2:
+            length = size + 12 + 13 * (data[place + 10] & _SIGNED)
+        elif magic == _MAVLINK_1:
+            length = size + 8
+        packet = data[place + 8 : place + 8 + length]
+        try:
+            message = parser.decode(bytearray(packet)) if length and len(packet) == length else None
+        except make.MAVError:
+            message = None  # a wrong checksum, or a message that nobody knows
+        if message is None:
+            place += 1
+            continue
+        (stamp,) = struct.unpack_from(">Q", data, place)
+        yield stamp, message
+        place += 8 + length
+
+
+@contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Undo what importing pymavlink's `mavutil` changes in the environment."""
+    before = os.environ.get("MAVLINK_DIALECT")
+    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop("MAVLINK_DIALECT", None)
+        else:
+            os.environ["MAVLINK_DIALECT"] = before
+
+
+def _read_dataflash(path: Path) -> dict[int | None, list[Row]]:
+    """Read a log of ArduPilot: its estimated positions or, without them, those of the receiver."""
+    with _environment_kept():
+        reader = import_extra(
+            "pymavlink.DFReader", "logs of ArduPilot need pymavlink", extra="mavlink"
+        )
+    with open(path, "rb") as file:
+        head = file.read(len(_DATAFLASH))
+    if head != _DATAFLASH:  # the reader would leave the file open
+        raise InvalidInputError(
+            f"{path}: expected a log of ArduPilot, which begins with {_DATAFLASH.hex()}, got"
+            f" {head.hex()}"
+        )
+    estimated: list[Row] = []
+    received: list[Row] = []
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # it prints what it skips
+        log = reader.DFReader_binary(str(path))
+        messages = list(iter(lambda: log.recv_match(type=["POS", "GPS"]), None))
+    for message in messages:
+        place = message._timestamp, message.Lng, message.Lat
+        if message.get_type() == "POS":
+            estimated.append((*place, message.RelHomeAlt))
+        elif message.Status >= 3:
+            received.append((*place, message.Alt))
+    log.data_map.close()
+    log.filehandle.close()
+    if estimated:
+        return {None: estimated}
+    ground = received[0][3] if received else 0.0
+    return {None: [(*row[:3], row[3] - ground) for row in received]}
+
+
+def _read_ulog(path: Path) -> dict[int | None, list[Row]]:
+    """Read a log of PX4: its global position."""
+    module = import_extra("pyulog", "logs of PX4 need pyulog", extra="mavlink")
+    names = ["vehicle_global_position", "vehicle_gps_position", "sensor_gps", "home_position"]
+    try:
+        with open(path, "rb") as file, redirect_stdout(StringIO()):
+            log = module.ULog(file, names)
+    except Exception as error:
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(f"{path}: expected a log of PX4, got the error: {said}") from None
+    topics: dict[str, Any] = {}
+    for one in log.data_list:
+        topics.setdefault(one.name, one.data)
+    place = topics.get("vehicle_global_position")
+    if place is None or not len(place["timestamp"]):
+        return {}
+    home = topics.get("home_position")
+    ground = place["alt"][0] if home is None or not len(home["alt"]) else home["alt"][-1]
+    times = place["timestamp"] / 1e6 + _clock_of(topics)
+    table = np.column_stack([times, place["lon"], place["lat"], place["alt"] - float(ground)])
+    return {None: [tuple(row) for row in table.tolist()]}
+
+
+def _clock_of(topics: dict[str, Any]) -> float:
+    """Return the time since 1970 at which PX4 was switched on, by its receiver; 0 if unknown."""
+    for name in ("vehicle_gps_position", "sensor_gps"):
+        data = topics.get(name)
+        if data is not None and "time_utc_usec" in data:
+            known = data["time_utc_usec"] > _SINCE_1970 * 1e6
+            if known.any():
+                first = int(np.argmax(known))
+                return float(data["time_utc_usec"][first] - data["timestamp"][first]) / 1e6
+    return 0.0

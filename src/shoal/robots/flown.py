@@ -1,0 +1,422 @@
+"""What was flown beside what was planned: the region that vehicles have seen on their real tracks,
+and the rest as a new region.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_json
+from shoal.core.geometry import step_lengths
+from shoal.missions.approach import MissionApproach
+from shoal.missions.checking import angle_of
+from shoal.missions.mission import Mission
+from shoal.missions.options import CheckOptions
+from shoal.missions.rules import ROUNDING
+from shoal.robots.flight_logs import Track
+from shoal.search.flight.legs import merge_straight_legs
+from shoal.search.flight.separation import nearest_approach
+from shoal.search.flight.timing import Trajectory
+from shoal.search.flight.vehicle import image_of
+from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.regions.margin import visible_region
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion
+
+_ALOFT = 1.0  # metres above home, from which on a vehicle is in flight
+_LEFT = 3.0  # metres from its first position, from which on a rover is on its way
+_GAP = 3.0  # seconds without a position after which a track is interrupted
+_STRAIGHT = 0.05  # metres: positions of a track nearer to a straight line are left out
+_END = 1.0  # metres before the end of a path, which a vehicle cuts
+_FASTEST = 2.0  # times the planned speed, at which progress on a path may go
+_THIN = 0.02  # footprints: half the width of parts of the rest that are left out
+_SMALL = 0.02  # footprints squared: area of such parts
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """What one robot has flown.
+
+    Parameters
+    ----------
+    mission : Mission
+    track : Track
+    stretches : list of ndarray of float64, shape (k, 2)
+        The parts of the track on which it followed the search of its mission, in metres.
+    searched_m, planned_m : float
+        Length of the search of the mission that it followed, and in all.
+    farthest_m : float
+        Largest distance of these parts from the mission's path.
+    aloft : Trajectory or None
+        Its way from the first to the last moment in flight, in metres east, north and up.
+    begin : float
+        Time of the first moment in flight, as in the track.
+    """
+
+    mission: Mission
+    track: Track
+    stretches: list[Floats]
+    searched_m: float
+    planned_m: float
+    farthest_m: float
+    aloft: Trajectory | None
+    begin: float
+
+    def report(self) -> dict[str, Any]:
+        """Return what was flown as a mapping for JSON."""
+        length = 0.0 if self.aloft is None else float(step_lengths(self.aloft.points[:, :2]).sum())
+        return {
+            "robot": self.mission.robot,
+            "sortie": self.mission.sortie,
+            "log": self.track.file,
+            "system": self.track.system,
+            "duration_s": 0.0 if self.aloft is None else self.aloft.duration,
+            "length_m": length,
+            "planned_length_m": self.mission.length,
+            "searched_m": self.searched_m,
+            "planned_search_m": self.planned_m,
+            "farthest_m": self.farthest_m,
+            "begin": self.begin if self.track.absolute else None,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FlownCheck:
+    """What all robots have flown.
+
+    Parameters
+    ----------
+    flown : tuple of Flown
+    coverage : AreaCoverage or None
+        What was seen of the region, or None without a region or a footprint.
+    region : SearchRegion or None
+    approach : MissionApproach or None
+        The nearest approach of two vehicles in flight; its time counts from the first take-off.
+    notes : tuple of str
+    rest : shapely geometry or None
+        The uncovered rest without thin and small parts, in metres.
+    """
+
+    flown: tuple[Flown, ...]
+    coverage: AreaCoverage | None
+    region: SearchRegion | None
+    approach: MissionApproach | None
+    notes: tuple[str, ...]
+    rest: Any
+
+    def report(self) -> dict[str, Any]:
+        """Return the result as a mapping for JSON."""
+        seen, region = self.coverage, self.region
+        frame = None if region is None else region.frame
+        return {
+            "robots": [one.report() for one in self.flown],
+            "region": None if region is None else region.name,
+            "covered_fraction": None if seen is None else seen.covered_fraction,
+            "uncovered_m2": None if seen is None else seen.uncovered_m2,
+            "rest_m2": None if self.rest is None else float(self.rest.area),
+            "nearest_approach": None if self.approach is None else self.approach.report(frame),
+            "notes": list(self.notes),
+        }
+
+    def write_rest(self, path: str | Path) -> bool:
+        """Write the rest as a region file for ``shoal search``; return whether there is any."""
+        import shapely
+
+        if self.rest is None or self.rest.is_empty or self.region is None:
+            return False
+        frame = self.region.frame
+        shape = self.rest if frame is None else shapely.transform(self.rest, frame.to_degrees)
+        feature = {
+            "type": "Feature",
+            "properties": {"name": f"rest of {self.region.name}"},
+            "geometry": json.loads(shapely.to_geojson(shapely.orient_polygons(shape))),
+        }
+        write_json(path, feature, indent=None)
+        return True
+
+
+def check_flown(
+    pairs: Sequence[tuple[Mission, Track]], options: CheckOptions | None, *, angle: float | None
+) -> FlownCheck:
+    """Compare tracks with missions, and measure what was seen of a region.
+
+    A vehicle sees while it follows the search of its mission: from when it comes within a footprint
+    of its first waypoint, forwards along the path, within a footprint of it. What it flies over on
+    its ways out and home, or after it has left its path, does not count.
+
+    Parameters
+    ----------
+    pairs : sequence of (Mission, Track)
+    options : CheckOptions, optional
+        Region, footprint and separation; without them, only the tracks are compared.
+    angle : float, optional
+        Angle of the footprints that the mission files give.
+
+    Raises
+    ------
+    InvalidInputError
+        If a mission is in metres.
+    """
+    for mission, _ in pairs:
+        if not mission.geographic:
+            raise InvalidInputError(
+                f"{mission.name}: expected a mission in degrees, as flight logs are, got metres"
+            )
+    region: SearchRegion | None = None if options is None else options.place
+    if region is not None and region.frame is None:
+        raise InvalidInputError(
+            f"region: expected a region with a position on Earth, got {region.name} in metres"
+        )
+    frame = LocalFrame(*pairs[0][0].home) if region is None else region.frame
+    assert frame is not None
+    sides = {mission.robot: _side(options, mission) for mission, _ in pairs}
+    flown = tuple(_flown(mission, track, frame, sides[mission.robot]) for mission, track in pairs)
+    coverage, rest = None, None
+    if region is not None and options is not None and options.sides is not None:
+        stretches = [part for one in flown for part in one.stretches]
+        widths = [sides[one.mission.robot] for one in flown for _ in one.stretches]
+        region, coverage, rest = _seen(region, options, stretches, widths, angle, flown, frame)
+    vertical = np.inf
+    if options is not None and options.kept_apart is not None:
+        vertical = options.kept_apart.vertical
+    approach, notes = _nearest(flown, vertical)
+    return FlownCheck(flown, coverage, region, approach, tuple(notes), rest)
+
+
+_USUAL_SIDE = 10.0  # metres: how near to its path a vehicle must be, if no footprint is known
+
+
+def _side(options: CheckOptions | None, mission: Mission) -> float:
+    sides = None if options is None else options.sides
+    if sides is None:
+        return _USUAL_SIDE
+    if isinstance(sides, tuple):
+        if mission.robot > len(sides):
+            raise InvalidInputError(
+                f"footprint: expected one for each robot, got {len(sides)} and robot {mission.robot}"
+            )
+        return sides[mission.robot - 1]
+    return sides
+
+
+def _flown(mission: Mission, track: Track, frame: LocalFrame, side: float) -> Flown:
+    path = frame.to_metres(mission.waypoints[mission.searched])
+    points = frame.to_metres(track.places)
+    stretches, searched, farthest = _follow(path, points, track.times, side, mission.speed)
+    if mission.kind == "rover":
+        moving = np.hypot(*(points - points[0]).T) > _LEFT
+    else:
+        moving = track.heights > _ALOFT
+    aloft, begin = None, float(track.times[0])
+    if moving.any():
+        first = int(np.argmax(moving))
+        last = len(moving) - int(np.argmax(moving[::-1]))
+        if last - first > 1:
+            begin = float(track.times[first])
+            ups = track.heights + (mission.elevation or 0.0)
+            aloft = Trajectory(
+                track.times[first:last] - begin,
+                np.column_stack([points[first:last], ups[first:last]]),
+            )
+    planned = float(step_lengths(path).sum())
+    return Flown(mission, track, stretches, searched, planned, farthest, aloft, begin)
+
+
+def _follow(
+    path: Floats, points: Floats, times: Floats, side: float, speed: float
+) -> tuple[list[Floats], float, float]:
+    """Return the parts of a track that follow a path forwards, how far on the path the track came,
+    and the largest distance between them.
+
+    The progress on the path only grows, and only as far as the vehicle may have flown meanwhile.
+    """
+    import shapely
+
+    line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
+    total = float(line.length)
+    progress: float | None = None
+    reached_at = 0.0
+    searched = farthest = 0.0
+    nearest = np.inf  # to the beginning of the path, and then to its end
+    stretches: list[list[Floats]] = []
+    before: float | None = None  # time of the last position that followed the path
+    for point, now in zip(points, times.tolist(), strict=True):
+        here = shapely.Point(point)
+        if progress is None:
+            left = float(np.hypot(*(point - path[0])))
+            if left > side / 2 or left < nearest:
+                nearest = left  # on its way out, the camera takes no images
+                begin = point
+                continue
+            progress, reached_at, before, nearest = 0.0, now, now, np.inf
+            stretches.append([begin])
+        ahead = side + _FASTEST * speed * (now - reached_at)
+        window = _part(line, max(0.0, progress - side), min(total, progress + ahead))
+        distance = float(window.distance(here))
+        if distance > side:
+            before = None
+            continue
+        at = max(0.0, progress - side) + (float(window.project(here)) if total else 0.0)
+        progress = max(at, progress)
+        if total - progress < _END:
+            left = float(np.hypot(*(point - path[-1])))
+            if left > nearest:
+                break  # the search is over: what follows is the way home
+            nearest = left
+        reached_at = now
+        searched, farthest = max(searched, progress), max(farthest, distance)
+        if before is None or now - before > _GAP:
+            stretches.append([])
+        stretches[-1].append(point)
+        before = now
+    parts = [np.array(part) for part in stretches]
+    return (
+        [merge_straight_legs(part, _STRAIGHT) if len(part) > 2 else part for part in parts],
+        searched,
+        farthest,
+    )
+
+
+def _part(line: Any, begin: float, end: float) -> Any:
+    from shapely.ops import substring
+
+    return substring(line, begin, end) if line.length else line
+
+
+def _seen(
+    region: SearchRegion,
+    options: CheckOptions,
+    stretches: list[Floats],
+    widths: list[float],
+    angle: float | None,
+    flown: Sequence[Flown],
+    frame: LocalFrame,
+) -> tuple[SearchRegion, AreaCoverage, Any]:
+    """Return the region that can be seen, what was seen of it, and the rest."""
+    import shapely
+
+    footprint, vehicle = options.sides, options.chosen_vehicle
+    least = float(np.min(np.array(footprint, dtype=np.float64)))
+    image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
+    angle = options.angle if options.angle is not None else angle
+    if angle is None:
+        planned = [frame.to_metres(one.mission.waypoints[one.mission.searched]) for one in flown]
+        angle = angle_of(planned)
+    region = visible_region(region, least, angle)
+    coverage = coverage_check(
+        region,
+        stretches,
+        widths if stretches else least,
+        tolerance=ROUNDING,
+        angle=angle,
+        image=image,
+    )
+    opened = coverage.uncovered.buffer(-_THIN * least, join_style="mitre")
+    opened = opened.buffer(_THIN * least, join_style="mitre").intersection(region.free)
+    parts = [
+        part
+        for part in shapely.get_parts(opened)
+        if part.geom_type == "Polygon" and part.area > _SMALL * least**2
+    ]
+    return region, coverage, shapely.MultiPolygon(parts)
+
+
+def _nearest(flown: Sequence[Flown], vertical: float) -> tuple[MissionApproach | None, list[str]]:
+    """Return the nearest approach of two vehicles in flight, and notes."""
+    aloft = [one for one in flown if one.aloft is not None]
+    notes = [
+        f"robot {one.mission.robot}: its log shows no flight" for one in flown if one.aloft is None
+    ]
+    if len(aloft) > 1 and not all(one.track.absolute for one in aloft):
+        one_log = len({one.track.file for one in aloft}) == 1
+        if not one_log:
+            notes.append("the nearest approach is not known, because a log has no time of day")
+            return None, notes
+    best: MissionApproach | None = None
+    begin = min((one.begin for one in aloft), default=0.0)
+    for one, other in combinations(aloft, 2):
+        if one.mission.robot == other.mission.robot:
+            continue
+        assert one.aloft is not None
+        assert other.aloft is not None
+        later = other.begin - one.begin
+        if not -other.aloft.duration <= later <= one.aloft.duration:
+            continue
+        met = nearest_approach(one.aloft, other.aloft, vertical=vertical, later=later)
+        if met is not None and (best is None or met.horizontal < best.horizontal):
+            best = MissionApproach(
+                (one.mission.robot, other.mission.robot),
+                (one.mission.sortie, other.mission.sortie),
+                met.horizontal,
+                met.vertical,
+                one.begin - begin + met.times[0],
+                met.places[0],
+            )
+    return best, notes
+
+
+def assign_tracks(
+    missions: Mapping[int, Mission],
+    logs: Sequence[tuple[int | None, Sequence[Track]]],
+    systems: Mapping[int, int],
+) -> list[tuple[Mission, Track]]:
+    """Return each track with the mission of its robot.
+
+    Parameters
+    ----------
+    missions : mapping of int to Mission
+        By robot.
+    logs : sequence of (int or None, sequence of Track)
+        The robot that is named for a log, if any, and the tracks in the log.
+    systems : mapping of int to int
+        Robot by MAVLink system id, for logs with several vehicles.
+
+    Raises
+    ------
+    InvalidInputError
+        If a track belongs to no robot or to several, or if no track belongs to any.
+    """
+    pairs: list[tuple[Mission, Track]] = []
+    for named, tracks in logs:
+        for track in tracks:
+            robot = named
+            if named is not None and len(tracks) > 1:
+                raise InvalidInputError(
+                    f"{track.file}: expected one vehicle in a log of robot {named}, got"
+                    f" {len(tracks)}; give --systems instead"
+                )
+            if robot is None and track.system is not None:
+                robot = systems.get(track.system)
+                if robot is None and systems:
+                    continue  # another vehicle on the link
+            if robot is None and len(missions) == 1 and len(tracks) == 1:
+                (robot,) = missions
+            if robot is None:
+                raise InvalidInputError(
+                    f"{track.file}: expected to know its robot, got none: write ROBOT={track.file},"
+                    " or give --systems for a .tlog"
+                )
+            if robot not in missions:
+                raise InvalidInputError(
+                    f"{track.file}: expected a robot of the missions"
+                    f" ({', '.join(map(str, sorted(missions)))}), got robot {robot}"
+                )
+            if any(one.robot == robot for one, _ in pairs):
+                raise InvalidInputError(
+                    f"{track.file}: expected one track for each robot, got robot {robot} again"
+                )
+            pairs.append((missions[robot], track))
+    if not pairs:
+        raise InvalidInputError("logs: expected a track of a robot, got none")
+    return sorted(pairs, key=lambda pair: pair[0].robot)

@@ -1,0 +1,297 @@
+"""Flight logs beside their missions: logs of a station, of ArduPilot and of PX4, what was seen on the
+real tracks, and the rest as a region of a new search.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from shoal.cli import run
+from shoal.core.errors import InvalidInputError
+from shoal.missions import read_mission
+from shoal.search import LocalFrame
+
+pytest.importorskip("pymavlink")
+
+from shoal.robots.flight_logs import read_tracks
+from shoal.robots.mavlink import ARMED, dialect
+
+FIELD = [[8.5, 47.4], [8.5016, 47.4], [8.5016, 47.4008], [8.5, 47.4008], [8.5, 47.4]]
+FOOTPRINT = 20
+BEGIN = 1_790_000_000.0  # seconds since 1970
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory):
+    """Return a folder with a region and the missions of two robots."""
+    folder = tmp_path_factory.mktemp("field")
+    region = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [FIELD]},
+    }
+    (folder / "field.json").write_text(json.dumps(region))
+    made = ["search", str(folder / "field.json"), "--robots", "2", "--footprint", str(FOOTPRINT)]
+    options = [
+        "--vehicle",
+        "multirotor",
+        "--missions",
+        str(folder / "missions"),
+        "--format",
+        "plan",
+    ]
+    assert run([*made, *options]) == 0
+    return folder
+
+
+def flight(field, robot, *, until=1.0, beside=0.0, begin=BEGIN, height=30.0):
+    """Return the rows (time, longitude, latitude, height) of a flight along a mission: the first
+    part of its way, a given distance north of it, and back home.
+    """
+    mission = read_mission(field / "missions" / f"robot-{robot:02d}.plan")
+    frame = LocalFrame(*mission.home)
+    way = frame.to_metres(mission.waypoints)
+    lengths = np.r_[0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T))]
+    end = until * lengths[-1]
+    far = np.union1d(np.arange(0.0, end, 1.0), lengths[lengths <= end])
+    points = np.column_stack([np.interp(far, lengths, way[:, k]) for k in (0, 1)])
+    points[:, 1] += beside
+    ups = np.linspace(0.0, height, 10)
+    home = np.linspace(points[-1], (0.0, 0.0), 40)
+    points = np.vstack([np.zeros((10, 2)), points, home, np.zeros((10, 2))])
+    heights = np.r_[ups, np.full(len(points) - 20, height), ups[::-1]]
+    times = begin + 0.2 * np.arange(len(points))
+    return np.column_stack([times, frame.to_degrees(points), heights])
+
+
+def write_tlog(path, rows_by_system):
+    make = dialect()
+    packets = []
+    for system, rows in rows_by_system.items():
+        mav = make.MAVLink(None, system, 1)
+        beat = make.MAVLink_heartbeat_message(2, 12, 1 | ARMED, 0, 4, 3)
+        packets.append((rows[0, 0] - 1, bytes(beat.pack(mav))))
+        for time, x, y, up in rows.tolist():
+            place = round(1e7 * y), round(1e7 * x), round(1000 * up), round(1000 * up)
+            message = make.MAVLink_global_position_int_message(0, *place, 0, 0, 0, 0)
+            packets.append((time, bytes(message.pack(mav))))
+    packets.sort()
+    path.write_bytes(
+        b"\x00junk" + b"".join(struct.pack(">Q", round(1e6 * t)) + data for t, data in packets)
+    )
+    return path
+
+
+def write_dataflash(path, rows, *, name="POS"):
+    """Write a log as ArduPilot does: each kind of message is described by a message FMT."""
+
+    def described(number, size, kind, types, columns):
+        text = kind.encode(), types.encode(), ",".join(columns).encode()
+        return b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, *text)
+
+    position = ("TimeUS", "Lat", "Lng", "Alt", "RelHomeAlt", "RelOriginAlt")
+    gps = (
+        "TimeUS",
+        "Status",
+        "GMS",
+        "GWk",
+        "NSats",
+        "HDop",
+        "Lat",
+        "Lng",
+        "Alt",
+        "Spd",
+        "GCrs",
+        "VZ",
+        "U",
+    )
+    data = [
+        described(128, 89, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns")),
+        described(1, 31, "POS", "QLLfff", position),
+        described(2, 46, "GPS", "QBIHBcLLefffB", gps),
+    ]
+    week, seconds = divmod(BEGIN - 315964800 + 18, 604800)  # of GPS
+    for number, (time, x, y, up) in enumerate(rows.tolist()):
+        since = time - BEGIN + 5
+        stamp, place = round(1e6 * since), (round(1e7 * y), round(1e7 * x))
+        if number % 5 == 0 or name == "GPS":
+            when = round(1000 * (seconds + since - 5)), int(week)
+            about = struct.pack(
+                "<QBIHBhiiifffB",
+                stamp,
+                3,
+                *when,
+                12,
+                80,
+                *place,
+                round(100 * (400 + up)),
+                0,
+                0,
+                0,
+                1,
+            )
+            data.append(b"\xa3\x95\x02" + about)
+        if name == "POS":
+            about = struct.pack("<Qiifff", stamp, *place, 400 + up, up, up)
+            data.append(b"\xa3\x95\x01" + about)
+    path.write_bytes(b"".join(data))
+    return path
+
+
+def write_ulog(path, rows, *, clock=True):
+    """Write a log as PX4 does: the formats of its topics, and then their data."""
+
+    def message(kind, body):
+        return struct.pack("<HB", len(body), ord(kind)) + body
+
+    head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    data = [head, message("B", bytes(40))]
+    formats = (
+        "vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;",
+        "home_position:uint64_t timestamp;float alt;",
+        "vehicle_gps_position:uint64_t timestamp;uint64_t time_utc_usec;",
+    )
+    data += [message("F", text.encode()) for text in formats]
+    for number, text in enumerate(formats):
+        data.append(message("A", struct.pack("<BH", 0, number) + text.partition(":")[0].encode()))
+    data.append(message("D", struct.pack("<HQf", 1, 10, 400.0)))
+    if clock:
+        data.append(message("D", struct.pack("<HQQ", 2, 10_000_000, round(1e6 * BEGIN))))
+    for time, x, y, up in rows.tolist():
+        stamp = round(1e6 * (time - BEGIN + 10))
+        data.append(message("D", struct.pack("<HQddf", 0, stamp, y, x, 400 + up)))
+    path.write_bytes(b"".join(data))
+    return path
+
+
+def flown(capsys, field, *arguments):
+    about = ["--region", str(field / "field.json"), "--footprint", str(FOOTPRINT), "--json"]
+    code = run(["missions", "flown", str(field / "missions"), *map(str, arguments), *about])
+    out, err = capsys.readouterr()
+    return code, (json.loads(out) if out else None), err
+
+
+@pytest.mark.parametrize("suffix", ["tlog", "bin", "ulg"])
+def test_each_kind_of_log_has_the_track_that_was_written(field, tmp_path, suffix):
+    if suffix == "ulg":
+        pytest.importorskip("pyulog")
+    rows = flight(field, 1)
+    path = tmp_path / f"log.{suffix}"
+    writer = {
+        "tlog": lambda p, r: write_tlog(p, {4: r}),
+        "bin": write_dataflash,
+        "ulg": write_ulog,
+    }[suffix]
+    (track,) = read_tracks(writer(path, rows))
+    assert (track.system, track.absolute) == (4 if suffix == "tlog" else None, True)
+    np.testing.assert_allclose(track.places, rows[:, 1:3], atol=1e-7)
+    np.testing.assert_allclose(track.heights, rows[:, 3], atol=0.01)
+    np.testing.assert_allclose(track.times, rows[:, 0], atol=0.3)  # the receiver's leap seconds
+
+
+def test_a_log_without_estimates_gives_the_receivers_positions(field, tmp_path):
+    rows = flight(field, 1)
+    (track,) = read_tracks(write_dataflash(tmp_path / "gps.bin", rows, name="GPS"))
+    np.testing.assert_allclose(track.heights, rows[:, 3], atol=0.02)
+
+
+def test_flights_along_their_missions_have_seen_all(field, tmp_path, capsys):
+    log = write_tlog(
+        tmp_path / "all.tlog", {4: flight(field, 1), 9: flight(field, 2, begin=BEGIN + 7)}
+    )
+    about = ["--out", tmp_path / "out", "--margin", "0.5", "--angle", "0", "--separation", "1,2"]
+    code, found, err = flown(capsys, field, log, "--systems", "1=4,2=9", *about)
+    assert code == 0, err
+    assert found["covered_fraction"] > 0.9995
+    assert not (tmp_path / "out" / "rest.geojson").exists()
+    for one in found["robots"]:
+        assert one["searched_m"] == pytest.approx(one["planned_search_m"], abs=2)
+        assert one["farthest_m"] < 0.1
+    assert found["nearest_approach"]["robots"] == [1, 2]
+
+
+def test_the_rest_of_an_aborted_flight_is_a_region_for_a_new_search(field, tmp_path, capsys):
+    logs = (
+        write_tlog(tmp_path / "one.tlog", {1: flight(field, 1)}),
+        write_dataflash(tmp_path / "two.bin", flight(field, 2, until=0.5)),
+    )
+    out = tmp_path / "out"
+    code, found, err = flown(capsys, field, f"1={logs[0]}", f"2={logs[1]}", "--out", out)
+    assert code == 1
+    assert "less than 99.9 %" in err
+    # what the second vehicle flew over on its way home does not count
+    second = found["robots"][1]
+    assert second["searched_m"] == pytest.approx(0.5 * second["planned_search_m"], abs=25)
+    assert 0.65 < found["covered_fraction"] < 0.85
+    assert found["rest_m2"] == pytest.approx(found["uncovered_m2"], rel=0.05)
+    again = ["search", str(out / "rest.geojson"), "--robots", "2", "--footprint", str(FOOTPRINT)]
+    assert run([*again, "--vehicle", "multirotor", "--transit", "--json"]) == 0
+    new = json.loads(capsys.readouterr().out)
+    assert new["region"]["area_m2"] == pytest.approx(found["rest_m2"], rel=0.01)
+
+
+def test_a_track_beside_its_path_sees_what_is_below_it(field, tmp_path, capsys):
+    rows = {1: flight(field, 1, beside=4.0), 2: flight(field, 2)}
+    code, found, _ = flown(
+        capsys, field, write_tlog(tmp_path / "a.tlog", rows), "--systems", "1=1,2=2"
+    )
+    assert code == 1
+    assert found["robots"][0]["farthest_m"] == pytest.approx(4.0, abs=0.2)
+    assert 0.9 < found["covered_fraction"] < 0.999
+
+
+def test_a_flight_that_never_reaches_its_search_has_seen_nothing(field, tmp_path, capsys):
+    rows = flight(field, 1)
+    rows[:, 1:3] += 0.01
+    code, found, _ = flown(capsys, field, f"1={write_ulog_or_skip(tmp_path / 'a.ulg', rows)}")
+    assert (code, found["covered_fraction"], found["robots"][0]["searched_m"]) == (1, 0.0, 0.0)
+
+
+def write_ulog_or_skip(path, rows):
+    pytest.importorskip("pyulog")
+    return write_ulog(path, rows)
+
+
+def test_logs_without_a_time_of_day_have_no_nearest_approach(field, tmp_path, capsys):
+    pytest.importorskip("pyulog")
+    logs = [
+        f"{k}={write_ulog(tmp_path / f'{k}.ulg', flight(field, k), clock=False)}" for k in (1, 2)
+    ]
+    _, found, err = flown(capsys, field, *logs)
+    assert found["nearest_approach"] is None
+    assert "no time of day" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["a.tlog", "--systems", "1=1,2=1"], "each vehicle once"),
+        (["a.tlog"], "expected to know its robot"),
+        (["1=a.tlog"], "expected one vehicle in a log of robot 1, got 2"),
+        (["a.tlog", "--systems", "1=7,2=8"], "expected a track of a robot"),
+        (["a.tlog", "--systems", "5=1,2=2"], "expected a robot of the missions"),
+        (["broken.bin"], "broken.bin"),
+        (["broken.ulg"], "broken.ulg"),
+        (["broken.tlog"], "expected positions"),
+        (["none.tlog"], "none.tlog"),
+        (["a.txt"], "expected a flight log"),
+    ],
+)
+def test_logs_of_nobody_are_refused(field, tmp_path, capsys, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    write_tlog(tmp_path / "a.tlog", {1: flight(field, 1), 2: flight(field, 2)})
+    for name in ("broken.bin", "broken.ulg", "broken.tlog"):
+        (tmp_path / name).write_bytes(b"\x00\xfe\xfdnothing" * 50)
+    code, found, err = flown(capsys, field, *arguments)
+    assert (code, found) == (2, None), err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_an_unknown_suffix_is_refused(tmp_path):
+    with pytest.raises(InvalidInputError, match="expected a flight log"):
+        read_tracks(tmp_path / "log.csv")
