@@ -63,7 +63,6 @@ def test_way_points_and_a_rig_of_ones_own(tmp_path, monkeypatch, capsys):
         (["--friction-at-least", "1"], "friction-at-least: expected --steer PROBLEM"),
         (["--steer", "square", "--particles", "3"], "particles: expected no such option"),
         (["--steer", "square", "--follow", "1"], "follow: expected --waypoints"),
-        (["--steer", "square", "--rig", "tcp:127.0.0.1:9"], "rig: expected simulated, physics"),
         (["--steer", "square", "--waypoints", "a"], "waypoints: "),
         (["--steer", "square", "--waypoints", "3,3"], "waypoints"),
         (["--steer", "square", "--rig", "physics:roll,ghosts=1"], "expected no ghosts"),
