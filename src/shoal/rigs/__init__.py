@@ -33,8 +33,10 @@ from shoal.rigs.ports import (
     open_sensor,
 )
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
+from shoal.rigs.records import write_frames
 from shoal.rigs.registration import Tie, tie_by_map, tie_by_marks
-from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
+from shoal.rigs.remote import LinkCounts, LoggedSession, RemoteRig, open_rig
+from shoal.rigs.resume import rebuild
 from shoal.rigs.rig import Frame, NoisyRig, Rig, SimulatedRig
 from shoal.rigs.steering_bench import SteeringBench
 from shoal.rigs.transports import (
@@ -64,6 +66,7 @@ __all__ = [
     "Frame",
     "GridCalibration",
     "LinkCounts",
+    "LoggedSession",
     "MicroManagerSource",
     "NoisyRig",
     "OpenCVSource",
@@ -98,7 +101,9 @@ __all__ = [
     "open_sensor",
     "open_transport",
     "read_log",
+    "rebuild",
     "replay_log",
     "tie_by_map",
     "tie_by_marks",
+    "write_frames",
 ]

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from math import ceil, e
 from typing import Any
 
@@ -52,6 +53,7 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
 ROUNDS = 12
 NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
+LOOKS = 30  # scans that tell ghosts from more particles than expected
 UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
 EVERY = 50  # moves after which the observed error rates are compared with unstated ones
@@ -625,7 +627,12 @@ class _Driver:
         # particles may come in later
         if self.particles is not None and self.past is None and self.inlet is None:
             noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
-            check_number_seen(self.rig, self.particles, len(first_scan), noise)
+            seen = len(first_scan)
+            for _ in range(LOOKS):  # a ghost is not in every picture
+                if noise is None or seen <= self.particles:
+                    break
+                seen = min(seen, len(observe(source, 0)))
+            check_number_seen(self.rig, self.particles, seen, noise)
         swarm = self._make_swarm(first_scan)
         swarm.rig, swarm.scanning, swarm.scans = source, scanning, 1
         expects = self.cautious or self.problem.noise is not None
@@ -748,6 +755,7 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        self._decide_anew(rng)
         for _ in range(CLOSING):
             status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -786,18 +794,24 @@ class _Driver:
     def _follow(self, rng: np.random.Generator) -> Status:
         """Run the policy. Whenever somebody has sent commands, it decides anew."""
         while True:
-            swarm = self.swarm
-            with suppress(_TakenOver):
+            try:
                 _, status = closed_loop(
-                    swarm,
-                    make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy),
+                    self.swarm,
+                    self.decider,
                     max_moves=self.most,
                     mapping=self.goal.mapping,
                     on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
                     on_trace=lambda _trace: self._check(),
                     recorder=self.recorder,
                 )
+            except _TakenOver:
+                self._decide_anew(rng)
+            else:
                 return status
+
+    def _decide_anew(self, rng: np.random.Generator) -> None:
+        swarm = self.swarm
+        self.decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
 
     def _rest(self, *, in_loop: bool = False) -> None:
         """Tell of the moves made, and let others wait or send commands while the rig is at rest."""
@@ -1058,7 +1072,8 @@ class _Driver:
 def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -> None:
     """Refuse a rig whose first scan shows another number of particles than expected.
 
-    With noise, a scan never shows more detections than particles. It shows fewer if particles are
+    With noise, a rig may show ghosts, so that the driver looks several times and takes the smallest
+    number: it must not exceed that of the particles. A scan shows fewer if particles are
     missed, or if a misplaced one falls on another: the probability of the number seen or of fewer
     must not be below `UNLIKELY`.
     """
@@ -1083,6 +1098,7 @@ class _RecordedRuns:
 
     def __init__(self, rig: RecordedRig) -> None:
         self.rig, self._at = rig, 0
+        self._last_placed = max(rig.placed, default=-1)
 
     @property
     def due(self) -> bool:
@@ -1094,8 +1110,10 @@ class _RecordedRuns:
         """Whether nobody knows what the last run of commands has done: particles were placed before
         the next scan.
         """
-        later = [at for at in self.rig.placed if at >= self._at]
-        return bool(later) and not any(self._at <= at <= min(later) for at in self.rig.scans)
+        if self._at > self._last_placed:
+            return False
+        scans, placed = self.rig.scans, self.rig.placed
+        return next(at for at in count(self._at) if at in scans or at in placed) not in scans
 
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""

@@ -46,6 +46,8 @@ class DriveLog:
         drive`` by name.
     append : bool
         Whether the log exists and belongs to a drive that goes on.
+    make_folder : bool
+        Whether to make the folder of the log, together with the log, if it does not exist.
 
     Raises
     ------
@@ -59,13 +61,14 @@ class DriveLog:
         *,
         options: dict[str, Any] | None = None,
         append: bool = False,
+        make_folder: bool = False,
     ) -> None:
-        self.path, self.options = Path(path), options
+        self.path, self.options, self._make_folder = Path(path), options, make_folder
         if self.path.exists() and not append:
             raise OutputError(
                 f"cannot write {self.path}: the file exists already, and a log is never overwritten"
             )
-        if not self.path.absolute().parent.is_dir():
+        if not make_folder and not self.path.absolute().parent.is_dir():
             raise OutputError(
                 f"cannot write {self.path}: the folder {self.path.parent} does not exist"
             )
@@ -73,6 +76,7 @@ class DriveLog:
         self._rig: Any = None
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []
+        self.pictures: Path | None = None  # folder for the picture of each scan, if it is kept
         self.moves = self.scans = 0  # of an earlier part of the drive, which are not logged again
 
     def begin(
@@ -94,6 +98,8 @@ class DriveLog:
         a rig behind a connection, and the options.
         """
         try:
+            if self._make_folder:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
             _lock(self._file)
         except OSError as error:
@@ -155,6 +161,22 @@ class DriveLog:
             values = getattr(self._rig, "values", None)
             about |= {"values": dict(values)} if values else {}
             self._write(about | self._request(0) | {"time": self._time()})
+            self._keep_picture(move)
+
+    def _keep_picture(self, move: int) -> None:
+        """Keep what the camera of a rig shows, in the folder `pictures`."""
+        show = getattr(getattr(self._rig, "sensor", None), "picture", None)
+        if self.pictures is None or show is None:
+            return
+        from PIL import Image
+
+        try:
+            self.pictures.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(_in_8_bits(show())).save(self.pictures / f"{move:06d}.jpg", quality=85)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write into {self.pictures}: {error.strerror or error}"
+            ) from None
 
     def event(self, what: str, details: dict[str, Any]) -> None:
         """Record an event of the connection, such as the loss of the connection."""
@@ -190,6 +212,13 @@ class DriveLog:
             self._file.write(json.dumps(entry, separators=(",", ":")) + "\n")
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+
+
+def _in_8_bits(picture: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return a picture of a camera (grey, or blue-green-red) with 8 bits, as grey or red-green-blue."""
+    if picture.dtype != np.uint8:
+        picture = picture * (255.0 / max(1.0, float(picture.max())))
+    return np.ascontiguousarray(picture[..., 2::-1] if picture.ndim == 3 else picture, np.uint8)
 
 
 def _lock(file: Any) -> None:

@@ -94,8 +94,12 @@ class PlantProperties:
     attraction : float
         Velocity, in cells a second, with which the dipoles of two touching particles attract each
         other while the field is on.
+    spin : float
+        Velocity with which a spinning particle rolls along a wall that it touches while the field is
+        on, as a share of that of a command, with the wall on its right. Negative values: on its left.
     flow_x, flow_y : float
-        Background flow in cells a second, at all times.
+        Background flow in cells a second, at all times, in the middle of a vessel of one cell. At
+        the distance d from a wall it is 4 d (1 - d) times as fast, up to d = 1/2.
     pixels : float
         Resolution of the camera in pixels a cell.
     camera_error : float
@@ -135,6 +139,7 @@ class PlantProperties:
     friction: float = 0.0
     adhesion: float = 0.0
     attraction: float = 0.0
+    spin: float = 0.0
     flow_x: float = 0.0
     flow_y: float = 0.0
     pixels: float = 20.0
@@ -231,6 +236,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "friction": (0.0, 10.0),
     "adhesion": (0.0, 1.0),
     "attraction": (0.0, 100.0),
+    "spin": (-10.0, 10.0),
     "flow_x": (-100.0, 100.0),
     "flow_y": (-100.0, 100.0),
     "pixels": (1.0, 1e4),
@@ -437,7 +443,7 @@ class Plant:
         speed = strength * about.length / about.pulse
         command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
         most = speed * about.strongest * float(self.coil_gains.max() * self.own_gains.max())
-        most += about.attraction + float(np.linalg.norm(self._flow))
+        most += about.attraction + float(np.linalg.norm(self._flow)) + abs(about.spin) * speed
         steps = max(1, ceil(seconds * most / (STEP * about.radius)))
         self._fastest = most
         self.field_on, self._longest = True, max(seconds / steps, 1e-9)
@@ -491,7 +497,11 @@ class Plant:
         velocities *= self.own_gains[:, None]
         if about.attraction and self.field_on:
             velocities += self._attraction(points, command)
-        velocities += self._flow
+        if about.spin and self.field_on:
+            velocities += self._rolling(points, float(np.linalg.norm(command)))
+        if self._flow.any():
+            near = np.minimum(self._gaps(points).min(axis=1), 0.5)
+            velocities += self._flow * (4 * near * (1 - near))[:, None]
         if about.adhesion:
             self._stick(points, velocities)
         return velocities
@@ -510,6 +520,14 @@ class Plant:
         velocities = np.empty_like(points)
         velocities[:, axis] = np.sign(along) * speed * np.cos(angle)
         velocities[:, other] = speed * np.sin(angle)
+        return velocities
+
+    def _rolling(self, points: Points, speed: float) -> Points:
+        """Return the velocities with which spinning particles roll along walls."""
+        touches = self._gaps(points) < self.apparatus.radius + TOUCHING
+        # with the wall -x on the right, the motion leads to -y, and so on around
+        along = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0]])
+        velocities: Points = self.apparatus.spin * speed * (touches.astype(np.float64) @ along)
         return velocities
 
     def _attraction(self, points: Points, command: Points) -> Points:

@@ -73,6 +73,11 @@ def rebuild(rig: Any, past: RecordedRig) -> None:
     """Bring a simulated rig or a physical plant, which was made anew, to the state that the log
     tells: send it all commands, and compare each scan with that of the log.
 
+    Parameters
+    ----------
+    rig : Rig
+    past : RecordedRig
+
     Raises
     ------
     InvalidInputError

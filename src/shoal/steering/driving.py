@@ -9,7 +9,7 @@ from itertools import permutations
 from math import atan, inf, tan
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.pressing import PressingSearch, pressing_of
 from shoal.steering.planners.robust import _project_inside
 from shoal.steering.planners.sampling import free_offsets, world_of
-from shoal.steering.planners.task import SteeringTask, why_unreachable
+from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
@@ -42,6 +42,10 @@ SCENARIOS = 16  # of errors, in which plans are compared
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
 CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
+FORCED = 4  # inputs in a row that end what was begun, without a plan to the goals
+FEW = 3  # moves of a plan that is carried out without a search for a shorter one
+CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
+SLIPPERY = 3.0  # friction below which moves to walls are careful
 STRIDE = 0.2  # relative to the size: longest move along a path
 WAYS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
 PATIENCE = 40  # moves without progress until the drive ends
@@ -462,16 +466,21 @@ class _Session:
         """Largest observed distance of a particle from its goal."""
         return float(np.linalg.norm(self.seen[-1] - self.goal, axis=1).max())
 
+    def _predict(self, state: Points, move: Points) -> None:
+        """Move particles in place as the loop expects it."""
+        spare, vector = np.empty(2), np.empty(2)
+        believed = kernels.with_friction(self.kernel_world, self.friction.best)
+        for point, gain in zip(state, self.gains.mean, strict=True):
+            kernels.send_to(point, *move.tolist(), gain, believed, vector, spare)
+
     def _send(self, move: Points) -> None:
         """Send an input, look, and learn."""
         before = self.state
         move = np.ascontiguousarray(move, dtype=np.float64)
         self.rig.send(move.copy())
         self.inputs.append(move)
-        expected, spare, vector = before.copy(), np.empty(2), np.empty(2)
-        believed = kernels.with_friction(self.kernel_world, self.friction.best)
-        for point, gain in zip(expected, self.gains.mean, strict=True):
-            kernels.send_to(point, *move.tolist(), gain, believed, vector, spare)
+        expected = before.copy()
+        self._predict(expected, move)
         seen = self._look(expected)
         self.seen.append(seen)
         after, normal = self.state, np.zeros(2)
@@ -508,11 +517,29 @@ class _Session:
             )
 
 
+MOVE, TOUCH, PRESS, RAW = range(4)
+
+
+class _Step(NamedTuple):
+    """What a move of a plan is for: to bring the middle of the particles to a point, a particle to
+    a point behind a wall, the difference of the particles to a value while a wall holds one of them,
+    or the move itself.
+    """
+
+    kind: int
+    held: int
+    target: Points
+
+
 class _Loop(_Session):
     """One run of the closed loop of the policy robust."""
 
-    planless = progress = 0
+    planless = progress = forced = 0
     least_missing = inf
+
+    def __init__(self, *common: Any) -> None:
+        super().__init__(*common)
+        self.steps: list[_Step] = []  # what is left of the plan
 
     def _choose_goals(self) -> None:
         """Choose the order of interchangeable goals with the shorter plan."""
@@ -532,7 +559,7 @@ class _Loop(_Session):
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
             raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
-        if slips or not moves:
+        if self.friction.contacts:
             why = self._why_unreachable()
             if why is not None:
                 raise _Ended(Status.UNREACHABLE, f"{text}: {why}")
@@ -575,15 +602,26 @@ class _Loop(_Session):
         )
 
     def _plan(self) -> Points | None:
-        """Return the plan with the fewest moves from here, or None."""
+        """Return the plan with the fewest moves from here, or None.
+
+        The rest of the last plan, with inputs computed anew, is taken unless another plan is
+        shorter: of plans of equal length, the loop would take one after the other.
+        """
         tolerance, state = self.problem.tolerance, self.state
         left = min(self.problem.max_moves - len(self.inputs), 40)
         levels = list(dict.fromkeys(self.friction.quantile(share) for share in LEVELS))
+        pressings = [
+            self._pressing(min(tan(atan(friction) * 0.97), STEEPEST)) for friction in levels
+        ]
+        rest = self._rest(pressings)
+        if rest is None:
+            rest = self._rest_of_cycle(pressings)
+        if rest is not None and len(rest) <= FEW:
+            return rest
+        self.forced = 0
         for rounds in (FAST, SLOW):
-            for friction in levels:
-                # a little below, as the value is an estimate
-                own = min(tan(atan(friction) * 0.97), STEEPEST)
-                search = PressingSearch(self.world, self._pressing(own), self.rng)
+            for pressing in pressings:
+                search = PressingSearch(self.world, pressing, self.rng)
                 plans = search.plans(
                     state,
                     self.goal,
@@ -593,11 +631,105 @@ class _Loop(_Session):
                     wanted=WANTED,
                     shorter=True,
                 )
-                if not plans and rounds == FAST:
-                    plans = self._chain(state, own, left)
+                if not plans and rounds == FAST and rest is None:
+                    plans = self._chain(state, pressing.friction, left)
                 if plans:
-                    return self._surest(search, plans)
+                    best = self._surest(search, plans)
+                    return best if rest is None or len(best) < len(rest) - 1 else rest
+                if rest is not None:
+                    return rest
         return None
+
+    def _rest(self, pressings: list[Any]) -> Points | None:
+        """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
+        for pressing in pressings if self.steps else ():
+            state, moves = self.state, []
+            world = kernels.with_friction(self.kernel_world, pressing.friction)
+            last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
+            spare, vector = np.empty(2), np.empty(2)
+            for k, step in enumerate(self.steps):
+                move = self._move_of(step, state, k == last, k == len(self.steps) - 1)
+                kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
+                moves.append(move)
+            if (
+                float(np.linalg.norm(state - self.goal, axis=1).max())
+                <= 0.8 * self.problem.tolerance
+            ):
+                return np.array(moves)
+        return None
+
+    def _rest_of_cycle(self, pressings: list[Any]) -> Points | None:
+        """Return the rest of the present contact and adjustment, or None after it.
+
+        Near the limit of what friction allows, errors make the rest of a plan miss the goals, and
+        every plan a little different. The loop still ends what it has begun.
+        """
+        step = self.steps[0] if self.steps else None
+        if step is None or step.kind == MOVE or self.forced >= FORCED:
+            return None
+        state, normal, friction = self.state, np.zeros(2), pressings[-1].friction
+        move = self._move_of(step, state, False, False)
+        wall = kernels.nearest_wall(state[step.held], self.kernel_world, normal)
+        if step.kind != TOUCH and wall > 1e-9 * self.size:
+            return None
+        if step.kind == PRESS:
+            gain = complex(*self.gains.mean[step.held])
+            pushed = gain * complex(*move)
+            push = np.array([pushed.real, pushed.imag])
+            into, along = -float(push @ normal), float(push[0] * normal[1] - push[1] * normal[0])
+            if abs(along) > friction * into:  # onto the edge of the friction cone
+                edge = np.copysign(friction, along) * np.array([normal[1], -normal[0]]) - normal
+                push = edge * max(float(push @ edge), 0.0) / float(edge @ edge)
+                sent = complex(*push) / gain
+                move = np.array([sent.real, sent.imag])
+            if float(np.hypot(*move)) < 0.3 * self.problem.tolerance:
+                return None
+        self.forced += 1
+        return np.asarray(move[None])
+
+    def _move_of(self, step: _Step, state: Points, last_press: bool, last: bool) -> Points:
+        """Return the input that leads from a state to the target of a step."""
+        gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
+        if step.kind == MOVE and last:
+            return np.array(kernels.to_goal(state, self.goal, self._pressing(1.0)))
+        if step.kind == MOVE:
+            way, gain = step.target - state.mean(axis=0), gains.mean()
+        elif step.kind == TOUCH:
+            way, gain = step.target - state[step.held], gains[step.held]
+        elif step.kind == PRESS:
+            sign = 1.0 if step.held == 0 else -1.0
+            change = step.target - (state[1] - state[0])
+            if last_press:
+                change = np.array(kernels.missing(state, self.goal, self._pressing(1.0)))
+            way, gain = sign * change, gains[1 - step.held]
+        else:
+            return step.target
+        sent = complex(*way) / gain
+        return np.array([sent.real, sent.imag])
+
+    def _steps_of(self, plan: Points) -> list[_Step]:
+        """Return what each move of a plan is for, so that later it can be computed anew."""
+        state, steps = self.state, []
+        spare, vector = np.empty(2), np.empty(2)
+        gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
+        for move in plan:
+            before = state.copy()
+            kernels.send_both(
+                state, *move.tolist(), self.gains.mean, self.kernel_world, vector, spare
+            )
+            free = gains * complex(*move)
+            made = np.linalg.norm(state - before, axis=1) / np.maximum(np.abs(free), 1e-300)
+            held = int(np.argmin(made))
+            if made[held] > 1 - 1e-6:
+                steps.append(_Step(MOVE, 0, state.mean(axis=0)))
+            elif made[1 - held] < 1 - 1e-6:  # a wall stops the other particle, too
+                steps.append(_Step(RAW, held, np.array(move)))
+            elif made[held] < 1e-3:
+                steps.append(_Step(PRESS, held, state[1] - state[0]))
+            else:
+                aim = before[held] + np.array([free[held].real, free[held].imag])
+                steps.append(_Step(TOUCH, held, aim))
+        return steps
 
     def _chain(self, state: Points, friction: float, moves: int) -> list[Points]:
         """Return the plan of the planner greedy, in a convex workspace."""
@@ -627,8 +759,36 @@ class _Loop(_Session):
             scenarios[1][:] = self.gains.mean
             ends = search.ends(self.state, plan, scenarios)
             cost = kernels.mean_cost(ends, self.goal, self.problem.tolerance, 4.0)
-            costs.append(len(plan) + cost)
+            # the shorter way ahead, so that the loop does not turn from one wall to another
+            costs.append(len(plan) + path_length(plan) / self.size + 0.3 * cost)
         return plans[int(np.argmin(costs))]
+
+    def _careful(self, move: Points) -> Points:
+        """Return a shorter input where the error of a long one could not be taken back.
+
+        A wall can only bring the particles nearer to each other in its direction, and with little
+        friction nothing else brings them apart again. A long press therefore ends before the
+        difference wanted, and the next one is short. With little friction, so does a long move to a
+        wall, behind which it would press.
+        """
+        before, after = self.state, self.state
+        self._predict(after, move)
+        free = np.hypot(*self.gains.mean.T) * float(np.hypot(*move))
+        made = np.linalg.norm(after - before, axis=1) / np.maximum(free, 1e-300)
+        held = int(np.argmin(made))
+        share = (
+            CAREFUL * float(np.hypot(ANGLE, GAIN)) * max(self.gains.deviation / GAIN, 1.0) ** 0.5
+        )
+        length = float(free.max())
+        if made[1 - held] < 1 - 1e-6 or made[held] > 1 - 1e-6:
+            return move  # a translation, or both meet walls
+        if share * length < 0.5 * self.problem.tolerance:
+            return move
+        if made[held] < 1e-3:
+            return np.asarray(move * max(1 - 1.5 * share, 0.5))
+        if self.friction.quantile(0.8) < SLIPPERY:
+            return np.asarray(move * max(made[held] - 1.5 * share, 0.3 * made[held]))
+        return move
 
     def _next_move(self) -> Points:
         if not self.inputs and self.problem.interchangeable:
@@ -637,7 +797,13 @@ class _Loop(_Session):
         plan = self._plan()
         if plan is not None and len(plan):
             self.planless = 0
-            return plan[0]
+            if not self.forced:
+                self.steps = self._steps_of(plan)
+            move = self._careful(plan[0])
+            if move is plan[0] or np.array_equal(move, plan[0]):
+                del self.steps[0]  # else the next input goes on to the same target
+            return move
+        self.steps = []
         # another state may have a plan, and the move shows more of the walls
         self.planless += 1
         low, high = self.space.bounds

@@ -135,6 +135,48 @@ def test_flow_moves_particles_at_all_times():
     assert np.allclose(one.points, [(3.5, 2.0)], atol=0.02)
 
 
+def test_flow_is_slower_near_walls():
+    near, far = (plant([(x, 4.5)], flow_y=-0.5, radius=0.1) for x in (0.25, 4.5))
+    for each in (near, far):
+        each.wait(1.0)
+    assert np.allclose(far.points, [(4.5, 4.0)], atol=0.02)
+    assert np.allclose(near.points, [(0.25, 4.5 - 0.75 * 0.5)], atol=0.02)
+
+
+def test_a_spinning_particle_rolls_along_the_wall_on_its_right():
+    one = plant([(8.65, 4.5), (0.35, 4.5), (4.5, 0.35), (4.5, 4.5)], spin=0.5)
+    before = one.points
+    push(one, 0.0)
+    moved = one.points - before
+    assert np.allclose(moved[0], (0, 0.5), atol=0.02)
+    # it leaves the wall behind it, and is faster along the one on its right
+    assert moved[1, 0] == pytest.approx(1, abs=0.02)
+    assert -0.2 < moved[1, 1] < 0
+    assert np.allclose(moved[2], (1.5, 0), atol=0.02)
+    assert np.allclose(moved[3], (1, 0), atol=0.02)
+
+
+def test_a_crowd_does_not_press_particles_through_walls():
+    vessel, rng = open_map("vessels:100:1"), np.random.default_rng(0)
+    rig = PhysicsRig(vessel, place(vessel, 80, "uniform", rng), PlantProperties.of("roll"), rng)
+    for command in rng.choice(list("lurd"), 80):
+        rig.send(command)
+        assert vessel.free[tuple(rig.plant.cells_of(rig.plant.points).T)].all()
+
+
+def test_particles_that_leap_and_ghosts_are_no_lies():
+    vessel = open_map("vessels:200")
+    apparatus = PlantProperties.of("pull", radius=0.15, ghosts=1.0)
+    start = place(vessel, 15, "uniform", np.random.default_rng(1))
+    rig = PhysicsRig(vessel, start, apparatus, np.random.default_rng(1))
+    result = drive(rig, slip=0.03, misplace=0.02, policy="closest-frontier", max_moves=1500)
+    assert result.status == "complete"
+    assert not {alarm.kind for alarm in result.alarms} - {"rates"}
+    errors = MapErrors.of(vessel, start, result.belief)
+    assert errors.right > 0.98
+    assert not errors.false_free
+
+
 def test_a_slow_particle_sticks_to_a_wall():
     free, held = (plant([(0.35, 4.5), (4.5, 4.5)], adhesion=value) for value in (0.0, 0.5))
     for each in (free, held):

@@ -17,10 +17,12 @@ from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench, example
 
 from shoal import open_map
 from shoal.cli import run as shoal
+from shoal.cli.swarm.camera_film import _drawn, write_camera_film
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.rigs import (
     DriveError,
     DriveInterrupted,
+    DriveLog,
     NoisyRig,
     RemoteRig,
     SimulatedRig,
@@ -107,11 +109,14 @@ def interrupted_drive(log, rig, kinds, every, **settings):
     return None
 
 
-@pytest.mark.parametrize("every", ["1", "3", "adaptive"])
-def test_a_drive_that_is_interrupted_ten_times_finds_the_same_map(tmp_path, every):
+SLIPS = {"slip": 0.02, "misplace": 0.01, "miss": 0.01}
+
+
+@pytest.mark.parametrize(("every", "noise"), [("1", {}), ("3", {}), ("adaptive", {}), ("1", SLIPS)])
+def test_a_drive_that_is_interrupted_ten_times_finds_the_same_map(tmp_path, every, noise):
     log, kinds = tmp_path / "log.jsonl", random.Random(3).choices(["ctrl-c", "kill", "cable"], k=10)
     rig = counted(bench(MAZE, particles=4).rig)
-    result, turns = interrupted_drive(log, rig, kinds, every, policy="closest-frontier")
+    result, turns = interrupted_drive(log, rig, kinds, every, policy="closest-frontier", **noise)
     assert turns >= 3
     assert (result.status, result.compared(MAZE)) == (
         "complete",
@@ -214,7 +219,7 @@ def test_a_simulation_is_rebuilt_from_its_log(tmp_path, fields):
 def test_a_log_that_has_lost_its_last_lines(tmp_path):
     """Each cut of the log's end goes on, and the commands of the rig are in the log."""
     log = tmp_path / "log.jsonl"
-    for cut in range(1, 6):
+    for cut in (1, 2, 4):
         log.unlink(missing_ok=True)
         rig = counted(bench(MAZE, particles=4).rig)
         line = Ending(rig, Interrupting("kill", 45))
@@ -361,7 +366,9 @@ def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):
     ):
         assert shoal(["drive", *more, "--resume", str(log), "--max-moves", "9999"]) == 2
         assert said in capsys.readouterr().err
-    assert shoal(["drive", "--resume", str(log), "--max-moves", "9999", "--json"]) == 0
+    # the same options again, and the same log
+    words = [*words[:-2], "--resume", str(log), "--log", f"{tmp_path}/../{tmp_path.name}/log.jsonl"]
+    assert shoal([*words, "--max-moves", "9999", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["status"], result["particles"]) == ("complete", 4)
     size = log.stat().st_size
@@ -388,6 +395,9 @@ def test_one_folder_holds_the_records_of_a_drive(tmp_path, capsys):
     assert last == sorted(map(tuple, scans[max(scans)]))
     assert shoal([*words]) == 0  # the log of another drive is not overwritten
     assert (out / "log-2.jsonl").exists()
+    words[-2] = str(tmp_path / "other")
+    assert shoal([*words, "--particles", "999"]) == 2
+    assert not (tmp_path / "other").exists()  # nothing was driven
 
 
 def test_values_that_a_rig_reports_are_in_the_table_of_frames(tmp_path):
@@ -442,3 +452,80 @@ def test_two_drives_do_not_write_one_log(tmp_path):
     rebuild(rig, past)
     with pytest.raises(DriveInterrupted):
         drive(rig, resume=past, on_rest=second)
+
+
+@pytest.mark.parametrize(
+    ("rule", "fields"),
+    [
+        ("merge", {}),
+        ("block", {"scan_every": "adaptive"}),
+        ("block", {"task": "coverage"}),
+        ("block", {"task": "coverage", **SLIPS}),
+    ],
+)
+def test_particles_may_be_elsewhere_each_time(tmp_path, rule, fields):
+    """A rig in this process, whose particles somebody has moved after each interruption."""
+    log, luck = tmp_path / "log.jsonl", random.Random(2)
+    noise = Noise(**SLIPS) if "slip" in fields else None
+    for turn in range(5):
+        start = MAZE.cells[luck.sample(range(MAZE.n_free), 5)]
+        rng = np.random.default_rng(turn)
+        rig = SimulatedRig(MAZE, start, rule=rule)
+        rig = rig if noise is None else NoisyRig(MAZE, start, noise, rng)
+        calls = iter(range(luck.randint(3, 12) if turn < 4 else 10**6))
+
+        def interrupt(_moves, _frontier, calls=calls):
+            if next(calls, None) is None:
+                raise KeyboardInterrupt
+
+        first = {"log": log, "known": MAZE if "task" in fields else None, **fields}
+        with contextlib.suppress(DriveInterrupted):
+            result = drive(rig, **({"resume": log} if turn else first), on_moves=interrupt)
+    assert (result.status, result.compared(MAZE)["false_free"]) == ("complete", 0)
+    assert result.visited in (None, MAZE.n_free)
+    assert len(result.episode.placed) == 4
+    assert result.episode.verify(), result.episode.verify().message
+    again, verified = replay_log(log)
+    assert verified, verified.message
+    assert again.belief == result.belief
+
+
+class Watched(SimulatedRig):
+    """A simulated rig whose camera shows each particle as a bright square of eight pixels."""
+
+    @property
+    def sensor(self):
+        return self
+
+    def picture(self):
+        shown = np.zeros((8 * MAZE.shape[0], 8 * MAZE.shape[1], 3), np.uint8)
+        for row, column in self._state.cells:
+            shown[8 * row : 8 * row + 8, 8 * column : 8 * column + 8] = (255, 128, 0)
+        return shown
+
+    @property
+    def calibration(self):
+        return self
+
+    def to_pixels(self, cells):
+        return 8 * np.asarray(cells)[:, ::-1] + 3.5
+
+
+def test_the_pictures_of_the_camera_become_a_film(tmp_path):
+    count = pytest.importorskip("imageio_ffmpeg").count_frames_and_secs
+    log = DriveLog(tmp_path / "log.jsonl")
+    log.pictures = tmp_path / "pictures"
+    rig = Watched(MAZE, MAZE.cells[::11])
+    result = drive(rig, log=log, policy="closest-frontier", max_moves=30)
+    scans = read_log(log.path).scans
+    assert len(list(log.pictures.iterdir())) == len(scans)
+    about = log.pictures, tmp_path / "camera.mp4", result.episode, scans, rig.to_pixels
+    assert count(write_camera_film(*about))[0] == len(scans)
+    layers = [(result.belief.obstacles, (0, 0, 255, 255))]
+    shown = _drawn(log.pictures / "000030.jpg", layers, scans[30], rig.to_pixels)
+    walls = result.belief.obstacles.inner
+    for cell in np.ndindex(MAZE.shape):
+        if list(cell) not in scans[30]:
+            assert (shown[8 * cell[0] + 4, 8 * cell[1] + 4, 2] > 250) == walls[cell]
+    row, column = (8 * np.array(scans[30][0]) + 3).tolist()
+    np.testing.assert_allclose(shown[row, column], (0, 128, 255), atol=60)  # not blue-green-red

@@ -813,6 +813,8 @@ def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
         spec,
         "--log",
         str(log),
+        "--out",
+        str(tmp_path / "out"),
     ]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         while not (log.exists() and '"command"' in log.read_text()):
@@ -822,3 +824,6 @@ def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
     assert process.returncode == 130
     assert "interrupted" in said
     assert json.loads(log.read_text().splitlines()[-1])["status"] == "interrupted"
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    whole = {"map.png", "map.txt", "frontier.png", "frames.csv", "summary.json", "film.html"}
+    assert whole <= made

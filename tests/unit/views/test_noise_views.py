@@ -167,8 +167,10 @@ def test_commands(tmp_path, capsys):
     out, page = tmp_path / "out", tmp_path / "drive.html"
     assert shoal([*words, "--out", str(out), "--film", str(page)]) == 0
     assert sorted(path.name for path in out.iterdir()) == [
+        "frames.csv",
         "frontier.png",
         "map.png",
+        "map.txt",
         "summary.json",
     ]
     assert "episode.npz" not in capsys.readouterr().out

@@ -39,7 +39,7 @@ from shoal.cli.swarm.calibrating import (
 )
 from shoal.core.checks import check_integer, check_number, count_text, shape_text
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.errors import InvalidInputError, MissingExtraError, RigError
 from shoal.core.interruption import patient
 from shoal.swarm.grid.tasks import Inlet
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -455,6 +455,8 @@ def drive(
         }
         if problem.noise is not None and not exact:
             options["exact"] = False
+        if book is not None and out is not None:
+            book.pictures = out / "pictures"
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
@@ -550,7 +552,8 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
     usual |= {name: one.default for name, one in SwarmProblem.declarations().items()}
     for name, value in given.items():
         expected = logged.get(name, usual[name])
-        if past.options is not None and name not in MAY_CHANGE and value != expected:
+        contradicts = name not in MAY_CHANGE and not _is_same(value, expected)
+        if past.options is not None and contradicts:
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
             )
@@ -568,6 +571,14 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
         if param.name is not None and param.name in logged and param.name not in given
     }
     return missing or None
+
+
+def _is_same(value: Any, expected: Any) -> bool:
+    """Return whether two values of an option are equal, or name one file."""
+    if value == expected:
+        return True
+    files = [Path(one) for one in (value, expected) if isinstance(one, str)]
+    return len(files) == 2 and all(one.is_file() for one in files) and files[0].samefile(files[1])
 
 
 def _run_again(ctx: typer.Context, changed: dict[str, Any]) -> None:
@@ -603,11 +614,12 @@ def _book(
     from shoal.rigs.log import DriveLog
 
     if past is not None:
-        return DriveLog(past.path, append=True) if log is None else DriveLog(log)
+        same = log is None or (log.exists() and log.samefile(past.path))
+        return DriveLog(past.path, append=True) if same or log is None else DriveLog(log)
     if log is None and out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
         log = next(out / name for name in names if not (out / name).exists())
+        return DriveLog(log, options=_given(ctx), make_folder=True)
     return None if log is None else DriveLog(log, options=_given(ctx))
 
 
@@ -937,6 +949,7 @@ def _report(
         if out is not None:
             film = film or [out / "film.html"]
             written.append(_write_map(result.episode.workspace, out))
+            written += _write_camera_film(result, rig, out, log)
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
@@ -1005,6 +1018,24 @@ def _report(
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
+
+
+def _write_camera_film(result: Drive, rig: Any, out: Path, log: Path | None) -> list[Path]:
+    """Write the film of the camera's pictures, if there are any."""
+    to_pixels = getattr(getattr(rig, "calibration", None), "to_pixels", None)
+    if to_pixels is None or log is None or not (out / "pictures").is_dir():
+        return []
+    from shoal.cli.swarm.camera_film import write_camera_film
+    from shoal.rigs.log import read_log
+
+    assert result.episode is not None
+    scans = read_log(log, trust=True).scans
+    try:
+        film = out / "camera.mp4"
+        return [write_camera_film(out / "pictures", film, result.episode, scans, to_pixels)]
+    except MissingExtraError as error:
+        say(f"shoal: no film of the camera: {error}")
+        return []
 
 
 def _write_map(workspace: GridWorkspace, out: Path) -> Path:

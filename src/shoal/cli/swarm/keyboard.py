@@ -102,7 +102,7 @@ class Keyboard:
 
 @contextmanager
 def keyboard(letters: str) -> Iterator[Keyboard | None]:
-    """Yield the keyboard of the terminal on stdin while the ``with`` block runs, or None if stdin is
+    """Yield the keyboard of the terminal of the standard input while the ``with`` block runs, or None if that is
     no terminal or belongs to another program at the moment.
     """
     try:

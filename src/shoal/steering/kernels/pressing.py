@@ -25,6 +25,9 @@ STEPS = 8  # maximum number of moves of one manoeuvre
 ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
 
 STEEPEST = 6.0  # tangent of the largest angle between a random push and the normal of a wall
+# in tolerances: missing change of the difference with which the goals may be reached, because each
+# particle ends half of it from its goal
+WIDE = 1.8
 HELD = 1e-9  # relative to the size: motion of a particle that counts as held
 
 
@@ -456,14 +459,14 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, rng, last
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
         key = away / size + 0.03 * depth
-        if key >= nodes.keys[node] and rng.random() > pressing.worse and away > tolerance:
+        if key >= nodes.keys[node] and rng.random() > pressing.worse and away > WIDE * tolerance:
             continue
         copy(state, states[total])
         copy(moves, nodes.made[total])
         nodes.parents[total], nodes.counts[total], nodes.tries[total] = node, count, 0
         nodes.depths[total], nodes.keys[total] = depth, key
         total += 1
-        if away <= tolerance:
+        if away <= WIDE * tolerance:
             count = finish(state, goal, tolerance, pressing, world, last, 0)
             if count >= 0 and depth + count <= most:
                 return total, rounds, count

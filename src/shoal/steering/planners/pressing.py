@@ -72,7 +72,7 @@ class PressingSearch:
         found = []
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
-        if hypot(x, y) <= tolerance:
+        if hypot(x, y) <= kernels.WIDE * tolerance:
             state = np.array(start, dtype=np.float64, order="C")
             count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
             if 0 <= count <= moves:
