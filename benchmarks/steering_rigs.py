@@ -5,7 +5,7 @@ Random problems in five workspaces. The plant has a relative error of 1 % and an
 .05 % of the size. A problem whose goals provably no plan reaches with the plant's friction counts
 as unreachable (in convex workspaces; around obstacles no proof is known).
 
-Closed loop (shoal.steering.driving.drive), one row for each workspace, friction and what is stated:
+Closed loop (shoal.steering.driving.steer_rig), one row for each workspace, friction and what is stated:
 problems, unreachable ones, arrived within 2 % of the size by the plant's true positions (plus the
 error of the camera), friction named without arriving, ended otherwise, mean moves, CPU seconds.
 Open loop (the planner conformant, told 90 % of the friction): how many plans end within 5 % of the
@@ -25,7 +25,7 @@ import numpy as np
 from shoal.rigs.physics import PlantProperties
 from shoal.rigs.steering_plant import SteeringPlant
 from shoal.steering import SteeringProblem, region
-from shoal.steering.driving import drive
+from shoal.steering.driving import steer_rig
 from shoal.steering.planners.task import SteeringTask, why_unreachable
 from shoal.steering.run import run
 
@@ -76,7 +76,7 @@ def closed(instances: int, names: list[str], stated: list[str], frictions: list[
                         continue
                     asked = problem.replaced(friction_at_least=STATED[what] * friction)
                     plant = plant_of(problem, friction, seed)
-                    result = drive(asked, plant, seed=seed)
+                    result = steer_rig(asked, plant, seed=seed)
                     away = np.linalg.norm(plant.points - result.goal, axis=1).max()
                     size = float(problem.place.size)
                     if result and away <= (0.02 + CAMERA) * size:

@@ -70,7 +70,7 @@ def steer_rig(
     json_: bool,
 ) -> None:
     """Steer an opened rig, and report the drive."""
-    from shoal.steering.driving import SteeringDriveError, drive, follow
+    from shoal.steering.driving import SteeringDriveError, follow, steer_rig
 
     if out is not None:
         check_folder(out)
@@ -79,7 +79,7 @@ def steer_rig(
     with patient():
         try:
             if waypoints is None:
-                result = drive(problem, rig, **common)
+                result = steer_rig(problem, rig, **common)
             else:
                 points = SteeringProblem.declarations()["goal"].option.parse
                 assert points is not None

@@ -169,6 +169,8 @@ class BenchCalibration(_Form):
 
     Parameters
     ----------
+    format : str
+        Name and number of the file format.
     shape : tuple of int
         Rows and columns of the grid.
     tie : str

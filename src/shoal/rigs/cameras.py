@@ -306,6 +306,15 @@ class Source(Protocol):
 class OpenCVSource:
     """Pictures that OpenCV reads: a camera by its number, a video file or the address of a stream.
     A file is played at its own speed.
+
+    Parameters
+    ----------
+    name : str
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the name is none of these.
     """
 
     def __init__(self, name: str) -> None:

@@ -39,7 +39,19 @@ TURNED = 45.0  # angle, in degrees, between command and motion, from which on an
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """How pixels lie in the grid: a matrix as in `BenchCalibration`, with its error in cells."""
+    """How pixels lie in the grid.
+
+    Parameters
+    ----------
+    kind : str
+        What tied them, as in `BenchCalibration`.
+    matrix : ndarray of float64, shape (3, 3)
+        As in `BenchCalibration`.
+    residual : float or None
+        Root mean square error in cells.
+    notes : tuple of str
+        What the user should know.
+    """
 
     kind: TieKind
     matrix: Points

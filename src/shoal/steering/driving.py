@@ -140,7 +140,7 @@ class SteeringDrive:
 
 
 class SteeringDriveError(RigError):
-    """Raised if a rig fails during a drive. The attribute ``drive`` holds the result so far."""
+    """Raised if a rig fails during a drive. The attribute ``steer_rig`` holds the result so far."""
 
     def __init__(self, text: str, drive: SteeringDrive) -> None:
         super().__init__(text)
@@ -174,7 +174,7 @@ class SteeringLog:
         self._file.close()
 
 
-def drive(
+def steer_rig(
     problem: SteeringProblem,
     rig: Any,
     *,
@@ -209,7 +209,7 @@ def drive(
     InvalidInputError
         If the problem does not have two particles in a plane workspace.
     SteeringDriveError
-        If the rig fails; its attribute ``drive`` holds the result so far.
+        If the rig fails; its attribute ``steer_rig`` holds the result so far.
     OutputError
         If the log exists already, or cannot be written.
 
@@ -218,7 +218,7 @@ def drive(
     >>> from shoal.steering.simulation import Apparatus
     >>> problem = SteeringProblem("square", [(0.2, 0.3), (0.5, 0.35)], [(0.6, 0.2), (0.7, 0.4)])
     >>> rig = Apparatus(problem.replaced(friction=2.0), problem.start, seed=1)
-    >>> drive(problem, rig).status
+    >>> steer_rig(problem, rig).status
     <Status.ARRIVED: 'arrived'>
     """
     seed = check_integer(seed, what="seed", least=0)
@@ -278,7 +278,7 @@ def follow(
     particle : int
         Number of the particle, from 1, in the order of ``problem.start`` or of the first look.
     seed, log, on_move
-        As for `drive`.
+        As for `steer_rig`.
 
     Returns
     -------
@@ -290,7 +290,7 @@ def follow(
     Raises
     ------
     InvalidInputError, SteeringDriveError, OutputError
-        As for `drive`, and for way-points outside the workspace.
+        As for `steer_rig`, and for way-points outside the workspace.
     """
     problem = _checked(problem, rig)
     check_integer(particle, what="particle", least=1, most=problem.n_particles)

@@ -8,7 +8,7 @@ import pytest
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering import SteeringProblem, open_workspace, region
 from shoal.steering.contact.world import make_world
-from shoal.steering.driving import SteeringDriveError, drive, follow
+from shoal.steering.driving import SteeringDriveError, follow, steer_rig
 
 pytest.importorskip("pymunk")
 
@@ -57,7 +57,7 @@ def test_a_drive_arrives_where_a_look_shows_it(place):
     goal = GOAL if place == "square" else [(0.2, 0.7), (0.3, 0.6)]
     problem = SteeringProblem(place, START, goal, friction_at_least=1.0)
     plant = plant_of(problem, friction=1.0, heading=5.0)
-    result = drive(problem, Bare(plant))
+    result = steer_rig(problem, Bare(plant))
     assert result, result.reason
     assert (result.status, result.error <= result.problem.tolerance) == ("arrived", True)
     away = np.linalg.norm(plant.points - result.goal, axis=1).max()
@@ -71,7 +71,7 @@ def test_a_drive_arrives_where_a_look_shows_it(place):
 def test_friction_that_is_less_than_stated_is_named():
     # goals that no plan reaches with friction .5
     problem = SteeringProblem("square", START, [(0.1, 0.1), (0.9, 0.9)], friction_at_least=3.0)
-    result = drive(problem, plant_of(problem, friction=0.5))
+    result = steer_rig(problem, plant_of(problem, friction=0.5))
     assert result.status in ("slipping", "unreachable")
     assert "the walls slip more than was stated" in result.reason
     assert result.estimates["friction"] == pytest.approx(0.5, abs=0.15)
@@ -89,14 +89,14 @@ def test_particles_that_change_places_in_the_picture_or_have_ghosts_are_followed
     first = rig._plant.look()
     rig.look_again, looks = rig.look, [first] * 3
     rig.look = lambda: looks.pop() if looks else rig.look_again()
-    assert drive(problem, rig)
+    assert steer_rig(problem, rig)
 
 
 def test_a_field_that_is_off_is_an_alarm():
     problem = SteeringProblem("square", START, GOAL)
     rig = Bare(plant_of(problem))
     rig.send = lambda move: None
-    result = drive(problem, rig)
+    result = steer_rig(problem, rig)
     assert (result.status, bool(result)) == ("alarm", False)
     assert "followed" in result.reason
 
@@ -104,11 +104,11 @@ def test_a_field_that_is_off_is_an_alarm():
 def test_what_a_rig_may_not_do():
     problem = SteeringProblem("square", START, GOAL)
     with pytest.raises(InvalidInputError, match="look"):
-        drive(problem, object())
+        steer_rig(problem, object())
     with pytest.raises(InvalidInputError, match="inside the workspace"):
-        drive(problem, Bare(plant_of(problem), lambda points: 300 * points))
+        steer_rig(problem, Bare(plant_of(problem), lambda points: 300 * points))
     with pytest.raises(RigError, match="finite positions"):
-        drive(problem, Bare(plant_of(problem), lambda points: points * np.nan))
+        steer_rig(problem, Bare(plant_of(problem), lambda points: points * np.nan))
     rig = Bare(plant_of(problem))
 
     def cut(move):
@@ -116,19 +116,19 @@ def test_what_a_rig_may_not_do():
 
     rig.send = cut
     with pytest.raises(SteeringDriveError, match="cable") as error:
-        drive(problem, rig)
+        steer_rig(problem, rig)
     assert error.value.drive.moves == 0
 
 
 def test_a_log_has_every_input_and_is_never_overwritten(tmp_path):
     problem = SteeringProblem("square", START, GOAL, friction_at_least=1.0)
     log = tmp_path / "log.jsonl"
-    result = drive(problem, plant_of(problem, friction=1.0), log=log)
+    result = steer_rig(problem, plant_of(problem, friction=1.0), log=log)
     lines = [json.loads(line) for line in log.read_text().splitlines()]
     assert [line["input"] for line in lines if "input" in line] == result.inputs.tolist()
     assert lines[-1]["end"] == "arrived"
     with pytest.raises(OutputError, match="exists already"):
-        drive(problem, plant_of(problem), log=log)
+        steer_rig(problem, plant_of(problem), log=log)
 
 
 def test_one_particle_follows_way_points_around_an_obstacle():
