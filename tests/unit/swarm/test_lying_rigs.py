@@ -753,7 +753,7 @@ def test_ctrl_c_writes_the_map_and_says_how_to_go_on(tmp_path):
     assert (out / "map.png").exists()
     assert (out / "summary.json").exists()
     assert f"the map so far is in {out}" in said
-    assert f"to go on: 'shoal drive --resume {log}'" in said
+    assert f"to go on: 'shoal drive --resume {log} --rig " in said
     assert "Traceback" not in said
 
 
