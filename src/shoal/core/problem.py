@@ -383,20 +383,30 @@ class Problem:
             Raised if a field names third-party code. The error message contains the name of the
             module.
         """
-        known = cls.declarations()
-        for name in known if names is None else names:
+        for name in cls.declarations() if names is None else names:
             value = data.get(name) if isinstance(data, Mapping) else None
-            if value is None or (built_in := known[name].names) is None:
-                continue
-            given = known[name].value_of(value) if isinstance(value, str) else value
-            for one in given if isinstance(given, list | tuple) else (given,):
-                module, colon, _ = one.partition(":") if isinstance(one, str) else ("", "", "")
-                if colon and module not in built_in:
-                    raise InvalidInputError(
-                        f"{where}: {name}: expected a built-in {name}, got {shortened(one)}, which"
-                        f" runs the code of the Python module {shortened(module)}: allow it with"
-                        " --trust (in Python trust=True) if you trust the author"
-                    )
+            if (one := cls.names_code(name, value)) is not None:
+                raise InvalidInputError(
+                    f"{where}: {name}: expected a built-in {name}, got {shortened(one)}, which"
+                    f" runs the code of the Python module {shortened(one.partition(':')[0])}: allow"
+                    " it with --trust (in Python trust=True) if you trust the author"
+                )
+
+    @classmethod
+    def names_code(cls, name: str, value: Any) -> str | None:
+        """Return the part of a field's value that names third-party code, or None.
+
+        Of the fields of a file, such a value runs the code of a Python module.
+        """
+        declared = cls.declarations()[name]
+        if value is None or (built_in := declared.names) is None:
+            return None
+        given = declared.value_of(value) if isinstance(value, str) else value
+        for one in given if isinstance(given, list | tuple) else (given,):
+            module, colon, _ = one.partition(":") if isinstance(one, str) else ("", "", "")
+            if colon and module not in built_in:
+                return str(one)
+        return None
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
         """Return the problem's fields and its ``kind`` as JSON data. Include fields with default

@@ -405,8 +405,15 @@ def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int
     Raises
     ------
     InvalidInputError
-        Raised if another argument contradicts the log.
+        Raised if another argument contradicts the log, or if the log names a policy of others that
+        is not given again: no file alone makes Shoal run code.
     """
+    policy = past.problem.policy
+    if "policy" not in fields and SwarmProblem.names_code("policy", policy) is not None:
+        raise InvalidInputError(
+            f"policy: expected policy={policy!r} beside the log {past.path}, as no file alone makes"
+            " Shoal run code, got none"
+        )
     problem = past.problem.replaced(**fields) if fields else past.problem
     told = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
     given = {"seed": seed or past.seed} | {name: getattr(problem, name) for name in fields}
@@ -604,7 +611,8 @@ class _Driver:
             self.alarms.insert(0, Alarm(kind, self.swarm.moves, _text_of(failure)))
         if not self.convicted:  # what is wrong with the rig explains more than marks could
             self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
-        self.alarms += self.swarm.wrong_map()
+        if self.swarm.moved:  # walls are inferred from particles that did not move
+            self.alarms += self.swarm.wrong_map()
         failure = self._close_log(status, failure)
         result = self._result(status, time.perf_counter() - began)
         if failure is None:
@@ -961,6 +969,9 @@ class _Driver:
         is not complete.
         """
         swarm = self.swarm
+        if status is Status.STALLED and not swarm.moved:
+            self.alarms.append(self._nothing_moved())
+            return Status.ALARM
         if status is Status.STALLED and swarm.unvisited and not swarm.belief.frontier:
             return Status.ALARM  # the known map is wrong, as the alarm says
         if not self.goal.mapping and status is Status.COMPLETE:
@@ -1061,8 +1072,10 @@ class _Driver:
             and goal.known is not None
             and not np.array_equal(free, goal.known.free)
         ):
-            # the episode takes place in the map as it turned out to be
-            about["targets"] = goal.targets & free
+            # the episode takes place in the map as it turned out to be, in which walls may cut off
+            # target cells
+            parts = workspace.components
+            about["targets"] = goal.targets & free & np.isin(parts, parts[tuple(swarm.start.T)])
             episode = SwarmEpisode(problem=problem, **about)
             end = episode.replay.end
             return replace(episode, trace=end.trace, first_frontier=end.first_frontier)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
@@ -224,13 +225,13 @@ class RigSwarm(ABC):
         if not walls and not opened:
             return []
         cells = [
-            f"{len(board)} {what}, such as {tuple(board.cells[0].tolist())}"
-            for board, what in ((walls, "free cells are walls"), (opened, "walls are free"))
+            f"{what} {count_text(len(board), kind)}, such as {tuple(board.cells[0].tolist())}"
+            for board, what, kind in ((walls, "walls at", "free cell"), (opened, "open at", "wall"))
             if board
         ]
-        text = f"the known map is wrong, as scans show: {'; '.join(cells)}"
+        text = f"scans contradict the known map: {'; '.join(cells)}"
         if self.unvisited:
-            text += f"; {len(self.unvisited)} of the cells to visit are walls"
+            text += f"; {len(self.unvisited)} of the cells to visit are among them"
         return [Alarm("map", self.moves, text)]
 
     @property

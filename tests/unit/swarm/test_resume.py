@@ -330,6 +330,11 @@ def test_the_command_goes_on_after_sigkill_and_ctrl_c(tmp_path):
         ("rig", "antigravity:x"),
         ("actuator", "antigravity:x"),
         ("sensor", "pymmcore:x.cfg"),
+        ("policy", "antigravity:x"),
+        ("task", "antigravity:x"),
+        ("placement", "antigravity:x"),
+        ("out", "/elsewhere"),
+        ("film", ["/elsewhere/film.html"]),
     ],
 )
 def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, monkeypatch):
@@ -341,12 +346,18 @@ def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, mo
     header, *rest = log.read_text().splitlines(keepends=True)
     stranger = json.loads(header)
     stranger["options"][option] = value
+    if option == "policy":
+        stranger["policy"] = stranger["problem"]["policy"] = value
     log.write_text("".join([json.dumps(stranger) + "\n", *rest]))
     capsys.readouterr()
     assert shoal(["drive", "--resume", str(log), "--max-moves", "99"]) == 2
+    value = value[0] if isinstance(value, list) else value
     assert f"{option}: expected --{option} {shlex.quote(value)} beside --resume, as no file" in (
         capsys.readouterr().err
     )
+    if option == "policy":
+        with pytest.raises(InvalidInputError, match="beside the log"):
+            drive(SimulatedRig(open_map("maze:9x7"), [(0, 0)]), resume=log)
     assert not (tmp_path / "pwned").exists()
     assert "antigravity" not in sys.modules
 

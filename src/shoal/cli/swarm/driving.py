@@ -45,7 +45,7 @@ from shoal.swarm.grid.tasks import Inlet
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from shoal.cli.swarm.trials import Trials
     from shoal.core.episode import Verification
@@ -475,11 +475,10 @@ def drive(
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
         outputs["trials"] = ctx.obj
         book_path = None if book is None else book.path
-        named = [("rig", rig)] if devices is None else [*zip(DEVICES, devices, strict=True)]
-        outputs["named"] = named
+        outputs["options"] = options_given = _given(ctx)
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit) and ctx.obj is None:
-            say(_how_to_go_on(result, book_path, out, named))
+            say(_how_to_go_on(result, book_path, out, options_given))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
@@ -523,7 +522,7 @@ def _check_effect(
 
 
 DEVICES = ("actuator", "sensor")
-NOT_LOGGED = ("log", "json_", "resume", "trials", "between")
+NOT_LOGGED = ("log", "json_", "resume", "trials", "between", "calibrate")
 MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
 name, shape and rule must be those of the log.
@@ -547,7 +546,8 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
     InvalidInputError
         Raised if an option contradicts the log.
     """
-    given, logged = _given(ctx), dict(past.options or {})
+    given = _given(ctx)
+    logged = {name: value for name, value in (past.options or {}).items() if name not in NOT_LOGGED}
     usual = {param.name: param.default for param in ctx.command.params}
     usual |= {name: one.default for name, one in SwarmProblem.declarations().items()}
     for name, value in given.items():
@@ -557,20 +557,38 @@ def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
             )
-    from shoal.rigs.ports import runs_code
-
-    for name in ("rig", "actuator", "sensor"):
-        if name not in given and runs_code(str(logged.get(name) or "")):
-            raise InvalidInputError(
-                f"{name}: expected --{name} {shlex.quote(str(logged[name]))} beside --resume, as no"
-                " file alone makes Shoal run a program or a module, got none"
-            )
+    unrepeated = {name: value for name, value in logged.items() if name not in given}
+    for name, value, what in _to_type(unrepeated, past.path):
+        raise InvalidInputError(
+            f"{name}: expected --{name} {shlex.quote(value)} beside --resume, as no file alone makes"
+            f" Shoal {what}, got none"
+        )
     missing = {
         param.name: param.process_value(ctx, logged[param.name])
         for param in ctx.command.params
         if param.name is not None and param.name in logged and param.name not in given
     }
     return missing or None
+
+
+def _to_type(options: dict[str, Any], log: Path) -> Iterator[tuple[str, str, str]]:
+    """Yield the options of a log that must be typed again when the drive goes on, with their values
+    and the reason: a log may be a stranger's, and must not alone make Shoal run programs or modules,
+    or write files outside its folder.
+    """
+    from shoal.rigs.ports import runs_code
+
+    here = log.resolve().parent
+    for name, value in options.items():
+        if name in ("rig", *DEVICES):
+            if runs_code(str(value)):
+                yield name, str(value), "run a program or a module"
+        elif name in ("out", "film"):
+            for file in value if isinstance(value, list) else [value]:
+                if not Path(str(file)).resolve().is_relative_to(here):
+                    yield name, str(file), "write outside the file's folder"
+        elif name in SwarmProblem.declarations() and SwarmProblem.names_code(name, value):
+            yield name, str(value), "run a program or a module"
 
 
 def _is_same(value: Any, expected: Any) -> bool:
@@ -643,16 +661,14 @@ def _show_finished(
     _report(result, past, log=past.path, verified=verified, **about, **outputs)
 
 
-def _command_to_go_on(log: Path, named: Iterable[tuple[str, str]]) -> str:
-    """Return the command that goes on with a drive. ``named`` are the options that name devices."""
-    from shoal.rigs.ports import runs_code
-
-    again = [f" --{name} {shlex.quote(value)}" for name, value in named if runs_code(value)]
+def _command_to_go_on(log: Path, options: dict[str, Any]) -> str:
+    """Return the command that goes on with a drive that was begun with these options."""
+    again = (f" --{name} {shlex.quote(value)}" for name, value, _ in _to_type(options, log))
     return f"shoal drive --resume {log}{''.join(again)}"
 
 
 def _how_to_go_on(
-    result: Drive, log: Path | None, out: Path | None, named: Iterable[tuple[str, str]]
+    result: Drive, log: Path | None, out: Path | None, options: dict[str, Any]
 ) -> str:
     """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
@@ -662,7 +678,7 @@ def _how_to_go_on(
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-        again = f"to go on: '{_command_to_go_on(log, named)}'"
+        again = f"to go on: '{_command_to_go_on(log, options)}'"
     else:
         again = (
             "to go on, start the drive again, with --log: it begins with the particles where they"
@@ -932,7 +948,7 @@ def _report(
     log: Path | None = None,
     verified: Verification | None = None,
     trials: Trials | None = None,
-    named: Iterable[tuple[str, str]] = (),
+    options: dict[str, Any] | None = None,
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
 
@@ -1014,7 +1030,7 @@ def _report(
             )
         )
     if result.status is Status.INTERRUPTED and log is not None and verified is None:
-        rows.append(("go on", _command_to_go_on(log, named)))
+        rows.append(("go on", _command_to_go_on(log, options or {})))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
