@@ -1,6 +1,8 @@
-"""Conformance checks for what people add to Shoal: worlds, tasks, policies, tours, planners,
-allocators, map formats, mission formats, rigs, actuators and sensors, and
-the vehicles, radios and sensors of search robots. Shoal's own pass them all.
+"""Conformance checks for what people add to Shoal, from policies to rigs and vehicles.
+
+There are checks for worlds, tasks, policies, tours, planners, allocators, map formats, mission
+formats, rigs, actuators and sensors, and for the vehicles, radios and sensors of search robots.
+Shoal's own pass them all.
 
 Each check runs the tested object on small random input. At the first violation of the object's
 contract, a check raises ``AssertionError`` with one sentence. Call the checks from your own tests:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import permutations
 from math import atan, inf, tan
@@ -311,7 +312,7 @@ class _Ended(Exception):  # noqa: N818
         self.status, self.reason = status, reason
 
 
-class _Session:
+class _Session(ABC):
     """What all drives do: look, follow the particles, send inputs, learn, and log."""
 
     def __init__(
@@ -358,9 +359,9 @@ class _Session:
             raise SteeringDriveError(str(error), self._result(Status.ALARM, str(error))) from error
         return self._result(status, reason)
 
+    @abstractmethod
     def _next_move(self) -> Points:
         """Return the next input, or raise _Ended."""
-        raise NotImplementedError
 
     def _result(self, status: Status, reason: str) -> SteeringDrive:
         if self.friction.slips:

@@ -80,11 +80,13 @@ def calibration_figure(
         most = max(most, gain)
         right.annotate("", motion, (0, 0), arrowprops={"arrowstyle": "-|>", "color": ORANGE})
         heading = calibration.responses.heading(letter)
-        away = motion / np.linalg.norm(motion) * (gain + 0.25)
+        along = motion / np.linalg.norm(motion)
+        # the text stands beyond arrow and bar; to the sides it is wider than high
+        away = along * (max(gain, np.linalg.norm(wanted)) + 0.25 + 0.1 * abs(along[0]))
         text = f"{letter}: {gain:.2f}\n{heading:+.1f}°"
         right.annotate(text, away, color=INK, **label)
-    right.set(xlim=(-most - 0.6, most + 0.6), ylim=(-most - 0.6, most + 0.6), aspect="equal")
+    right.set(xlim=(-most - 0.7, most + 0.7), ylim=(-most - 0.7, most + 0.7), aspect="equal")
     plain_axes(right)
     right.set_xlabel("cells", color=INK)
-    set_title(right, "Pulses: stated, corrected (bar)")
+    set_title(right, "Pulses: before (arrow), after (bar)")
     return figure

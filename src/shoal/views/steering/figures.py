@@ -24,6 +24,7 @@ from shoal.views.drawing.charts import (
     PURPLE,
     bare_axes,
     new_figure,
+    plain_axes,
     set_title,
 )
 from shoal.views.steering.trajectories import Frame3D, camera_for, flattened
@@ -329,6 +330,8 @@ def drive_figure(drive: SteeringDrive) -> Figure:
     """Return a figure of a drive: where looks have shown the particles, and how far they were from
     their goals after each move.
     """
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
+
     figure = new_figure(10.4, 5.6)
     plan, errors = figure.subplots(1, 2)
     draw_workspace(plan, drive.problem.place)
@@ -343,10 +346,16 @@ def drive_figure(drive: SteeringDrive) -> Figure:
         errors.semilogy(np.arange(len(away)), np.maximum(away, 1e-9), ".-", color=colour)
     legend_below(plan)
     errors.axhline(drive.problem.tolerance, color=INK, lw=1, ls="--", label="tolerance")
-    errors.set_xlabel("moves")
-    errors.set_ylabel("observed distance from the goal")
-    errors.legend()
+    plain_axes(errors)
+    errors.xaxis.set_major_locator(MaxNLocator(integer=True))
+    errors.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    errors.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    errors.yaxis.set_minor_locator(NullLocator())
+    errors.set_xlabel("moves", color=INK)
+    errors.set_ylabel("observed distance from the goal", color=INK)
+    errors.legend(frameon=False)
     set_title(plan, f"{drive.status} after {drive.moves} moves")
+    set_title(errors, "Distance from the goals")
     return figure
 
 
