@@ -651,7 +651,7 @@ def weigh_counts(counts: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
     Examples
     --------
     >>> {n: round(float(of.sum())) for n, of in weigh_counts(np.array([5, 5, 5, 4, 5, 5])).items()}
-    {2: -20, 3: -13, 4: -7, 5: -3, 6: -7}
+    {2: -73, 3: -45, 4: -19, 5: -3, 6: -12}
     """
     from scipy.special import gammaln, xlogy
 

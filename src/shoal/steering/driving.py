@@ -446,7 +446,7 @@ class _Session(ABC):
                 return _in_order(points, expected)
         raise _Ended(
             Status.ALARM,
-            f"{len(points)} particles were seen in {AGAIN} looks, and there are {self.count}",
+            f"{AGAIN} looks in a row did not show {self.count} particles; the last showed {len(points)}",
         )
 
     @property

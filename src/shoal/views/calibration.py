@@ -82,7 +82,7 @@ def calibration_figure(
         heading = calibration.responses.heading(letter)
         along = motion / np.linalg.norm(motion)
         # the text stands beyond arrow and bar; to the sides it is wider than high
-        away = along * (max(gain, np.linalg.norm(wanted)) + 0.25 + 0.1 * abs(along[0]))
+        away = along * (max(gain, float(np.linalg.norm(wanted))) + 0.25 + 0.1 * abs(along[0]))
         text = f"{letter}: {gain:.2f}\n{heading:+.1f}°"
         right.annotate(text, away, color=INK, **label)
     right.set(xlim=(-most - 0.7, most + 0.7), ylim=(-most - 0.7, most + 0.7), aspect="equal")
