@@ -15,6 +15,8 @@ from shoal.core.errors import import_extra
 
 Hold = tuple[int, int]  # wall, and the particle that it holds, 0 or 1
 
+STEP = 2.0**-36  # multipliers are multiples of this
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -132,7 +134,10 @@ class Relaxation:
             vectors = np.zeros_like(vectors)
             worth = _worth(norms, rows, low, high, vectors, slacks)
             slacks *= 2 * self.limit / worth if worth > 0 else 0.0
-        vectors /= np.maximum(np.hypot(*vectors.T), 1)[:, None] * (1 + 1e-12)
+        vectors /= np.maximum(np.hypot(*vectors.T), 1)[:, None]
+        # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds 1
+        vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
+        slacks = np.round(slacks / STEP) * STEP
         value = min(_worth(norms, rows, low, high, vectors, slacks), self.limit)
         lengths = np.array(solution.x)[count:]
         loads, number = {}, 0

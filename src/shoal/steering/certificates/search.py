@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from shoal.steering.certificates.relaxation import (
 )
 
 _RISE = 1e-6  # relative: a bound that rises by less has not risen
-_ROUND = 2.0**36  # multipliers are stored as multiples of 1 / _ROUND
 
 
 @dataclass(frozen=False, eq=False)
@@ -76,15 +75,20 @@ class Tree:
         self._push(self.root)
 
     @property
-    def lower(self) -> float:
-        """Lower bound on the length of all plans, up to the limit."""
-        least = self._heap[0][0] if self._heap else np.inf
-        return min(least, self.best.bound.value if self.best else np.inf, self.relaxation.limit * self.relaxation.scale)
-
-    @property
     def least_open(self) -> float:
         """Least bound of a pattern that can be divided."""
         return self._heap[0][0] if self._heap else np.inf
+
+    @property
+    def upper(self) -> float:
+        """Least infimum of a pattern without gaps, at most the limit."""
+        limit = self.relaxation.limit * self.relaxation.scale
+        return limit if self.best is None else min(limit, self.best.bound.value)
+
+    @property
+    def lower(self) -> float:
+        """Lower bound on the length of all plans, at most the limit."""
+        return min(self.least_open, self.upper)
 
     def step(self) -> None:
         """Divide the pattern with the least bound."""
