@@ -11,11 +11,14 @@ from typing import Any
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.episode import Verification
+from shoal.core.errors import InvalidInputError, ShoalError, import_extra
 from shoal.steering.certificates.check import check_certificate
 from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.episode import SteeringEpisode
+from shoal.steering.problem import SteeringProblem
 
+KIND = "steering certificate"
 CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 _ENOUGH = 1e-4  # gap at which the search ends
@@ -52,6 +55,17 @@ class Certificate:
     def certified(self) -> bool:
         """Whether a proof shows that the plan is at most 0.1 % longer than the shortest."""
         return self.gap is not None and self.gap <= CERTIFIED
+
+    @property
+    def sentence(self) -> str:
+        """One sentence about the bound and the gap."""
+        if self.gap is None:
+            return f"no plan is shorter than {self.lower_bound:.6g}"
+        proof = "" if self.proof is None else ", by a proof that was checked"
+        return (
+            f"at most {100 * self.gap:.3g} % longer than the shortest plan{proof}"
+            f" (lower bound {self.lower_bound:.6g})"
+        )
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer --certify`` prints."""
@@ -96,19 +110,14 @@ def certify(
     >>> certificate.certified, round(certificate.lower_bound, 3)
     (True, 1.709)
     """
-    seconds = check_number(seconds, what="certify", above=0)
     problem = episode.problem
-    if problem.noisy or problem.bounds is not None:
-        raise InvalidInputError(
-            "certify: expected a problem without noise, uneven field and stated errors, whose plans"
-            " have a least length"
-        )
+    check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
     simple = place.kind == "polygon" and len(start) == 2 and not problem.particle_radius
     if not episode or not simple or problem.friction < inf:
-        least = geodesic_bound(problem, start, goal)
-        return Certificate(episode, max(least, episode.lower_bound or 0.0), None)
+        least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
+        return Certificate(replace(episode, lower_bound=least), least, None)
     from shoal.steering.certificates.relaxation import Gap, Relaxation
     from shoal.steering.certificates.search import Tree
 
@@ -131,7 +140,7 @@ def certify(
             progress(now - begun, min(one.lower for one in trees))
     bound = max(min(one.lower for one in trees) * (1 - _SLACK), 0.0)
     proof = {
-        "kind": "steering certificate",
+        "kind": KIND,
         "corners": place.vertices.tolist(),
         "start": start.tolist(),
         "goal": goal.tolist(),
@@ -146,11 +155,49 @@ def certify(
         ],
     }
     if not (checked := check_certificate(proof)):
-        raise ShoalError(f"the search made a wrong certificate; please report it: {checked.message}")
+        raise ShoalError(
+            f"the search made a wrong certificate; please report it: {checked.message}"
+        )
     order, tree = min(zip(orders, trees, strict=True), key=lambda pair: pair[1].upper)
     if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit:
-        episode = improved(episode, order, [item for item in tree.best.pattern if not isinstance(item, Gap)])
-    return Certificate(episode, bound, proof)
+        episode = improved(
+            episode, order, [item for item in tree.best.pattern if not isinstance(item, Gap)]
+        )
+    return Certificate(replace(episode, lower_bound=bound), bound, proof)
+
+
+def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
+    """Refuse a problem whose plans have no least length, and a search without Clarabel."""
+    check_number(seconds, what="certify", above=0)
+    if problem.noisy or problem.bounds is not None:
+        raise InvalidInputError(
+            "certify: expected a problem without noise, uneven field and stated errors, because"
+            " only its plans have a least length"
+        )
+    import_extra("clarabel", "certificates need Clarabel", extra="certify")
+
+
+def check_certificate_of(
+    problem: SteeringProblem, certificate: Any, *, seed: int = 0
+) -> Verification:
+    """Check that a certificate is right, and that it is one of ``problem``."""
+    if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
+        return Verification(False, f"the file is no {KIND}")
+    start, goal = problem.endpoints(seed)
+    place = problem.place
+    if place.kind != "polygon" or problem.friction < inf or problem.particle_radius:
+        return Verification(False, "certificates are for points in polygons without sliding")
+    stated = {
+        "corners": place.vertices.tolist(),
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "tolerance": problem.tolerance,
+        "interchangeable": problem.interchangeable,
+    }
+    for name, value in stated.items():
+        if certificate.get(name) != value:
+            return Verification(False, f"the certificate is for another problem: see {name}")
+    return check_certificate(certificate)
 
 
 def improved(
@@ -187,7 +234,11 @@ def improved(
             if length < inf:
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
                 plans += plan_chain(task, first, chain, query)
-    sure = [plan for plan in plans if task.error(task.world.play(start, plan)[-1]) <= task.tolerance and task.is_sure(plan)]
+    sure = [
+        plan
+        for plan in plans
+        if task.error(task.world.play(start, plan)[-1]) <= task.tolerance and task.is_sure(plan)
+    ]
     best = min(sure, key=path_length, default=None)
     if best is None or path_length(best) >= episode.length or len(best) > problem.max_moves:
         return episode

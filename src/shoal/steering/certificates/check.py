@@ -44,7 +44,10 @@ class _Task:
 
         def scaled(points: Sequence[Sequence[float]]) -> list[list[Fraction]]:
             return [
-                [(Fraction(x) - least) / Fraction(unit) for x, least in zip(point, origin, strict=True)]
+                [
+                    (Fraction(x) - least) / Fraction(unit)
+                    for x, least in zip(point, origin, strict=True)
+                ]
                 for point in points
             ]
 
@@ -53,6 +56,8 @@ class _Task:
         numbers = [x for points in places for point in points for x in point]
         self.whole = lcm(*(x.denominator for x in [*numbers, *sizes]))
         self.unit = Fraction(unit)
+        if min(self.unit, *sizes) < 0:
+            raise _WrongError("the unit, the tolerance or the limit is negative")
         self.corners, self.start, self.goal = (
             [(int(x * self.whole), int(y * self.whole)) for x, y in points] for points in places
         )
@@ -70,14 +75,6 @@ class _Task:
         self.normals = [(-y, x) for x, y in self.along]
         xs, ys = zip(*self.corners, strict=True)
         self.extent = (max(xs) - min(xs), max(ys) - min(ys))
-        for points in (self.start,):
-            for point in points:
-                if any(
-                    _dot(normal, (point[0] - corner[0], point[1] - corner[1]))
-                    < -self.whole * self.whole // 10**8
-                    for normal, corner in zip(self.normals, self.corners, strict=True)
-                ):
-                    raise _WrongError("a start lies outside the polygon")
 
     def _turns(self) -> int:
         """How often the sides turn around: changes of the sides from down to up."""
@@ -93,7 +90,7 @@ class _Task:
         return _cross(one, other) != 0 or sign * _dot(one, other) > 0
 
     def value(self, pattern: Sequence[Item], leaf: Mapping[str, Any]) -> Fraction:
-        """The bound that the multipliers of a leaf prove for all plans of a pattern."""
+        """Return the bound that the multipliers of a leaf prove for all plans of a pattern."""
         norms, rows, bounds = self.program(pattern)
         vectors, slacks = leaf["norms"], leaf["slacks"]
         if len(vectors) != len(norms):
@@ -124,7 +121,7 @@ class _Task:
     def program(
         self, pattern: Sequence[Item]
     ) -> tuple[list[Vector], list[dict[int, int]], list[Pair]]:
-        """The norms, the constraints and the bounds of the variables of a pattern."""
+        """Return the norms, the constraints and the bounds of the variables of a pattern."""
         bounds: list[Pair] = []
         norms: list[Vector] = []
         rows: list[dict[int, int]] = []
@@ -139,8 +136,10 @@ class _Task:
         def equal(one: Vector, other: Vector) -> None:
             # times the number that all other rows contain through their normals
             for first, second in ((one, other), (other, one)):
-                for part in _minus(first, second):
-                    rows.append({key: number * self.whole for key, number in part.items()})
+                rows.extend(
+                    {key: number * self.whole for key, number in part.items()}
+                    for part in _minus(first, second)
+                )
 
         far, tolerance = (self.limit, self.limit), self.tolerance
         goals = [
@@ -204,7 +203,7 @@ class _Task:
         return norms, rows, bounds
 
     def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
-        """The patterns into which a node must divide its own."""
+        """Return the patterns into which a node must divide its own."""
         place = node["place"]
         if not (isinstance(place, int) and 0 <= place < len(pattern)):
             raise _WrongError(f"a pattern has no gap at {place}")
@@ -217,36 +216,39 @@ class _Task:
             raise _WrongError("a gap has an unknown hold")
         within: list[Item] = [known] if known else []
         middles: list[list[Item]] = [within]
-        for hold in every if gap is None else sorted(gap):
-            if hold not in known:
-                middles.append(
-                    [gap, hold, *within] if node["side"] == "last" else [*within, hold, gap]
-                )
+        middles += [
+            [gap, hold, *within] if node["side"] == "last" else [*within, hold, gap]
+            for hold in (every if gap is None else sorted(gap))
+            if hold not in known
+        ]
         before, after = list(pattern[:place]), list(pattern[place + 1 :])
         return [
             [*before, *middle, *after]
             for middle in middles
             if all(
-                not isinstance(one, tuple) or not isinstance(other, tuple) or self.follows(one, other)
+                not isinstance(one, tuple)
+                or not isinstance(other, tuple)
+                or self.follows(one, other)
                 for one, other in pairwise([*before[-1:], *middle, *after[:1]])
             )
         ]
 
 
-def leaves(
-    task: _Task, pattern: list[Item], node: Mapping[str, Any]
+def _leaves(
+    task: _Task, proof: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[list[Item], Mapping[str, Any]]]:
-    """Yield the leaves of a proof with their patterns, and check that nothing is missing."""
-    stack = [(pattern, node)]
-    while stack:
-        pattern, node = stack.pop()
-        if "parts" not in node:
+    """Yield the leaves of a proof with their patterns, and check that no case is missing."""
+    stack: list[list[Item]] = [[None]]  # all plans
+    for node in proof:
+        if not stack:
+            raise _WrongError("the proof goes on after its last case")
+        pattern = stack.pop()
+        if "norms" in node:
             yield pattern, node
-            continue
-        parts = task.parts(pattern, node)
-        if len(parts) != len(node["parts"]):
-            raise _WrongError(f"expected {len(parts)} parts, got {len(node['parts'])}")
-        stack += zip(parts, node["parts"], strict=True)
+        else:
+            stack += task.parts(pattern, node)[::-1]
+    if stack:
+        raise _WrongError(f"{len(stack)} cases are missing")
 
 
 def check_certificate(certificate: Mapping[str, Any]) -> Verification:
@@ -277,7 +279,7 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
                 certificate["limit"],
                 certificate["unit"],
             )
-            for pattern, leaf in leaves(task, [None], tree["proof"]):
+            for pattern, leaf in _leaves(task, tree["proof"]):
                 value = task.value(pattern, leaf)
                 count += 1
                 if value < bound:
@@ -288,7 +290,9 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         return Verification(False, f"the certificate is wrong: {error}")
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         return Verification(False, f"the certificate is incomplete: {error!r}")
-    return Verification(True, f"{count} cases prove that no plan is shorter than {float(bound):.9g}")
+    return Verification(
+        True, f"{count} cases prove that no plan is shorter than {float(bound):.9g}"
+    )
 
 
 def _multiple(given: float) -> int:

@@ -32,10 +32,14 @@ def geodesic_bound(problem: SteeringProblem, start: Points, goal: Points) -> flo
     )
     if problem.interchangeable and len(start) > _MOST:
         return max(float(paths.min(axis=1).max()) - problem.tolerance, 0.0)
-    return max(min(_bound(problem, start, goal[list(o)], paths[range(len(o)), o]) for o in orders), 0.0)
+    return max(
+        min(_bound(problem, start, goal[list(o)], paths[range(len(o)), o]) for o in orders), 0.0
+    )
 
 
-def _bound(problem: SteeringProblem, start: Points, goal: Points, paths: NDArray[np.float64]) -> float:
+def _bound(
+    problem: SteeringProblem, start: Points, goal: Points, paths: NDArray[np.float64]
+) -> float:
     least = float(paths.max()) - problem.tolerance
     if problem.friction < inf:  # a particle that slides moves, and changes the difference
         return least

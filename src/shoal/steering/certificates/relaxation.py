@@ -142,7 +142,9 @@ class Relaxation:
         lengths = np.array(solution.x)[count:]
         loads, number = {}, 0
         for place, item in enumerate(pattern):
-            more = 3 if not isinstance(item, Gap) else 3 if item.holds is None else 1 + len(item.holds)
+            more = (
+                3 if not isinstance(item, Gap) else 3 if item.holds is None else 1 + len(item.holds)
+            )
             if isinstance(item, Gap):
                 loads[place] = float(lengths[number : number + more].sum())
             number += more - (place > 0 and isinstance(pattern[place - 1], Gap))
@@ -150,16 +152,19 @@ class Relaxation:
 
     def program(
         self, pattern: Pattern
-    ) -> tuple[
-        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-    ]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the norms (n, 2, variables + 1) whose sum is least, the rows (m, variables + 1) of
         expressions that are at least 0, and the bounds of the variables.
         """
-        far = 4 + 4 * len(pattern) + 2 * sum(
-            2 + (2 if item.holds is None else len(item.holds))
-            for item in pattern
-            if isinstance(item, Gap)
+        far = (
+            4
+            + 4 * len(pattern)
+            + 2
+            * sum(
+                2 + (2 if item.holds is None else len(item.holds))
+                for item in pattern
+                if isinstance(item, Gap)
+            )
         )
         low, high = np.zeros(far), np.zeros(far)
         used = 0
@@ -192,9 +197,7 @@ class Relaxation:
                     before = vector(-self.extent, self.extent)
                 norms.append(free)
                 gap = [places[0] + free, places[1] + free]
-                for hold in (
-                    [(-1, 0), (-1, 1)] if item.holds is None else sorted(item.holds)
-                ):
+                for hold in [(-1, 0), (-1, 1)] if item.holds is None else sorted(item.holds):
                     change = vector(-reach, reach)
                     norms.append(change)
                     gap[1 - hold[1]] = gap[1 - hold[1]] + change
@@ -292,7 +295,9 @@ def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[P
         )
 
     middles: list[Pattern] = [known]
-    for hold in relaxation.holds if gap.holds is None else sorted(gap.holds):
-        if hold not in how.known:
-            middles.append((gap, hold, *known) if how.right else (*known, hold, gap))
+    middles += [
+        (gap, hold, *known) if how.right else (*known, hold, gap)
+        for hold in (relaxation.holds if gap.holds is None else sorted(gap.holds))
+        if hold not in how.known
+    ]
     return [(*before, *middle, *after) for middle in middles if fits(*middle)]

@@ -36,20 +36,21 @@ class Node:
         """Whether the pattern has gaps."""
         return any(isinstance(item, Gap) for item in self.pattern)
 
-    def proof(self) -> dict[str, Any]:
-        """Return the node as JSON."""
-        if self.how is None:
-            kept = np.flatnonzero(self.bound.slacks)
-            return {
-                "norms": self.bound.norms.tolist(),
-                "slacks": [[int(k), float(self.bound.slacks[k])] for k in kept],
-            }
-        return {
-            "place": self.how.place,
-            "known": [list(hold) for hold in sorted(self.how.known)],
-            "side": "last" if self.how.right else "first",
-            "parts": [one.proof() for one in self.parts or ()],
-        }
+    def proof(self) -> list[dict[str, Any]]:
+        """Return the nodes of the proof below this node as JSON, each before its parts."""
+        found, stack = [], [self]
+        while stack:
+            node = stack.pop()
+            if node.how is None:
+                kept = np.flatnonzero(node.bound.slacks)
+                slacks = [[int(k), float(node.bound.slacks[k])] for k in kept]
+                found.append({"norms": node.bound.norms.tolist(), "slacks": slacks})
+            else:
+                known = [list(hold) for hold in sorted(node.how.known)]
+                side = "last" if node.how.right else "first"
+                found.append({"place": node.how.place, "known": known, "side": side})
+                stack += (node.parts or [])[::-1]
+        return found
 
 
 class Tree:
