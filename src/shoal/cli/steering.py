@@ -98,7 +98,7 @@ def steer(
         if out is not None and certificate.proof is not None:
             result["certificate"] = str(out / "certificate.json")
     written = write_episode(episode, result, out, film)
-    if certify is not None and result["certificate"] is not None:
+    if out is not None and certify is not None and result["certificate"] is not None:
         from shoal.core.files import write_json
 
         write_json(out / "certificate.json", certificate.proof)
