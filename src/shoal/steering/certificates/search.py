@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,12 @@ from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
     Gap,
-    Hold,
     Pattern,
     Relaxation,
     branches,
 )
 
-_RISE = 1e-6  # relative: a bound that rises by less has not risen
+_OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
 @dataclass(frozen=False, eq=False)
@@ -94,18 +92,8 @@ class Tree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        enough = node.bound.value * (1 + _RISE)
-        choice: tuple[tuple[float, int], Branching, list[Node]] | None = None
-        for how in _branchings(node.pattern, node.bound.loads):
-            parts = [self._node(one) for one in branches(self.relaxation, node.pattern, how)]
-            low = min((one.bound.value for one in parts), default=np.inf)
-            score = (low, -sum(one.bound.value <= enough for one in parts))
-            if choice is None or score > choice[0]:
-                choice = (score, how, parts)
-            if low > enough:
-                break
-        assert choice is not None
-        node.how, node.parts = choice[1], choice[2]
+        node.how = _branching(node.pattern, node.bound.loads)
+        node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, node.how)]
         for one in node.parts:
             self._push(one)
 
@@ -120,23 +108,37 @@ class Tree:
             self.best = node
 
 
-def _branchings(pattern: Pattern, loads: dict[int, float]) -> Iterator[Branching]:
-    """Yield ways to divide a pattern, the most promising first."""
-    for place in sorted(loads, key=lambda place: (-loads[place], place)):
-        gap = pattern[place]
-        assert isinstance(gap, Gap)
-        left, right = pattern[:place][::-1], pattern[place + 1 :]
-        sides = [False, True] if len(left) <= len(right) else [True, False]
-        if gap.holds is not None and left and right:
-            inner = [side[0] in gap.holds for side in (left, right)]
-            if inner[0] != inner[1]:
-                sides = [inner[0], inner[1]]
-        for side in sides:
-            near: list[Hold] = []
-            for item in right if side else left:
-                if isinstance(item, Gap) or len(near) == 2:
-                    break
-                if item not in near:
-                    near.append(item)
-            pair = gap.holds is None and len(near) == 2
-            yield Branching(place, frozenset(near) if pair else frozenset(), side)
+def _branching(pattern: Pattern, loads: dict[int, float]) -> Branching:
+    """Return how to divide a pattern: at the gap that holds most of the length.
+
+    A gap of few holds next to many of them has been divided often, which did not help. Another gap
+    is then better.
+    """
+    order = sorted(loads, key=lambda place: (_divided(pattern, place) > _OFTEN, -loads[place]))
+    place = order[0]
+    gap = pattern[place]
+    assert isinstance(gap, Gap)
+    left, right = pattern[:place][::-1], pattern[place + 1 :]
+    last = len(left) > len(right)
+    if gap.holds is not None:
+        inner = [bool(side) and side[0] in gap.holds for side in (left, right)]
+        return Branching(place, right=inner[0] if inner[0] != inner[1] else last)
+    near = [item for item in (right if last else left) if not isinstance(item, Gap)]
+    for count in (4, 3):  # few holds in turn, again and again, become one gap
+        if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
+            return Branching(place, frozenset(near[: 2 * count]), last)
+    pair = frozenset(near[:2])
+    return Branching(place, pair if len(pair) == 2 else frozenset(), last)
+
+
+def _divided(pattern: Pattern, place: int) -> int:
+    """Return how many neighbours of a gap are holds that may be in the gap."""
+    gap = pattern[place]
+    assert isinstance(gap, Gap)
+    found = 0
+    for side in (pattern[:place][::-1], pattern[place + 1 :]):
+        for item in side:
+            if gap.holds is None or item not in gap.holds:
+                break
+            found += 1
+    return found
