@@ -36,7 +36,13 @@ from shoal.steering.workspaces.region import Region
 LOOKS = 3  # at the start, which show the error of the camera
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
-LEVELS = (0.05, 0.2, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
+LEVELS = (
+    0.05,
+    0.2,
+    0.5,
+    0.8,
+    0.95,
+)  # quantiles of the friction, with which plans are tried in turn
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
 SCENARIOS = 16  # of errors, in which plans are compared
@@ -541,6 +547,7 @@ class _Loop(_Session):
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
         self.steps: list[_Step] = []  # what is left of the plan
+        self._tables: dict[tuple[float, ...], kernels.Differences] = {}
 
     def _choose_goals(self) -> None:
         """Choose the order of interchangeable goals with the shorter plan."""
@@ -619,7 +626,9 @@ class _Loop(_Session):
                 rest = self._rest(pressing)
                 if rest is not None and len(rest) <= FEW:
                     return rest
-                search = PressingSearch(self.world, pressing, self.rng)
+                search = PressingSearch(self.world, pressing, self.rng, self._tables)
+                if rounds == SLOW and search.presses_left(state, self.goal) == kernels.FAR:
+                    continue
                 plans = search.plans(
                     state,
                     self.goal,
