@@ -235,12 +235,19 @@ class BenchRig:
         if self._unseen:  # each pulse is learnt from by itself
             self.look()
         self.push(*self.trim.pulse(command))
+        if (late := getattr(self.actuator, "late", None)) is not None:
+            self.trim.lasted(late)
         self._unseen = True
 
     @property
     def values(self) -> dict[str, float]:
         """What was commanded and measured at the last push, by name, if the actuator says so."""
         return dict(getattr(self.actuator, "values", {}))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the pulses so far, in sentences, if the actuator says so."""
+        return tuple(getattr(self.actuator, "notes", ()))
 
     def look(self) -> Frame:
         """Return the first picture of the particles at rest after the last push. Its points are in

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+import itertools
 import json
 import os
 import signal
@@ -24,8 +25,12 @@ from shoal import GridWorkspace, InvalidInputError
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
 from shoal.rigs.actuation import read_actuation
+from shoal.rigs.calibration import Responses
 from shoal.rigs.coils import CoilActuator
 from shoal.rigs.packets import Packet, Splitter, Template, cobs_packet, crc8
+from shoal.rigs.ports import BenchRig, CellCalibration
+from shoal.rigs.rig import Frame
+from shoal.rigs.trim import PulseTrim
 from shoal.testing import check_actuator
 
 pytest.importorskip("serial")
@@ -362,6 +367,39 @@ def test_without_an_answer_the_field_is_on_for_as_long_as_asked(tmp_path, line):
         actuator.close()
 
 
+def test_pulses_that_a_busy_computer_makes_too_long_are_told(tmp_path, monkeypatch):
+    class Sensor:
+        name, shape = "points", (3, 3)
+        numbers = itertools.count()
+
+        def observe(self):
+            return Frame(np.array([[1.0, 1.0]]), time.monotonic(), next(self.numbers))
+
+        def close(self):
+            pass
+
+    line = Terminal()
+    with Controller(line, lines(lambda line: None)):
+        actuator = coils(tmp_path, line)
+        trim = PulseTrim(Responses.stated(actuator.pulses))
+        rig = BenchRig(actuator, Sensor(), CellCalibration(), trim=trim)
+        rig.observe()
+        turn_off = actuator._turn_off
+        monkeypatch.setattr(actuator, "_turn_off", lambda *one: (time.sleep(0.3), turn_off(*one)))
+        rig.send("r")
+        assert actuator.late >= 0.3
+        assert "1 pulse lasted more than a quarter too long, the longest 0.3" in rig.notes[0]
+        # what did not move by as much as 0.3 s would have moved it was held, and teaches nothing
+        rig.observe()
+        assert trim.responses == Responses.stated(actuator.pulses)
+        monkeypatch.undo()
+        monkeypatch.setattr(actuator, "_all_late", [])
+        rig.push(0.0, 0.3)
+        assert actuator.late is None
+        assert rig.notes == ()
+        actuator.close()
+
+
 def test_the_frequency_of_a_turning_field_can_be_changed(tmp_path):
     line = Server()
     text = {"packets": "text", "off": {"text": OFF}, "timed": False, "connection": line.address}
@@ -644,6 +682,7 @@ def test_coils_with_a_keep_alive_process_keep_the_rules(tmp_path):
 
 DRIVE = """
 import sys, time
+from shoal.rigs.calibration import Responses
 from shoal.rigs.coils import CoilActuator
 actuator = CoilActuator(sys.argv[1])
 print("open", flush=True)
