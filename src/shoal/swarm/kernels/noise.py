@@ -28,8 +28,8 @@ UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle m
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
 # clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified;
-# merge: 1 if particles share cells, else 0
-RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge")
+# merge: 1 if particles share cells, else 0; surest: the highest log-odds that a cell is free
+RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge", "surest")
 
 
 class NoisyState(NamedTuple):
@@ -280,7 +280,8 @@ def learn_noisy(noisy, command):
         behind = at - offset
         if noisy.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
             gained, held = weigh(noisy, at, offset)
-            noisy.logit[at] = max(-SURE, min(SURE, noisy.logit[at] + max(-LEAP, min(LEAP, gained))))
+            odds = noisy.logit[at] + max(-LEAP, min(LEAP, gained))
+            noisy.logit[at] = max(-SURE, min(noisy.rates.surest, odds))
             after[at] = held if held > FAINT else 0.0
         else:
             after[at] = 0.0
