@@ -758,11 +758,14 @@ def test_the_bench_of_the_examples_moves_a_plant(tmp_path):
     spec.loader.exec_module(example)
     bench = example.Bench(GridWorkspace(np.ones((9, 9))), 1, 4, own_gain=0, coil_gain=0)
     before = bench.plant.points
-    line = Terminal()
-    running = threading.Thread(target=bench.run, args=(line.fd,))
+    pulses, link = [], tmp_path / "coils"
+    bench.count = pulses.append
+    running = threading.Thread(target=bench.run, args=(str(link), 0.1))
     running.start()
+    while not link.exists():
+        time.sleep(0.01)
     data = tomllib.loads((ROOT / "examples/actuation/four_coil_puller.toml").read_text())
-    data["device"] |= {"connection": line.address, "ready": 0.0}
+    data["device"] |= {"connection": f"serial:{link}", "ready": 0.0}
     for reply in ("reply", "off_reply"):
         data["device"][reply]["within"] = 20.0  # this computer may be busy
     del data["device"]["keep_alive"]
@@ -776,10 +779,16 @@ def test_the_bench_of_the_examples_moves_a_plant(tmp_path):
         assert ahead > 0.3  # as strong as the field is there, in real time
         assert abs(aside) < 0.3 * ahead
         before = bench.plant.points
+    bench.pulled = True  # the cable of the coils
+    while bench.pulled or link.exists():
+        time.sleep(0.01)
+    while not link.exists():
+        time.sleep(0.01)
+    actuator.push(180.0, 0.083)  # over the new line
     actuator.close()
     bench.running = False
     running.join()
-    line.close()
+    assert [pulse.split(" ", 1)[1] for pulse in pulses] == ["180 0 0 0", "0 180 0 0", "0 0 180 0"]
     assert bench.duty == (0.0, 0.0, 0.0, 0.0)
     bench.draw()
     assert bench.picture.startswith(b"\xff\xd8")  # JPEG
