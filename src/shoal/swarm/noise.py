@@ -47,6 +47,13 @@ GHOSTS = 1e-3
 Cameras see dust and reflections. With less, a ghost in a cell that is known to be free counts as a
 particle; with more, particles that stood behind another one are found again later.
 """
+LEAPS = 0.02
+"""On a rig: probability that a particle moves by two cells, as a fast one does that stands in the
+front of its cell.
+
+Without it, a belief that takes such a detection for a ghost loses the particle, and a policy sends it
+back and forth: the particle is found again at the next command, and lost at the one after.
+"""
 PASSED = 60.0
 """On a rig: highest log-odds that a cell is free.
 
@@ -244,6 +251,7 @@ class NoisyBelief:
         self.state.rates.merge = rule == "merge"
         if loss > 0:
             self.state.rates.clutter, self.state.rates.surest = GHOSTS, PASSED
+            self.state.rates.leap = LEAPS
         if prior is not None:
             inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)
@@ -860,6 +868,7 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
             clutter=kernels.CLUTTER,
             bound=bound_of(confidence),
             surest=kernels.SURE,
+            leap=0.0,
         ),
         layers=layout.layers,
         rows=layout.rows,

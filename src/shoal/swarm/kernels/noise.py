@@ -28,8 +28,11 @@ UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle m
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
 # clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified;
-# merge: 1 if particles share cells, else 0; surest: the highest log-odds that a cell is free
-RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge", "surest")
+# merge: 1 if particles share cells, else 0; surest: the highest log-odds that a cell is free; leap:
+# probability that a particle moves by two cells
+RATES = record_type(
+    np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge", "surest", "leap"
+)
 
 
 class NoisyState(NamedTuple):
@@ -238,6 +241,9 @@ def weigh(noisy, at, offset):
     if seen[at] and noisy.moved[at] < LOST * free:
         # a particle that the belief does not know may have come from behind
         coming = max(coming, LOST)
+    if seen[at] and not seen[behind] and not seen[behind - offset]:
+        # one that is seen neither where it was nor one cell ahead may have leapt
+        coming = max(coming, noisy.rates.leap * inside[behind - offset])
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
     # probability of a particle behind if no particle can enter the cell
     held = coming + (1.0 - coming) * next_coming
