@@ -38,8 +38,9 @@ MAP = "vessels:200"
 PARTICLES = 20
 KINDS = {"SIGINT": "SIGINT", "SIGKILL": "SIGKILL", "cable": "SIGUSR1"}
 OF_BENCH = {"SIGINT": "SIGINT", "SIGKILL": "SIGKILL", "coils": "SIGUSR1", "camera": "SIGUSR2"}
-VESSEL, ROOM = "vessels:60", 8  # the map of the bench, and its particles
+VESSEL, ROOM = "vessels:100", 8  # the map of the bench, and its particles
 DURATION, PAUSE, END_AFTER = 0.05, 2.0, 1.0  # seconds
+UNPLUGGED = 6.0  # seconds: a line of coils that comes back within three is no interruption
 WAITING = 60.0  # seconds for an interrupted drive to end
 
 
@@ -111,7 +112,8 @@ def driven_bench(interruptions: int, seed: int, folder: Path) -> dict[str, objec
     """Return what came of one drive of coils and a camera."""
     link, count, port, puller = folder / "coils", folder / "count.txt", free_port(), "puller.toml"
     run = [sys.executable, str(BENCH), VESSEL, "--particles", str(ROOM), "--seed", str(seed)]
-    run += ["--pty", str(link), "--port", str(port), "--count", str(count), "--pause", str(PAUSE)]
+    run += ["--pty", str(link), "--port", str(port), "--count", str(count)]
+    run += ["--pause", str(UNPLUGGED)]
     text = (EXAMPLES / "actuation" / "four_coil_puller.toml").read_text()
     text = text.replace("serial:/dev/ttyUSB0@115200", f"serial:{link}")
     (folder / puller).write_text(text.replace("ready = 2.0", "ready = 0.0"))
@@ -179,7 +181,7 @@ class Interrupted:
                 break
             counted[kind] += 1
             if kind == "camera":
-                time.sleep(PAUSE)
+                time.sleep(UNPLUGGED)
         wait_for(self.needed)
         done = subprocess.run([*self.again, "--json"], stdout=subprocess.PIPE, check=False)
         result, past = json.loads(done.stdout), read_log(self.log)

@@ -277,9 +277,11 @@ class BenchRig:
         return Frame(cells, frame.time, frame.number)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the sensor sees particles (int64, shape (k, ndim))."""
-        points = self.look().points
-        return np.unique(np.floor(points + 0.5).astype(np.int64), axis=0)
+        """Return the cell of each particle that the sensor sees (int64, shape (k, ndim)), in the
+        order of the cells. Several particles can be in one cell.
+        """
+        cells = np.floor(self.look().points + 0.5).astype(np.int64)
+        return cells[np.lexsort(cells.T[::-1])]
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

@@ -236,6 +236,13 @@ def test_points_become_cells_whose_centres_are_whole_numbers():
     assert turned.to_cells(np.array([[30.0, 5.0]])).tolist() == [[0.0, 2.0]]
 
 
+def test_particles_that_share_a_cell_are_both_listed():
+    # discs that are small for their cells
+    apparatus = PlantProperties(radius=0.2)
+    ports = plant_ports(((2.3, 0.5), (0.3, 2.4), (0.75, 2.6)), apparatus)
+    assert BenchRig(ports, ports).observe().tolist() == [[0, 0], [0, 0], [2, 2]]
+
+
 def test_a_push_is_seen_in_a_picture_that_was_taken_after_it():
     camera = Sensor()
     rig = BenchRig(Actuator(), camera, CellCalibration(), shape=(9, 9), latency=0.02)

@@ -241,9 +241,6 @@ def weigh(noisy, at, offset):
     if seen[at] and noisy.moved[at] < LOST * free:
         # a particle that the belief does not know may have come from behind
         coming = max(coming, LOST)
-    if seen[at] and not seen[behind] and not seen[behind - offset]:
-        # one that is seen neither where it was nor one cell ahead may have leapt
-        coming = max(coming, noisy.rates.leap * inside[behind - offset])
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
     # probability of a particle behind if no particle can enter the cell
     held = coming + (1.0 - coming) * next_coming
@@ -254,6 +251,9 @@ def weigh(noisy, at, offset):
     both = likelihood(seen[behind], seen[at], True, True, a, b, hit, share)
     wall = held * only_behind + (1.0 - held) * none
     entered = gone * (next_coming * both + (1.0 - next_coming) * only_here)
+    if seen[at] and not seen[behind] and not seen[behind - offset]:
+        # a particle that is seen neither where it was nor one cell ahead may have leapt
+        entered += noisy.rates.leap * inside[behind - offset] * only_here
     empty = (coming * slip + (1.0 - coming) * next_coming) * only_behind + (1.0 - coming) * (
         1.0 - next_coming
     ) * none
