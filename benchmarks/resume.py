@@ -116,7 +116,9 @@ def driven_bench(interruptions: int, seed: int, folder: Path) -> dict[str, objec
     run += ["--pause", str(UNPLUGGED)]
     text = (EXAMPLES / "actuation" / "four_coil_puller.toml").read_text()
     text = text.replace("serial:/dev/ttyUSB0@115200", f"serial:{link}")
-    (folder / puller).write_text(text.replace("ready = 2.0", "ready = 0.0"))
+    text = text.replace("ready = 2.0", "ready = 0.0")
+    # this computer may be busy for longer than .2 s, which would be one more interruption
+    (folder / puller).write_text(text.replace("keep_alive = 0.2", "keep_alive = 1.0"))
     camera = f"opencv:http://127.0.0.1:{port}/,particles=bright,threshold=150,stale=1"
     devices = ["--actuator", f"coils:{folder / puller}", "--sensor", camera]
     rows, columns = (20 * (side - 1) for side in open_map(VESSEL).shape)
