@@ -150,6 +150,9 @@ class SimulatedVehicle:
     station_timeout : float, optional
         Seconds without a heartbeat of a ground station after which it returns. By default, it
         flies on.
+    parameters : mapping of str to float
+        The autopilot's parameters. What they say of a lost ground station, of lost set-points and
+        of the height of a return is what the vehicle does.
 
     Attributes
     ----------
@@ -163,6 +166,8 @@ class SimulatedVehicle:
         Number of the item that it flies, as the autopilot counts.
     breaches : int
         Number of breaches of the fence.
+    silent, lost_position : bool
+        Whether the vehicle says nothing any more, or has no position any more.
     """
 
     def __init__(
@@ -180,7 +185,10 @@ class SimulatedVehicle:
         low_battery: float = 0.15,
         refuses_to_arm: str = "",
         station_timeout: float | None = None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
+        self.parameters = dict(parameters or {})
+        self.silent = self.lost_position = False
         self.system, self.kind = system, kind
         self.autopilot = {name.lower(): number for number, name in AUTOPILOTS.items()}[autopilot]
         self.home, self.elevation = home, elevation
@@ -188,6 +196,8 @@ class SimulatedVehicle:
         self.speed, self.acceleration = speed, acceleration
         self.battery, self.low_battery, self.charge = battery, low_battery, 1.0
         self.refuses_to_arm, self.station_timeout = refuses_to_arm, station_timeout
+        if station_timeout is None and self.parameters.get("FS_GCS_ENABLE"):
+            self.station_timeout = self.parameters.get("FS_GCS_TIMEOUT", 5.0)
         self.frame = LocalFrame(*home)
         self.stored: dict[str, list[MissionItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self.position, self.velocity = np.zeros(3), np.zeros(3)
@@ -230,7 +240,7 @@ class SimulatedVehicle:
         self._report()
         out = [*self._out]
         self._out.clear()
-        return out if self._now >= self._silent_until else []
+        return out if self._now >= self._silent_until and not self.silent else []
 
     def _send(self, message: Any) -> None:
         self._out.append(bytes(message.pack(self._mav)))
@@ -493,6 +503,11 @@ class SimulatedVehicle:
             result = self._set_mode(modes.MISSION) if self.armed else _REFUSED_NOW
         elif command == _SET_CURRENT:
             self._set_current(int(params[0]))
+        elif command == TAKE_OFF:
+            if self.armed and self.mode == modes.GUIDED:
+                self._guided = np.array([*self.position[:2], params[6]]), math.inf
+            else:
+                result = _DENIED
         elif command in (RETURN, LAND):
             result = self._set_mode(modes.RETURN if command == RETURN else modes.LAND)
         elif command == _REPOSITION:
@@ -548,7 +563,23 @@ class SimulatedVehicle:
 
     def _take_set_position_target_global_int(self, message: Any, _partner: tuple[int, int]) -> None:
         target = self._local(message.lon_int / 1e7, message.lat_int / 1e7, message.alt)
-        self._guided = (target, self._now + _SETPOINT)
+        # ArduPilot flies to the last position however old it is
+        holds = self.parameters.get("COM_OF_LOSS_T", _SETPOINT)
+        ends = self._now + holds if self.autopilot == PX4 else math.inf
+        self._guided = (target, ends)
+
+    def _take_param_request_read(self, message: Any, _partner: tuple[int, int]) -> None:
+        name = message.param_id.rstrip("\0")
+        if name in self.parameters:
+            number = [*self.parameters].index(name)
+            self._send(
+                self._dialect.MAVLink_param_value_message(
+                    name.encode(), self._as_parameter(name), 9, len(self.parameters), number
+                )
+            )
+
+    def _as_parameter(self, name: str) -> float:
+        return float(self.parameters[name])
 
     def _say(self, text: str, severity: int = 3) -> None:
         self._send(self._dialect.MAVLink_statustext_message(severity, text.encode()[:50]))
@@ -561,6 +592,13 @@ class SimulatedVehicle:
             x, y = self.frame.to_metres(np.array([place]))[0]
             self._metres[place] = float(x), float(y)
         return np.array([*self._metres[place], height])
+
+    @property
+    def return_height(self) -> float:
+        """Height above home in metres to which the vehicle climbs before it returns."""
+        if self.kind == "rover":
+            return 0.0
+        return self.parameters.get("RTL_RETURN_ALT", self.parameters.get("RTL_ALT", 0.0) / 100)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -607,8 +645,12 @@ class SimulatedVehicle:
             self._guided = None
             if self.autopilot == PX4:  # set-points have ended
                 self._say("Offboard control lost")
-                self.mode = modes.RETURN
+                lands = self.parameters.get("COM_OBL_RC_ACT", 3) == 4
+                self.mode = modes.LAND if lands else modes.RETURN
         if self.mode == modes.RETURN:
+            up = max(self.return_height, float(self.position[2]))
+            if self.position[2] < up - 0.5 and np.linalg.norm(self.position[:2]) > 1.0:
+                return np.array([*self.position[:2], up]), None
             if np.linalg.norm(self.position[:2]) > 1.0:
                 return np.array([0.0, 0.0, self.position[2]]), None
             return np.zeros(3), 0.2
@@ -746,7 +788,7 @@ class SimulatedVehicle:
                 self._send(
                     make.MAVLink_fence_status_message(int(self.breached), self.breaches, 0, 0)
                 )
-        if self._now - self._sent_at[0.2] >= 0.2:
+        if self._now - self._sent_at[0.2] >= 0.2 and not self.lost_position:
             self._sent_at[0.2] = self._now
             longitude, latitude = self.place
             up = round(1000 * self.position[2])
