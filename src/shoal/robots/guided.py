@@ -1,4 +1,4 @@
-"""A robot's vehicle behind MAVLink: guided set-points, what the autopilot must be set to, and what
+"""A robot's vehicle behind MAVLink: guided set-points, what is checked before take-off, and what
 happens when something is lost.
 
 The companion computer is a ground station for its autopilot: its heartbeats and set-points are what
@@ -10,8 +10,8 @@ COM_OF_LOSS_T. These settings are read before take-off, and without them no vehi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,27 @@ from shoal.core.errors import ShoalError
 from shoal.robots import modes
 from shoal.robots.mavlink import (
     ARDUPILOT,
+    KINDS_OF_TYPES,
     PX4,
-    STATION,
     HeardVehicle,
     LinkError,
     Station,
     type_text,
 )
-from shoal.robots.mission_protocol import FENCE, RefusedError, UnansweredError, download_items
+from shoal.robots.mission_protocol import (
+    FENCE,
+    RALLY,
+    RefusedError,
+    UnansweredError,
+    download_items,
+)
+from shoal.robots.settings import (
+    LAST_STATION,
+    MY_STATION,
+    names_to_read,
+    settings_for,
+    wrong_settings,
+)
 from shoal.robots.tasks import RobotTask
 from shoal.search.simulation.live.ports import Leg
 
@@ -36,93 +49,17 @@ _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _POSITION_ALONE = 0b110111111000  # set-point without velocity, acceleration and yaw
 _EVERY = 0.25  # seconds between two set-points: PX4 needs more than two a second
 _AGAIN = 1.0  # seconds between two commands that have no effect yet
+_ASKED = 12  # times that a parameter is asked for
 _FIX_3D = 3  # GPS_FIX_TYPE
-_CHECKS = ("failsafe", "fence", "return")
 _NEAR = 0.2  # share of a cell within which a vehicle has arrived
 _NEAREST, _FARTHEST = 0.5, 3.0  # metres
-_LANDED = 0.5  # metres above home
+_ALOFT = 1.0  # metres above home, from which on a vehicle is in flight
 
-
-class Setting(NamedTuple):
-    """A setting of an autopilot that must be right before take-off.
-
-    ``names`` are the names of the parameter in several versions, ``allowed`` the values that are
-    right or, as a pair with ``between``, the least and the largest.
-    """
-
-    check: str
-    names: tuple[str, ...]
-    allowed: tuple[float, ...]
-    why: str
-    between: bool = False
-
-    def fits(self, value: float) -> bool:
-        """Return whether a value is right."""
-        if self.between:
-            return self.allowed[0] <= value <= self.allowed[1]
-        return any(abs(value - one) < 1e-3 for one in self.allowed)
-
-    @property
-    def text(self) -> str:
-        """The right values in words."""
-        if self.between:
-            return f"{self.allowed[0]:g} to {self.allowed[1]:g}"
-        return " or ".join(f"{value:g}" for value in self.allowed)
-
-
-def settings_for(autopilot: int, kind: str, height: float) -> list[Setting]:
-    """Return what an autopilot must be set to before a vehicle of a kind takes off.
-
-    Parameters
-    ----------
-    autopilot : int
-        MAV_AUTOPILOT.
-    kind : str
-        Kind of vehicle.
-    height : float
-        Height in metres above home at which this robot returns, and no other.
-    """
-    flies = kind != "rover"
-    if autopilot == PX4:
-        found = [
-            Setting("failsafe", ("COM_OBL_RC_ACT",), (3, 4), "return or land without set-points"),
-            Setting("failsafe", ("COM_OF_LOSS_T",), (0.1, 10), "seconds without them", between=True),
-            Setting("failsafe", ("NAV_DLL_ACT",), (2, 3), "return or land without a heartbeat"),
-            Setting("fence", ("GF_ACTION",), (3, 5), "return or land at the fence"),
-        ]
-        names, unit = ("RTL_RETURN_ALT",), 1.0
-    else:
-        enabled = (1, 3, 4, 5) if flies else (1,)
-        found = [
-            Setting("failsafe", ("FS_GCS_ENABLE",), enabled, "return or land without a heartbeat"),
-            Setting("failsafe", ("FS_GCS_TIMEOUT",), (1, 30), "seconds without one", between=True),
-            Setting(
-                "failsafe",
-                ("SYSID_MYGCS", "MAV_GCS_SYSID"),
-                (STATION[0],),
-                "the companion's heartbeats count, and no other station has its system id",
-            ),
-            Setting("fence", ("FENCE_ENABLE",), (1,), "the fence is on"),
-            Setting("fence", ("FENCE_ACTION",), (1, 2, 3, 4, 5), "it acts"),
-        ]
-        names, unit = ("RTL_ALT",), 100.0
-    if flies:
-        least, most = unit * (height - 0.5), unit * (height + 0.5)
-        why = "this robot returns at a height of its own"
-        found.append(Setting("return", names, (least, most), why, between=True))
-    return found
-
-
-def safe_parameters(autopilot: int, kind: str, height: float) -> dict[str, float]:
-    """Return parameters that are right, such as those of simulated autopilots."""
-    return {
-        one.names[0]: sum(one.allowed) / 2 if one.check == "return" else one.allowed[one.between]
-        for one in settings_for(autopilot, kind, height)
-    } | ({"COM_OF_LOSS_T": 2.0} if autopilot == PX4 else {"FS_GCS_TIMEOUT": 5.0})
+GROUND, CLIMB, FLIGHT, RETURN = "on the ground", "climbing", "in flight", "returning"
 
 
 class GuidedVehicle:
-    """A vehicle behind MAVLink that a robot's agent moves (`Vehicle`).
+    """A vehicle behind MAVLink that a robot's agent moves (`RobotVehicle`).
 
     Parameters
     ----------
@@ -144,6 +81,12 @@ class GuidedVehicle:
     ----------
     fault : str
         Why the vehicle can no longer do what it is told.
+    phase : str
+        "on the ground", "climbing", "in flight" or "returning".
+    position : ndarray of float64, shape (3,), or None
+        Metres east, north and above home.
+    battery : float or None
+        Fraction that is left.
     """
 
     def __init__(
@@ -159,22 +102,24 @@ class GuidedVehicle:
     ) -> None:
         self.station, self.task, self.number, self._system = station, task, number, system
         self.arms, self.accepted, self._say = arm, accepted, say
-        self.fault = ""
+        self.fault, self.phase = "", GROUND
         self.height = task.height(number)
         self.size = task.plan.grid.size
         self.near = min(max(_NEAR * self.size, _NEAREST), _FARTHEST)
         self.vehicle: HeardVehicle | None = None
-        self.position: NDArray[np.float64] | None = None  # metres: x, y, height above home
+        self.position: NDArray[np.float64] | None = None
         self.battery: float | None = None
         self.on_ground: bool | None = None
-        self._position_at = self._fix_at = -math.inf
+        self._position_at, self._fix_lost_at = -math.inf, math.inf
         self._leg: Leg | None = None
-        self._way: list[NDArray[np.float64]] = []  # corners that are still ahead
-        self._allowed: list[NDArray[np.float64]] = []  # those after `enter`
+        self._allowed: list[NDArray[np.float64]] = []  # corners that are still ahead
+        self._way: list[NDArray[np.float64]] = []  # those of them before the halt
         self._target: NDArray[np.float64] | None = None
-        self._flying = self._commanded = self._returning = False
-        self._told = self._dead = self._safe = False
+        self._turn: float | None = None  # time from which on it may take off
+        self._said: set[str] = set()
+        self._silent = False
         self._next_setpoint = self._next_command = -math.inf
+        self._stations: Collection[int] = ()  # whose heartbeats the autopilot waits for
         station.on_message = self._take
 
     # -- before take-off ------------------------------------------------------------------------
@@ -187,6 +132,54 @@ class GuidedVehicle:
         LinkError
             If no autopilot is heard, or several are.
         """
+        self.vehicle = vehicle = self._find()
+        if vehicle.autopilot not in (PX4, ARDUPILOT):
+            return [f"expected PX4 or ArduPilot, got a {type_text(vehicle)}"]
+        kind = self.task.kind
+        if kind not in ("multirotor", "rover"):
+            return [
+                f"expected vehicles that can stand still (multirotor or rover), got {kind}: fly"
+                " missions instead"
+            ]
+        if kind not in KINDS_OF_TYPES.get(vehicle.type, ()):
+            return [f"expected a {kind} as in the task, got a {type_text(vehicle)}"]
+        settings = settings_for(vehicle.autopilot, kind, self.height)
+        values = self.read_parameters(*names_to_read(settings))
+        faults = wrong_settings(settings, values, self.height, accepted=self.accepted)
+        if "failsafe" not in self.accepted and vehicle.autopilot == ARDUPILOT:
+            faults += self._become_station(values)
+        faults += self._check_items()
+        end = self.station.now() + self.task.limits.position_s
+        while self.position is None and self.station.now() < end:
+            self.station.listen(self.station.now() + 0.1)
+        if self.position is None:
+            faults.append("expected a position (GLOBAL_POSITION_INT), got none")
+        if self.battery is not None and self.battery <= self.task.limits.battery:
+            faults.append(f"expected a battery above {self._least}, got {self._left}")
+        if not faults:
+            self._take_over()
+        return faults
+
+    def _take_over(self) -> None:
+        """Go on with a vehicle that is in flight when the robot's program is started anew."""
+        assert self.vehicle is not None
+        if not self._aloft:
+            return
+        if self._mode == modes.GUIDED:
+            self.phase, self._target = FLIGHT, np.array([*self._here()[:2], self.height])
+        elif self._mode in (modes.RETURN, modes.LAND):
+            self.phase = RETURN
+
+    @property
+    def _aloft(self) -> bool:
+        """Whether the vehicle is armed and in the air, or on its way as a rover."""
+        assert self.vehicle is not None
+        if not self.vehicle.armed:
+            return False
+        return self.task.kind == "rover" or self._here()[2] > _ALOFT or self.on_ground is False
+
+    def _find(self) -> HeardVehicle:
+        """Return the vehicle, when all that speak on the link have been heard."""
         station = self.station
         end = station.now() + station.limits.find_within
         settled: float | None = None
@@ -195,10 +188,10 @@ class GuidedVehicle:
             if self._candidates() and settled is None:
                 settled = station.now() + station.limits.settle
         found = self._candidates()
-        where = f"system {self._system}" if self._system is not None else "an autopilot"
         if not found:
+            who = f"system {self._system}" if self._system is not None else "an autopilot"
             raise LinkError(
-                f"vehicle: expected a heartbeat of {where} on {station.link.name} within"
+                f"vehicle: expected a heartbeat of {who} on {station.link.name} within"
                 f" {station.limits.find_within:g} s, got none"
             )
         if len(found) > 1:
@@ -206,67 +199,85 @@ class GuidedVehicle:
                 f"vehicle: expected one autopilot on {station.link.name}, got systems"
                 f" {', '.join(str(one.system) for one in found)}: name one with --system"
             )
-        self.vehicle = found[0]
-        if self.vehicle.autopilot not in (PX4, ARDUPILOT):
-            return [f"expected PX4 or ArduPilot, got a {type_text(self.vehicle)}"]
-        faults = [
-            *self._check_settings(),
-            *([] if "fence" in self.accepted else self._check_fence()),
-        ]
-        end = station.now() + self.task.limits.position_s
-        while self.position is None and station.now() < end:
-            station.listen(station.now() + 0.1)
-        if self.position is None:
-            faults.append("expected a position (GLOBAL_POSITION_INT), got none")
-        if self.battery is not None and self.battery <= self.task.limits.battery:
-            least = 100 * self.task.limits.battery
-            faults.append(
-                f"expected a battery above {least:.0f} %, got {100 * self.battery:.0f} %"
-            )
-        return faults
+        return found[0]
 
     def _candidates(self) -> list[HeardVehicle]:
         heard = self.station.vehicles
         return [one for one in heard.values() if self._system in (None, one.system)]
 
-    def _check_settings(self) -> list[str]:
+    def read_parameters(
+        self, names: Iterable[str], needed: Collection[str] = ()
+    ) -> Mapping[str, float]:
+        """Read parameters of the autopilot, as far as it has them.
+
+        Parameters
+        ----------
+        names : iterable of str
+        needed : collection of str
+            Those that every autopilot has: reading goes on until they have come.
+        """
+        assert self.vehicle is not None
+        station, vehicle = self.station, self.vehicle
+        missing, values = {*names}, dict[str, float]()
+        for tried in range(_ASKED):
+            if not missing or (tried >= _ASKED // 2 and not missing & {*needed}):
+                break
+            for name in sorted(missing):
+                station.send(
+                    vehicle,
+                    station.dialect.MAVLink_param_request_read_message(
+                        vehicle.system, vehicle.component, name.encode(), -1
+                    ),
+                )
+            until = station.now() + station.limits.repeat_after
+            while missing and (message := station.receive(vehicle, until)) is not None:
+                name = message.get_type() == "PARAM_VALUE" and message.param_id.rstrip("\0")
+                if name in missing:
+                    values[name] = _parameter_value(message, vehicle.autopilot)
+                    missing.discard(name)
+        return values
+
+    def _become_station(self, values: Mapping[str, float]) -> list[str]:
+        """Take the system id whose heartbeats the autopilot waits for. Refuse if another station
+        has it: the autopilot would take that station's heartbeats for ours.
+        """
+        first = next((int(values[name]) for name in MY_STATION if name in values), None)
+        if first is None:
+            return []
+        self.station.take_system(first)
+        self._stations = range(first, max(first, int(values.get(LAST_STATION, 0))) + 1)
+        until = self.station.now() + 2.5 * self.station.limits.heartbeat
+        while self.station.now() < until:
+            self.station.listen(until)
+        return [
+            f"failsafe: expected no other station with the system id {other}, got one: with its"
+            f" heartbeats, the autopilot would not notice that this companion is lost. Give one of"
+            " them another system id"
+            for other in self._stations
+            if other in self.station.stations
+        ]
+
+    def _check_items(self) -> list[str]:
+        """Check that a fence is on board and, as all vehicles would return there, no rally point."""
         assert self.vehicle is not None
         faults = []
-        for one in settings_for(self.vehicle.autopilot, self.task.kind, self.height):
-            if one.check in self.accepted:
-                continue
-            value = next(
-                (got for name in one.names if (got := self.parameter(name)) is not None), None
-            )
-            if value is None or not one.fits(value):
+        if "fence" not in self.accepted:
+            try:
+                if not download_items(self.station, self.vehicle, FENCE):
+                    faults.append("fence: expected a fence on board, got none")
+            except (RefusedError, UnansweredError) as error:
+                faults.append(f"fence: {error}")
+        if "return" not in self.accepted and self.task.kind != "rover":
+            try:
+                points = len(download_items(self.station, self.vehicle, RALLY))
+            except (RefusedError, UnansweredError):
+                points = 0  # the autopilot has no such points
+            if points:
                 faults.append(
-                    f"{one.check}: expected {one.names[0]} {one.text} ({one.why}), got"
-                    f" {'none' if value is None else f'{value:g}'}"
+                    "return: expected no rally points on board, to which several robots would"
+                    f" return, got {points}"
                 )
         return faults
-
-    def parameter(self, name: str) -> float | None:
-        """Read a parameter of the autopilot; None if it does not have it or does not answer."""
-        assert self.vehicle is not None
-        address = self.vehicle.system, self.vehicle.component
-        request = self.station.dialect.MAVLink_param_request_read_message(
-            *address, name.encode(), -1
-        )
-        for _ in range(4):
-            self.station.send(self.vehicle, request)
-            until = self.station.now() + self.station.limits.repeat_after
-            while (message := self.station.receive(self.vehicle, until)) is not None:
-                if message.get_type() == "PARAM_VALUE" and message.param_id.rstrip("\0") == name:
-                    return _parameter_value(message, self.vehicle.autopilot)
-        return None
-
-    def _check_fence(self) -> list[str]:
-        assert self.vehicle is not None
-        try:
-            items = download_items(self.station, self.vehicle, FENCE, unanswered=4)
-        except (RefusedError, UnansweredError) as error:
-            return [f"fence: {error}"]
-        return [] if items else ["fence: expected a fence on board, got none"]
 
     # -- the port -------------------------------------------------------------------------------
 
@@ -275,37 +286,31 @@ class GuidedVehicle:
         cells = self.task.plan.tour_cost.points
         if self.position is None:
             return tuple(cells[self.task.scenario.starts[self.number - 1]].tolist())
-        place = (self.position[:2] / self.size).tolist()
-        return (*place, *cells[self._nearest()][2:].tolist())
-
-    def _nearest(self) -> int:
-        assert self.position is not None
         away = np.linalg.norm(self.task.cells[:, :2] - self.position[:2], axis=1)
-        return int(away.argmin())
+        layer = cells[int(away.argmin())][2:]
+        return (*(self.position[:2] / self.size).tolist(), *layer.tolist())
 
     def go(self, leg: Leg, time: float) -> None:
         """Begin a leg: along the corners of a path that stays inside the region."""
         self._leg = leg
         if leg.home:
-            self._returning = True
+            if self.phase != GROUND:
+                self.phase = RETURN
             return
-        self._returning = False
-        corners = self._corners(leg)
-        # the halt is one cell before the end, or where the vehicle is if that is nearer
-        self._allowed = corners
-        self._way = _shortened(self._here(), corners, self.size)
+        if self.phase == RETURN:  # the autopilot brings it down first
+            self._say_once("returns before it searches on")
+        self._allowed = self._corners(leg)
+        self._way = _shortened(self._here(), self._allowed, self.size)
 
     def _corners(self, leg: Leg) -> list[NDArray[np.float64]]:
         cells, here = self.task.cells, self._here()
         if leg.through:
             return [self._raised(cells[cell]) for cell in leg.through]
         goal = cells[leg.cell]
-        region = self.task.plan.grid.region
         try:
             way = self.task.plan.paths.way(here[:2], goal[:2])
         except ShoalError:  # from outside the region, as after a launch outside it
             way = np.array([here[:2], goal[:2]])
-        del region
         return [self._raised(np.array([*corner[:2], *goal[2:]])) for corner in way[1:]]
 
     def _raised(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -322,32 +327,27 @@ class GuidedVehicle:
 
     def enter(self) -> None:
         """Go on to the end of the leg."""
-        passed = len(self._allowed) - max(1, len(self._way))
-        self._way = self._allowed[passed:] if self._way else self._allowed[-1:]
+        self._way = self._allowed
 
     def step(self, time: float) -> bool:
         """Listen to the autopilot, and send it what is due."""
-        if self._dead:
+        if not self._listen():
             return False
-        try:
-            self.station.listen(self.station.now())
-        except LinkError as error:
-            self._fail(f"autopilot: {error}")
-            return False
-        self._check()
-        if self.fault:
-            return False
-        if self._returning:
-            self._command_mode(modes.RETURN)
-            return self.landed
-        if self._leg is None and not self._flying:
-            return False
-        if not self._flying:
-            self._take_off()
-            return False
+        if self.phase == RETURN:
+            self._return(modes.RETURN)
+        elif self.phase == GROUND:
+            if self._leg is not None and not self._leg.home:
+                self._take_off(self._leg)
+        elif self.phase == CLIMB:
+            self._climb()
+        else:
+            return self._fly()
+        return self.phase == GROUND and self._leg is not None and self._leg.home
+
+    def _fly(self) -> bool:
         here = self._here()
         while len(self._way) > 1 and self._is_at(here, self._way[0]):
-            del self._way[0]
+            self._allowed, self._way = self._allowed[1:], self._way[1:]
         if self._way:
             self._target = self._way[0]
         self._send_setpoint()
@@ -365,55 +365,85 @@ class GuidedVehicle:
 
     def stop(self, time: float) -> None:
         """Stand still."""
-        if self._leg is not None and self._flying and not self._returning:
-            self._way = [np.array([*self._here()[:2], self._here()[2]])]
-            self._leg = None
+        if self.phase in (CLIMB, FLIGHT):
+            self._target = np.array([*self._here()[:2], self._target_height])
+        self._leg, self._way, self._allowed = None, [], []
+
+    @property
+    def _target_height(self) -> float:
+        return self.height if self._target is None else float(self._target[2])
 
     def left(self) -> float | None:
         """Return the fraction of the battery that is left."""
         return self.battery
 
-    @property
-    def landed(self) -> bool:
-        """Whether the vehicle is on the ground with its motors off."""
-        vehicle = self.vehicle
-        if vehicle is None or vehicle.armed:
-            return False
-        self._flying = self._commanded = False
-        return True
-
     def secure(self) -> None:
         """Return; without a position land; without an autopilot fall silent, so that its watchdog
         acts; and leave the vehicle to the pilot if it is the pilot's.
         """
-        self._safe = True
+        self._leg, self._way, self._allowed = None, [], []
         if self.fault.startswith("autopilot"):
-            self._dead = True
-        elif not self.fault.startswith("pilot") and self._flying:
-            self._returning, self._next_command = True, -math.inf
-            self._command_mode(self._safe_mode)
+            self._silent = True
+        elif self.phase != GROUND and not self._is_pilots:
+            self.phase, self._next_command = RETURN, -math.inf
+            self._return(self._safe_mode)
+
+    @property
+    def _is_pilots(self) -> bool:
+        return self.fault.startswith("pilot")
 
     @property
     def _safe_mode(self) -> str:
         return modes.LAND if self.fault.startswith("position") else modes.RETURN
 
     def rest(self, seconds: float) -> bool:
-        """Bring the vehicle down, and return whether it is on the ground within a time."""
-        end = self.station.now() + seconds
-        if not self._safe:
-            self._returning = self._flying
-        while not self._dead and self.station.now() < end:
-            try:
-                self.station.listen(self.station.now() + 0.1)
-            except LinkError:
-                break
-            if self.landed:
-                return True
-            if self._returning and not self.fault.startswith("pilot"):
-                self._command_mode(self._safe_mode)
-        return False
+        """Bring the vehicle home, and return whether it is on the ground.
+
+        Robots return one after another, the lowest first, so that none crosses below another one
+        that descends. With a fault, the robot does not wait.
+
+        Parameters
+        ----------
+        seconds : float
+            Time after the robot's turn within which it must be on the ground.
+        """
+        station = self.station
+        turn = station.now() + (self.number - 1) * self.task.limits.apart_s
+        if self.fault:
+            turn = station.now()
+        elif self.phase in (CLIMB, FLIGHT):
+            self._target = np.array([*self._here()[:2], self._target_height])
+        while station.now() < turn + seconds:
+            if self._silent or self._is_pilots:
+                return False
+            if self.phase == GROUND:
+                return not self._aloft
+            heard = self._listen(0.1)
+            if self.fault and not self._silent and self.phase != RETURN:
+                self.secure()
+            elif heard and self.phase != RETURN and station.now() >= turn:
+                self.phase, self._next_command = RETURN, -math.inf
+            elif heard and self.phase == CLIMB:
+                self._climb()
+            elif heard and self.phase == FLIGHT:
+                self._send_setpoint()
+            if self.phase == RETURN:
+                self._return(self._safe_mode)
+        return self.phase == GROUND and not self._aloft
 
     # -- the link -------------------------------------------------------------------------------
+
+    def _listen(self, seconds: float = 0.0) -> bool:
+        """Listen to the link. Return whether the vehicle does what it is told."""
+        if self._silent:
+            return False
+        try:
+            self.station.listen(self.station.now() + seconds)
+        except LinkError as error:
+            self._fail(f"autopilot: {error}")
+            return False
+        self._check()
+        return not self.fault
 
     def _take(self, vehicle: HeardVehicle, message: Any) -> None:
         if self.vehicle is not None and vehicle is not self.vehicle:
@@ -428,87 +458,137 @@ class GuidedVehicle:
             self._position_at = now
         elif name == "GPS_RAW_INT":
             if message.fix_type >= _FIX_3D:
-                self._fix_at = math.inf
-            elif self._fix_at == math.inf:
-                self._fix_at = now
+                self._fix_lost_at = math.inf
+            else:
+                self._fix_lost_at = min(self._fix_lost_at, now)
         elif name == "SYS_STATUS" and message.battery_remaining >= 0:
             self.battery = message.battery_remaining / 100
         elif name == "EXTENDED_SYS_STATE" and message.landed_state:
             self.on_ground = message.landed_state == 1
 
     def _fail(self, text: str) -> None:
-        if not self.fault:
-            self.fault = text
+        self.fault = self.fault or text
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            self._say(text)
+
+    @property
+    def _left(self) -> str:
+        return "an unknown charge" if self.battery is None else f"{100 * self.battery:.0f} %"
+
+    @property
+    def _least(self) -> str:
+        return f"{100 * self.task.limits.battery:.0f} %"
+
+    @property
+    def _mode(self) -> str:
+        vehicle = self.vehicle
+        assert vehicle is not None
+        return modes.mode_name(vehicle.autopilot, vehicle.type, vehicle.custom_mode)
 
     def _check(self) -> None:
         """Note a fault if something that the robot needs is lost."""
-        assert self.vehicle is not None
-        now, limits = self.station.now(), self.task.limits
-        silent = now - self.vehicle.heard_at
-        if silent > limits.autopilot_s:
+        vehicle, limits, now = self.vehicle, self.task.limits, self.station.now()
+        assert vehicle is not None
+        if (silent := now - vehicle.heard_at) > limits.autopilot_s:
             self._fail(f"autopilot: not heard for {silent:.0f} s")
-        if not self._flying:
+        for other in self._stations:
+            if now - self.station.stations.get(other, -math.inf) < limits.autopilot_s:
+                self._say_once(
+                    f"another station has the system id {other}: as long as it is heard, the"
+                    " autopilot would not notice that this companion is lost"
+                )
+        if self.phase not in (CLIMB, FLIGHT):
             return
-        without = max(
-            now - self._position_at, now - self._fix_at if math.isfinite(self._fix_at) else 0.0
-        )
-        mode = modes.mode_name(
-            self.vehicle.autopilot, self.vehicle.type, self.vehicle.custom_mode
-        )
+        without = max(now - self._position_at, now - self._fix_lost_at)
+        low = self.battery is not None and self.battery <= limits.battery
         if without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")
-        elif self.battery is not None and self.battery <= limits.battery:
-            self._fail(f"battery: {100 * self.battery:.0f} % left")
-        elif not self._returning and not self.vehicle.armed:
-            self._fail("pilot or autopilot: the vehicle was disarmed")
-        elif not self._returning and mode != modes.GUIDED:
-            said = f"; the vehicle says {self.vehicle.texts[-1]!r}" if self.vehicle.texts else ""
-            self._fail(f"pilot or autopilot: the mode was changed to {mode}{said}")
-
-    def _take_off(self) -> None:
-        """Go on with the take-off: the guided mode, armed, and up."""
-        assert self.vehicle is not None
-        vehicle, now = self.vehicle, self.station.now()
-        numbers = modes.custom_modes(vehicle.autopilot, vehicle.type)
-        if self.battery is not None and self.battery <= self.task.limits.battery:
-            self._fail(f"battery: {100 * self.battery:.0f} % left before take-off")
-            return
-        here = self._here()
-        self._target = np.array([*here[:2], self.height])
-        if not self.arms and not vehicle.armed:
-            if not self._told:
-                self._told = True
-                self._say("waiting until somebody arms the vehicle, because --arm was not given")
-            return
-        guided = vehicle.custom_mode == numbers[modes.GUIDED]
-        if vehicle.autopilot == PX4 or (guided and vehicle.armed):
-            self._send_setpoint()  # PX4 changes to offboard only while set-points come
-        if guided and vehicle.armed and here[2] >= self.height - 1.0:
-            self._flying = True
-            return
-        if now < self._next_command:
-            return
-        self._next_command = now + _AGAIN
-        if not guided:
-            self._set_mode(modes.GUIDED)
+        elif low:
+            self._fail(f"battery: {self._left} left, and the robot returns at {self._least}")
         elif not vehicle.armed:
-            self._command(_ARM, 1)
-        elif vehicle.autopilot == ARDUPILOT and self.task.kind != "rover":
+            self._fail("pilot or autopilot: the vehicle was disarmed")
+        elif self._mode != modes.GUIDED:
+            said = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
+            self._fail(f"pilot or autopilot: the mode was changed to {self._mode}{said}")
+
+    def _take_off(self, leg: Leg) -> None:
+        """Go on with the take-off: the guided mode, armed, and up."""
+        vehicle, now = self.vehicle, self.station.now()
+        assert vehicle is not None
+        if self._aloft and self._mode != modes.GUIDED and self.task.kind != "rover":
+            self._say_once(f"waits until the vehicle, in the mode {self._mode}, is on the ground")
+            return
+        if self._turn is None:
+            # The highest first: who climbs later stays below all who are up.
+            others = len(self.task.scenario.starts) - self.number
+            self._turn = now + others * self.task.limits.apart_s
+        if self.battery is not None and self.battery <= self.task.limits.battery:
+            self._fail(f"battery: {self._left} left before take-off, and {self._least} are needed")
+            return
+        self._target = np.array([*self._here()[:2], self.height])
+        if not self.arms and not vehicle.armed:
+            self._say_once("waiting until somebody arms the vehicle, because --arm was not given")
+            return
+        if now < self._turn:
+            return
+        guided = self._mode == modes.GUIDED
+        if vehicle.autopilot == PX4:
+            self._send_setpoint()  # PX4 changes to offboard only while set-points come
+        if guided and vehicle.armed:
+            self._begin_flight(leg)
+        elif now >= self._next_command:
+            self._next_command = now + _AGAIN
+            if not guided:
+                self._set_mode(modes.GUIDED)
+            else:
+                self._command(_ARM, 1)
+
+    def _begin_flight(self, leg: Leg) -> None:
+        self.phase, self._next_command = CLIMB, -math.inf
+        self._target = np.array([*self._here()[:2], self.height])
+        self.go(leg, 0.0)
+
+    def _climb(self) -> None:
+        vehicle, now, here = self.vehicle, self.station.now(), self._here()
+        assert vehicle is not None
+        rises = self.task.kind != "rover"
+        if not rises or here[2] >= self.height - 1.0:
+            self.phase = FLIGHT
+        elif vehicle.autopilot == PX4 or here[2] > _ALOFT:
+            self._send_setpoint()
+        elif now >= self._next_command:
+            self._next_command = now + _AGAIN
             self._command(_TAKE_OFF, 0, 0, 0, 0, 0, 0, self.height)
 
+    def _return(self, mode: str) -> None:
+        """Command a mode again and again until the vehicle is in it, or on the ground."""
+        vehicle, now = self.vehicle, self.station.now()
+        assert vehicle is not None
+        if not vehicle.armed:
+            self.phase = GROUND
+            return
+        numbers = modes.custom_modes(vehicle.autopilot, vehicle.type)
+        mode = mode if mode in numbers else modes.RETURN
+        if self._mode not in (mode, modes.LAND) and now >= self._next_command:
+            self._next_command = now + _AGAIN
+            self._set_mode(mode)
+
     def _send_setpoint(self) -> None:
-        assert self.vehicle is not None
-        now = self.station.now()
+        vehicle, now = self.vehicle, self.station.now()
+        assert vehicle is not None
         if self._target is None or now < self._next_setpoint:
             return
         self._next_setpoint = now + _EVERY
         longitude, latitude = self.task.frame.to_degrees(self._target[None, :2])[0]
         self.station.send(
-            self.vehicle,
+            vehicle,
             self.station.dialect.MAVLink_set_position_target_global_int_message(
                 round(1000 * now) % 2**32,
-                self.vehicle.system,
-                self.vehicle.component,
+                vehicle.system,
+                vehicle.component,
                 _RELATIVE,
                 _POSITION_ALONE,
                 round(1e7 * latitude),
@@ -517,16 +597,6 @@ class GuidedVehicle:
                 *(0.0,) * 8,
             ),
         )
-
-    def _command_mode(self, mode: str) -> None:
-        """Command a mode again and again until the vehicle is in it, or on the ground."""
-        assert self.vehicle is not None
-        numbers = modes.custom_modes(self.vehicle.autopilot, self.vehicle.type)
-        wanted = numbers.get(mode, numbers[modes.RETURN])
-        now = self.station.now()
-        if self.vehicle.custom_mode != wanted and self.vehicle.armed and now >= self._next_command:
-            self._next_command = now + _AGAIN
-            self._set_mode(mode if mode in numbers else modes.RETURN)
 
     def _set_mode(self, mode: str) -> None:
         assert self.vehicle is not None

@@ -9,6 +9,7 @@ clock and no socket: `SimulatedLink` connects vehicles to a station on simulated
 from __future__ import annotations
 
 import math
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +53,12 @@ _ACCEPTED, _REFUSED_NOW, _DENIED, _UNKNOWN, _FAILED = 0, 1, 2, 3, 4
 _ERROR, _UNSUPPORTED, _OUT_OF_ORDER = 1, 3, 13
 _REPEAT, _GIVE_UP = 0.25, 5.0  # seconds of an upload
 _STEP = 0.05  # seconds of a step of the motion
-_SETPOINT = 3.0  # seconds for which a guided set-point holds
+_SETPOINT = 1.0  # seconds without set-points after which PX4 leaves the offboard mode
+_TIMEOUT = 5.0  # seconds without heartbeats of its station after which ArduPilot acts
+_BLIND = 10.0  # seconds without a position after which an autopilot lands
+_HOVER = 30.0  # metres above home at which PX4 waits if it is not to land
+_STATION = 255  # system id of ArduPilot's station by default
+_REAL32, _INT32 = 9, 6  # MAV_PARAM_TYPE
 _ON_GROUND, _IN_AIR = 1, 2  # MAV_LANDED_STATE
 _PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 
@@ -151,8 +157,12 @@ class SimulatedVehicle:
         Seconds without a heartbeat of a ground station after which it returns. By default, it
         flies on.
     parameters : mapping of str to float
-        The autopilot's parameters. What they say of a lost ground station, of lost set-points and
-        of the height of a return is what the vehicle does.
+        The autopilot's parameters, integers and floats apart. The vehicle does what they say of a
+        lost station (FS_GCS_ENABLE, FS_GCS_TIMEOUT and SYSID_MYGCS; NAV_DLL_ACT and COM_DL_LOSS_T),
+        of set-points that end (COM_OBL_RC_ACT, COM_OF_LOSS_T), of the fence (FENCE_ENABLE,
+        FENCE_ACTION and FENCE_TYPE; GF_ACTION), and of the return (RTL_ALT and RTL_ALT_FINAL;
+        RTL_RETURN_ALT and RTL_LAND_DELAY). Without parameters, it returns when it breaches a fence,
+        and when PX4 gets no set-points.
 
     Attributes
     ----------
@@ -167,7 +177,11 @@ class SimulatedVehicle:
     breaches : int
         Number of breaches of the fence.
     silent, lost_position : bool
-        Whether the vehicle says nothing any more, or has no position any more.
+        Whether the vehicle says nothing any more, or has no position any more. Without a position,
+        it refuses all modes but landing, and lands by itself after a while.
+    track : list of tuple
+        Time, position (three values), and whether it was armed, at each step of an armed vehicle
+        and at its end.
     """
 
     def __init__(
@@ -196,8 +210,7 @@ class SimulatedVehicle:
         self.speed, self.acceleration = speed, acceleration
         self.battery, self.low_battery, self.charge = battery, low_battery, 1.0
         self.refuses_to_arm, self.station_timeout = refuses_to_arm, station_timeout
-        if station_timeout is None and self.parameters.get("FS_GCS_ENABLE"):
-            self.station_timeout = self.parameters.get("FS_GCS_TIMEOUT", 5.0)
+        self.track: list[tuple[float, float, float, float, bool]] = []
         self.frame = LocalFrame(*home)
         self.stored: dict[str, list[MissionItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self.position, self.velocity = np.zeros(3), np.zeros(3)
@@ -216,6 +229,8 @@ class SimulatedVehicle:
         self._now, self._moved_at = 0.0, 0.0
         self._sent_at = {1.0: -math.inf, 0.2: -math.inf}
         self._station_at: float | None = None
+        self._stations: dict[int, float] = {}
+        self._station_lost, self._lost_at = False, math.inf
         self._guided: tuple[NDArray[np.float64], float] | None = None
         self._cruise = speed
         self._metres: dict[tuple[float, float], tuple[float, float]] = {}
@@ -250,7 +265,7 @@ class SimulatedVehicle:
         name = message.get_type()
         source = message.get_srcSystem(), message.get_srcComponent()
         if name == "HEARTBEAT" and message.autopilot == 8:
-            self._station_at = self._now
+            self._station_at = self._stations[source[0]] = self._now
             return
         if getattr(message, "target_system", self.system) not in (0, self.system):
             return
@@ -511,7 +526,8 @@ class SimulatedVehicle:
         elif command in (RETURN, LAND):
             result = self._set_mode(modes.RETURN if command == RETURN else modes.LAND)
         elif command == _REPOSITION:
-            self._guided = (self._local(places[1], places[0], params[6]), math.inf)
+            if not self.lost_position:
+                self._guided = (self._local(places[1], places[0], params[6]), math.inf)
             result = self._set_mode(modes.GUIDED)
         elif command not in (_REQUEST_MESSAGE, 511):
             result = _UNKNOWN
@@ -541,6 +557,11 @@ class SimulatedVehicle:
         return _ACCEPTED
 
     def _set_mode(self, mode: str) -> int:
+        blind = self.lost_position and mode in (modes.MISSION, modes.GUIDED, modes.RETURN)
+        # PX4 changes to offboard only while set-points come
+        led = self.autopilot != PX4 or mode != modes.GUIDED or self._is_led
+        if blind or not led:
+            return _REFUSED_NOW if self.autopilot == PX4 else _FAILED
         if mode == modes.MISSION:
             if not self.stored[MISSION]:
                 self._say("Mission rejected: no mission")
@@ -562,24 +583,36 @@ class SimulatedVehicle:
         self._set_current(message.seq)
 
     def _take_set_position_target_global_int(self, message: Any, _partner: tuple[int, int]) -> None:
+        if self.autopilot == ARDUPILOT and (self.mode != modes.GUIDED or self.on_ground):
+            return  # ArduPilot takes set-points in the guided mode alone, and takes off by command
         target = self._local(message.lon_int / 1e7, message.lat_int / 1e7, message.alt)
         # ArduPilot flies to the last position however old it is
         holds = self.parameters.get("COM_OF_LOSS_T", _SETPOINT)
-        ends = self._now + holds if self.autopilot == PX4 else math.inf
-        self._guided = (target, ends)
+        self._guided = target, self._now + holds if self.autopilot == PX4 else math.inf
+
+    @property
+    def _is_led(self) -> bool:
+        return self._guided is not None and self._now <= self._guided[1]
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the vehicle flies, and is on the ground."""
+        return self.kind != "rover" and bool(self.position[2] <= 0.3)
 
     def _take_param_request_read(self, message: Any, _partner: tuple[int, int]) -> None:
         name = message.param_id.rstrip("\0")
-        if name in self.parameters:
-            number = [*self.parameters].index(name)
-            self._send(
-                self._dialect.MAVLink_param_value_message(
-                    name.encode(), self._as_parameter(name), 9, len(self.parameters), number
-                )
+        if name not in self.parameters:
+            return
+        value = self.parameters[name]
+        kind = _INT32 if isinstance(value, int) else _REAL32
+        if kind == _INT32 and self.autopilot == PX4:  # the bytes of the integer as those of a float
+            value = struct.unpack("<f", struct.pack("<i", value))[0]
+        number = [*self.parameters].index(name)
+        self._send(
+            self._dialect.MAVLink_param_value_message(
+                name.encode(), value, kind, len(self.parameters), number
             )
-
-    def _as_parameter(self, name: str) -> float:
-        return float(self.parameters[name])
+        )
 
     def _say(self, text: str, severity: int = 3) -> None:
         self._send(self._dialect.MAVLink_statustext_message(severity, text.encode()[:50]))
@@ -598,7 +631,18 @@ class SimulatedVehicle:
         """Height above home in metres to which the vehicle climbs before it returns."""
         if self.kind == "rover":
             return 0.0
-        return self.parameters.get("RTL_RETURN_ALT", self.parameters.get("RTL_ALT", 0.0) / 100)
+        told = self.parameters
+        if self.autopilot == PX4:
+            return told.get("RTL_RETURN_ALT", 0.0)
+        return told.get("RTL_ALT_M", told.get("RTL_ALT", 0.0) / 100)
+
+    @property
+    def hover_height(self) -> float:
+        """Height above home in metres at which the vehicle waits after its return; 0 if it lands."""
+        told = self.parameters
+        if self.autopilot == PX4:
+            return _HOVER if told.get("RTL_LAND_DELAY", 0) < 0 else 0.0
+        return told.get("RTL_ALT_FINAL_M", told.get("RTL_ALT_FINAL", 0.0) / 100)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -619,6 +663,7 @@ class SimulatedVehicle:
             if ends is not None and np.linalg.norm(target - self.position) < ends:
                 self._reach()
             self.charge = max(0.0, self.charge - _STEP / self.battery)
+            self.track.append((self._moved_at, *self.position.tolist(), self.armed))
 
     def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""
@@ -640,19 +685,20 @@ class SimulatedVehicle:
             return self._mission_target()
         if self.mode == modes.GUIDED and self._guided is not None:
             target, until = self._guided
-            if self._now <= until:
+            if self._moved_at <= until:
                 return target, None
             self._guided = None
             if self.autopilot == PX4:  # set-points have ended
                 self._say("Offboard control lost")
-                lands = self.parameters.get("COM_OBL_RC_ACT", 3) == 4
-                self.mode = modes.LAND if lands else modes.RETURN
+                self._fall_back({3: modes.RETURN, 4: modes.LAND}, "COM_OBL_RC_ACT", 3)
         if self.mode == modes.RETURN:
             up = max(self.return_height, float(self.position[2]))
             if self.position[2] < up - 0.5 and np.linalg.norm(self.position[:2]) > 1.0:
                 return np.array([*self.position[:2], up]), None
             if np.linalg.norm(self.position[:2]) > 1.0:
                 return np.array([0.0, 0.0, self.position[2]]), None
+            if self.hover_height > 0:
+                return np.array([0.0, 0.0, self.hover_height]), None
             return np.zeros(3), 0.2
         if self.mode == modes.LAND:
             return np.array([*self.position[:2], 0.0]), 0.2
@@ -700,25 +746,67 @@ class SimulatedVehicle:
         self.armed = False
 
     def _check_failsafes(self) -> None:
+        self._check_position()
         if self.mode in (modes.RETURN, modes.LAND):
             return
-        lost = (
-            self.station_timeout is not None
-            and self._station_at is not None
-            and self._now - self._station_at > self.station_timeout
-        )
-        if self.charge <= self.low_battery or lost:
-            self._say("Ground station lost: return" if lost else "Low battery: return", 4)
+        if self.charge <= self.low_battery:
+            self._say("Low battery: return", 4)
             self.mode = modes.RETURN
+        self._check_station()
         inside = self._inside_fence()
         if not inside and not self.breached:
             self.breaches += 1
-            self._say("Geofence breached: return", 2)
-            self.mode = modes.RETURN
+            self._say("Geofence breached", 2)
+            if self.autopilot == PX4:
+                self._fall_back({2: modes.HOLD, 3: modes.RETURN, 5: modes.LAND}, "GF_ACTION", 3)
+            else:
+                self._fall_back(
+                    {0: self.mode, 2: modes.LAND, 4: modes.LAND}, "FENCE_ACTION", 1, modes.RETURN
+                )
         self.breached = not inside
 
+    def _fall_back(
+        self, actions: Mapping[int, str], parameter: str, usual: int, other: str = modes.HOLD
+    ) -> None:
+        """Change to the mode that a parameter says, or to another one if it says none of these."""
+        self.mode = actions.get(int(self.parameters.get(parameter, usual)), other)
+        if self.mode == modes.HOLD and parameter == "GF_ACTION":
+            self._guided = None
+
+    def _check_position(self) -> None:
+        """Land a while after the position was lost."""
+        if not self.lost_position:
+            self._lost_at = math.inf
+        elif self._lost_at == math.inf:
+            self._lost_at = self._moved_at
+        elif self._moved_at - self._lost_at > _BLIND and self.mode != modes.LAND:
+            self._say("Position lost: land", 2)
+            self.mode = modes.LAND
+
+    def _check_station(self) -> None:
+        """Act once when the heartbeats of the station have ended that was heard before."""
+        told, heard, timeout = self.parameters, self._station_at, self.station_timeout
+        actions, parameter, usual, other = dict[int, str](), "", 0, modes.RETURN
+        if timeout is None and self.autopilot == PX4 and told.get("NAV_DLL_ACT"):
+            timeout = told.get("COM_DL_LOSS_T", 2 * _TIMEOUT)
+            actions = {1: modes.HOLD, 2: modes.RETURN, 3: modes.LAND}
+            parameter, other = "NAV_DLL_ACT", modes.HOLD
+        elif timeout is None and self.autopilot == ARDUPILOT and told.get("FS_GCS_ENABLE"):
+            timeout = told.get("FS_GCS_TIMEOUT", _TIMEOUT)
+            heard = self._stations.get(int(told.get("SYSID_MYGCS", _STATION)))
+            actions = {5: modes.LAND, 7: modes.LAND}
+            parameter = "FS_GCS_ENABLE"
+        lost = timeout is not None and heard is not None and self._moved_at - heard > timeout
+        if lost and not self._station_lost:
+            self._say("Ground station lost", 4)
+            self._fall_back(actions, parameter, usual, other)
+        self._station_lost = lost
+
     def _inside_fence(self) -> bool:
-        if not self.stored[FENCE]:
+        told = self.parameters
+        if not self.stored[FENCE] or not (
+            told.get("FENCE_ENABLE", 1) and int(told.get("FENCE_TYPE", 4)) & 4
+        ):
             return True
         from shapely import Point
 
@@ -781,6 +869,11 @@ class SimulatedVehicle:
                     0,
                 )
             )
+            self._send(
+                make.MAVLink_gps_raw_int_message(
+                    0, 1 if self.lost_position else 3, 0, 0, 0, 65535, 65535, 65535, 65535, 255
+                )
+            )
             state = _IN_AIR if self.position[2] > 0.3 else _ON_GROUND
             self._send(make.MAVLink_extended_sys_state_message(0, state))
             self._send(make.MAVLink_mission_current_message(self.current))
@@ -788,7 +881,8 @@ class SimulatedVehicle:
                 self._send(
                     make.MAVLink_fence_status_message(int(self.breached), self.breaches, 0, 0)
                 )
-        if self._now - self._sent_at[0.2] >= 0.2 and not self.lost_position:
+        told = self.autopilot == ARDUPILOT or not self.lost_position  # ArduPilot goes on guessing
+        if self._now - self._sent_at[0.2] >= 0.2 and told:
             self._sent_at[0.2] = self._now
             longitude, latitude = self.place
             up = round(1000 * self.position[2])

@@ -59,6 +59,9 @@ class Limits:
         send, after which the robot gives up.
     vertical_m : float
         Difference between the heights of two robots with neighbouring numbers.
+    apart_s : float
+        Seconds between the take-offs, and between the returns, of two robots with neighbouring
+        numbers.
     """
 
     battery: float = 0.2
@@ -66,6 +69,7 @@ class Limits:
     position_s: float = 5.0
     radio_s: float = 10.0
     vertical_m: float = 5.0
+    apart_s: float = 15.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
