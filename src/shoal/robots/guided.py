@@ -53,6 +53,7 @@ _ASKED = 12  # times that a parameter is asked for
 _FIX_3D = 3  # GPS_FIX_TYPE
 _NEAR = 0.2  # share of a cell within which a vehicle has arrived
 _NEAREST, _FARTHEST = 0.5, 3.0  # metres
+_LEVEL = 1.0  # metres: tolerance of the height
 _ALOFT = 1.0  # metres above home, from which on a vehicle is in flight
 
 GROUND, CLIMB, FLIGHT, RETURN = "on the ground", "climbing", "in flight", "returning"
@@ -307,11 +308,19 @@ class GuidedVehicle:
         if leg.through:
             return [self._raised(cells[cell]) for cell in leg.through]
         goal = cells[leg.cell]
+        way = self._path(here[:2], goal[:2])
+        return [self._raised(np.array([*corner, *goal[2:]])) for corner in way[1:]]
+
+    def _path(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a path that stays inside the region, float64, shape (k, 2); from outside, as after
+        a gust, it leads to the nearest cell first.
+        """
+        plan, cells = self.task.plan, self.task.cells[:, :2]
         try:
-            way = self.task.plan.paths.way(here[:2], goal[:2])
-        except ShoalError:  # from outside the region, as after a launch outside it
-            way = np.array([here[:2], goal[:2]])
-        return [self._raised(np.array([*corner[:2], *goal[2:]])) for corner in way[1:]]
+            return plan.leg(start, end)
+        except ShoalError:
+            entry = cells[int(np.linalg.norm(cells - start, axis=1).argmin())]
+            return np.vstack([start, plan.leg(entry, end)])
 
     def _raised(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a point with this robot's height. In layers, robots are apart in each of them."""
@@ -356,7 +365,7 @@ class GuidedVehicle:
     def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
         across = float(np.linalg.norm(here[:2] - point[:2]))
         return across <= self.near and (
-            self.task.kind == "rover" or abs(here[2] - point[2]) <= max(1.0, self.near)
+            self.task.kind == "rover" or abs(here[2] - point[2]) <= _LEVEL
         )
 
     def due(self, time: float) -> float:
@@ -555,7 +564,7 @@ class GuidedVehicle:
         vehicle, now, here = self.vehicle, self.station.now(), self._here()
         assert vehicle is not None
         rises = self.task.kind != "rover"
-        if not rises or here[2] >= self.height - 1.0:
+        if not rises or here[2] >= self.height - _LEVEL:
             self.phase = FLIGHT
         elif vehicle.autopilot == PX4 or here[2] > _ALOFT:
             self._send_setpoint()

@@ -53,6 +53,7 @@ _ACCEPTED, _REFUSED_NOW, _DENIED, _UNKNOWN, _FAILED = 0, 1, 2, 3, 4
 _ERROR, _UNSUPPORTED, _OUT_OF_ORDER = 1, 3, 13
 _REPEAT, _GIVE_UP = 0.25, 5.0  # seconds of an upload
 _STEP = 0.05  # seconds of a step of the motion
+_BRAKE = 0.7  # share of the acceleration with which it brakes
 _SETPOINT = 1.0  # seconds without set-points after which PX4 leaves the offboard mode
 _TIMEOUT = 5.0  # seconds without heartbeats of its station after which ArduPilot acts
 _BLIND = 10.0  # seconds without a position after which an autopilot lands
@@ -230,7 +231,7 @@ class SimulatedVehicle:
         self._sent_at = {1.0: -math.inf, 0.2: -math.inf}
         self._station_at: float | None = None
         self._stations: dict[int, float] = {}
-        self._station_lost, self._lost_at = False, math.inf
+        self._station_lost, self._lost_at, self._above_home = False, math.inf, False
         self._guided: tuple[NDArray[np.float64], float] | None = None
         self._cruise = speed
         self._metres: dict[tuple[float, float], tuple[float, float]] = {}
@@ -669,8 +670,9 @@ class SimulatedVehicle:
         """Change the velocity by no more than the acceleration allows, and move on."""
         way = target - self.position
         distance = float(np.linalg.norm(way))
-        # v = sqrt(2 a d) stops at the target
-        speed = min(self._cruise, math.sqrt(2 * self.acceleration * distance), distance / _STEP)
+        # v = sqrt(2 a d) stops at the target; the rest of the acceleration corrects the direction
+        brake = _BRAKE * self.acceleration
+        speed = min(self._cruise, math.sqrt(2 * brake * distance), distance / _STEP)
         wanted = way / distance * speed if distance > 1e-9 else np.zeros(3)
         change = wanted - self.velocity
         size = float(np.linalg.norm(change))
@@ -691,12 +693,13 @@ class SimulatedVehicle:
             if self.autopilot == PX4:  # set-points have ended
                 self._say("Offboard control lost")
                 self._fall_back({3: modes.RETURN, 4: modes.LAND}, "COM_OBL_RC_ACT", 3)
+        self._above_home = self._above_home and self.mode == modes.RETURN
         if self.mode == modes.RETURN:
+            self._above_home |= bool(np.linalg.norm(self.position[:2]) <= 1.0)
             up = max(self.return_height, float(self.position[2]))
-            if self.position[2] < up - 0.5 and np.linalg.norm(self.position[:2]) > 1.0:
-                return np.array([*self.position[:2], up]), None
-            if np.linalg.norm(self.position[:2]) > 1.0:
-                return np.array([0.0, 0.0, self.position[2]]), None
+            if not self._above_home:
+                across = self.position[:2] if self.position[2] < up - 0.5 else np.zeros(2)
+                return np.array([*across, up]), None
             if self.hover_height > 0:
                 return np.array([0.0, 0.0, self.hover_height]), None
             return np.zeros(3), 0.2
