@@ -51,8 +51,6 @@ _EVERY = 0.25  # seconds between two set-points: PX4 needs more than two a secon
 _AGAIN = 1.0  # seconds between two commands that have no effect yet
 _ASKED = 12  # times that a parameter is asked for
 _FIX_3D = 3  # GPS_FIX_TYPE
-_NEAR = 0.2  # share of a cell within which a vehicle has arrived
-_NEAREST, _FARTHEST = 0.5, 3.0  # metres
 _LEVEL = 1.0  # metres: tolerance of the height
 _ALOFT = 1.0  # metres above home, from which on a vehicle is in flight
 
@@ -106,7 +104,7 @@ class GuidedVehicle:
         self.fault, self.phase = "", GROUND
         self.height = task.height(number)
         self.size = task.plan.grid.size
-        self.near = min(max(_NEAR * self.size, _NEAREST), _FARTHEST)
+        self.near = task.arrival_m
         self.vehicle: HeardVehicle | None = None
         self.position: NDArray[np.float64] | None = None
         self.battery: float | None = None

@@ -129,6 +129,30 @@ class UdpLink:
         self._socket.close()
 
 
+class FastLink:
+    """A link on which time passes faster, as in a rehearsal.
+
+    Parameters
+    ----------
+    link : VehicleLink
+    speed_up : float
+        Number of seconds that pass on this link in a second.
+    """
+
+    def __init__(self, link: VehicleLink, speed_up: float) -> None:
+        self._link, self._speed_up = link, speed_up
+        self.name, self.at_once = link.name, link.at_once
+        self.send, self.close = link.send, link.close
+
+    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
+        """Return what came within ``timeout`` fast seconds."""
+        return self._link.receive(timeout / self._speed_up)
+
+    def now(self) -> float:
+        """Return the fast time in seconds."""
+        return self._link.now() * self._speed_up
+
+
 class StreamLink:
     """MAVLink over a stream of bytes, TCP or a serial line, which is opened again if it breaks."""
 

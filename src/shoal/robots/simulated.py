@@ -492,6 +492,13 @@ class SimulatedVehicle:
         if upload is not None and upload.partner == partner and message.type == 15:
             self._upload = None  # cancelled
 
+    def forget_time(self) -> None:
+        """Begin at time 0 again, as after the power was off."""
+        self._now = self._moved_at = 0.0
+        self._sent_at = dict.fromkeys(self._sent_at, -math.inf)
+        self._station_at, self._stations, self._station_lost = None, {}, False
+        self._later, self._upload = [], None
+
     # -- commands -------------------------------------------------------------------------------
 
     def _take_command_long(self, message: Any, partner: tuple[int, int]) -> None:

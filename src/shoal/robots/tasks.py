@@ -41,7 +41,8 @@ TASK, KEY, MISSIONS = "task.json", "task.key", "missions"
 
 _HELLO, _BEAT = 3.0, 0.5  # seconds: least time of listening, and between two beacons
 _NOWHERE = LocalFrame(0.0, 0.0)  # where a rehearsal places a region without a place on Earth
-_RETURN_AT = {"rover": 0.0}
+_NEAR = 0.2  # share of a cell within which a vehicle has arrived
+_NEAREST, _FARTHEST = 0.5, 3.0  # metres
 # what a search simulates, and a robot in the field finds out by itself
 _SIMULATED = ("faults", "crashes", "targets", "obstacles", "loss", "network", "live", "key")
 
@@ -59,6 +60,8 @@ class Limits:
         send, after which the robot gives up.
     vertical_m : float
         Difference between the heights of two robots with neighbouring numbers.
+    horizontal_m : float
+        Distance that two robots must keep while their heights differ by less than that.
     apart_s : float
         Seconds between the take-offs, and between the returns, of two robots with neighbouring
         numbers.
@@ -69,6 +72,7 @@ class Limits:
     position_s: float = 5.0
     radio_s: float = 10.0
     vertical_m: float = 5.0
+    horizontal_m: float = 5.0
     apart_s: float = 15.0
 
     def __post_init__(self) -> None:
@@ -128,6 +132,11 @@ class RobotTask:
     def cells(self) -> Points:
         """Viewpoint of each cell along the tour in metres; float64, shape (N, 2) or (N, 3)."""
         return self.plan.positions(np.arange(len(self.plan.tour)))
+
+    @property
+    def arrival_m(self) -> float:
+        """Distance in metres from a viewpoint within which a vehicle has arrived."""
+        return min(max(_NEAR * self.plan.grid.size, _NEAREST), _FARTHEST)
 
     def height(self, number: int) -> float:
         """Height above its start in metres at which a robot flies and returns; 0 for a rover."""
