@@ -141,9 +141,7 @@ def _ask_interface(name: str, request: int) -> str | None:
         import fcntl
 
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-            told = fcntl.ioctl(
-                asked.fileno(), request, struct.pack("256s", name.encode()[: 15])
-            )
+            told = fcntl.ioctl(asked.fileno(), request, struct.pack("256s", name.encode()[:15]))
         return socket.inet_ntoa(told[20:24])
     except (ImportError, OSError):
         return None
@@ -154,7 +152,7 @@ def _broadcast_of(own: str) -> str | None:
     for _, name in socket.if_nameindex():
         if _ask_interface(name, 0x8915) == own:
             found = _ask_interface(name, 0x8919)  # SIOCGIFBRDADDR
-            return None if found in (None, "0.0.0.0") else found  # noqa: S104 - compared
+            return None if found in (None, "0.0.0.0") else found
     return None
 
 
@@ -371,7 +369,9 @@ def repair(code: bytes, parity: int) -> bytes | None:
         after = [
             one ^ other
             for one, other in zip(
-                locator + [0] * (size - len(locator)), moved + [0] * (size - len(moved)), strict=True
+                locator + [0] * (size - len(locator)),
+                moved + [0] * (size - len(moved)),
+                strict=True,
             )
         ]
         if 2 * length <= number:
@@ -385,9 +385,7 @@ def repair(code: bytes, parity: int) -> bytes | None:
         return None
     # Chien: position p from the end is broken if the locator is 0 at 2^-p
     places = [
-        place
-        for place in range(len(code))
-        if _at(locator[::-1], _EXP[(255 - place) % 255]) == 0
+        place for place in range(len(code)) if _at(locator[::-1], _EXP[(255 - place) % 255]) == 0
     ]
     if len(places) != len(locator) - 1:
         return None
@@ -404,7 +402,9 @@ def repair(code: bytes, parity: int) -> bytes | None:
         below = _at(slope[::-1], inverse)
         if below == 0:
             return None
-        error = _times(_times(_EXP[place % 255], _at(omega[::-1], inverse)), _EXP[255 - _LOG[below]])
+        error = _times(
+            _times(_EXP[place % 255], _at(omega[::-1], inverse)), _EXP[255 - _LOG[below]]
+        )
         repaired[len(code) - 1 - place] ^= error
     if any(_at([*repaired], _EXP[root]) for root in range(parity)):
         return None
