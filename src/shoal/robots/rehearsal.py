@@ -32,6 +32,7 @@ from shoal.robots.onboard import Seat, pair, read_cargos
 from shoal.robots.records import RobotRecord, SearchRecord, search_record
 from shoal.robots.settings import safe_parameters
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
+from shoal.robots.stranger import Stranger
 from shoal.robots.tasks import MISSIONS, RobotTask
 from shoal.robots.uploading import upload_missions
 
@@ -86,6 +87,8 @@ class Rehearsed:
     late_s : float
         Largest delay of the simulated autopilots in simulated seconds.
     timed_out : bool
+    stranger : mapping of str to int
+        Numbers of packets that a stranger has sent.
     """
 
     name: str
@@ -95,6 +98,7 @@ class Rehearsed:
     wall_s: float
     late_s: float
     timed_out: bool
+    stranger: dict[str, int]
 
     @property
     def faults(self) -> list[str]:
@@ -181,6 +185,7 @@ class Rehearsal:
         self.parameters = dict(parameters or {})
         self.numbers = range(1, len(task.scenario.starts) + 1)
         self.addresses: dict[int, tuple[str, int]] = {}  # of the robots' radios
+        self.ear = ("", 0)  # an address that hears all messages, too
 
     # -- what the robots have ------------------------------------------------------------------
 
@@ -252,7 +257,8 @@ class Rehearsal:
         *,
         on_progress: Callable[[float, float], None] = lambda _fraction, _seconds: None,
         on_event: Callable[[str], None] = lambda _text: None,
-        each_look: Callable[[], None] = lambda: None,
+        stranger: bool = False,
+        seed: int = 0,
     ) -> Rehearsed:
         """Run the search once, from the take-off to the last landing.
 
@@ -265,19 +271,26 @@ class Rehearsal:
             Function that receives the fraction of cells searched and the simulated seconds.
         on_event : callable
             Function that receives a sentence about what happens.
-        each_look : callable
-            Function that is called several times a second, such as to send a stranger's packets.
+        stranger : bool
+            Whether a `Stranger` sends packets to the robots several times a second.
+        seed : int
+            Seed of the stranger.
         """
         with ExitStack() as stack:
             run = _Run(self, name, happenings, stack)
-            run.go_on(on_progress, on_event, each_look)
+            if stranger:
+                robots = [*self.addresses.values()]
+                run.stranger = stack.enter_context(
+                    Stranger(self.ear, robots, len(self.task.cells), seed=seed)
+                )
+            run.go_on(on_progress, on_event)
             return run.result()
 
     def command(self, number: int, link: str, state: Path) -> list[str]:
         """Return the command of a robot's program."""
         own = self.addresses[number]
-        others = [self.addresses[other] for other in self.numbers if other != number] or [own]
-        radio = ",".join(f"{host}:{port}" for host, port in [own, *others])
+        others = [self.addresses[other] for other in self.numbers if other != number]
+        radio = ",".join(f"{host}:{port}" for host, port in [own, *others, self.ear])
         return [
             sys.executable,
             "-m",
@@ -313,7 +326,8 @@ class _Run:
         shutil.rmtree(home, ignore_errors=True)
         home.mkdir(parents=True)
         vehicles = rehearsal.vehicles()
-        ports = _free_ports(2 * len(vehicles))
+        ports = _free_ports(2 * len(vehicles) + 1)
+        rehearsal.ear = _address(0), ports.pop()
         rehearsal.addresses = {
             number: (_address(number), ports.pop()) for number in rehearsal.numbers
         }
@@ -327,6 +341,7 @@ class _Run:
             self.robots[number] = _Robot(number, vehicle, link, command, journal, output)
         self.begin, self.wall = time.monotonic(), time.time()
         self.late, self.timed_out, self._ended_at = 0.0, False, None
+        self.stranger: Stranger | None = None
         stack.callback(self._end)
         for robot in self.robots.values():
             self._start(robot)
@@ -361,7 +376,6 @@ class _Run:
         self,
         on_progress: Callable[[float, float], None],
         on_event: Callable[[str], None],
-        each_look: Callable[[], None],
     ) -> None:
         """Let the autopilots live, and look at the robots, until all have landed."""
         factor, last, look = self.rehearsal.speed_up, 0.0, 0.0
@@ -369,7 +383,8 @@ class _Run:
         limit = _SLACK[0] + _SLACK[1] * plan.cell_seconds * len(self.task.cells)
         while True:
             now = self.now
-            self.late = max(self.late, now - last - _STEP)
+            if any(robot.vehicle.armed for robot in self.robots.values()):
+                self.late = max(self.late, now - last - _STEP)
             last = now
             for robot in self.robots.values():
                 for data, _ in robot.link.receive(0.0):
@@ -379,7 +394,8 @@ class _Run:
             if time.monotonic() >= look:
                 look = time.monotonic() + _LOOK
                 self._look(on_event)
-                each_look()
+                if self.stranger is not None:
+                    self.stranger.speak()
                 on_progress(self.fraction, now)
                 if self._has_ended(now):
                     return
@@ -498,7 +514,14 @@ class _Run:
         record = search_record(self.task, records)
         wall = round(time.monotonic() - self.begin, 1)
         return Rehearsed(
-            self.name, self.happened, record, told, wall, round(self.late, 2), self.timed_out
+            self.name,
+            self.happened,
+            record,
+            told,
+            wall,
+            round(self.late, 2),
+            self.timed_out,
+            {} if self.stranger is None else dict(self.stranger.sent),
         )
 
     def _in_region(self, vehicle: SimulatedVehicle, places: Any) -> Any:
@@ -534,7 +557,7 @@ class _Run:
 
 def _address(number: int) -> str:
     """Return a loopback address of a robot's own, where the system has several."""
-    return f"127.0.1.{number}" if sys.platform == "linux" and number < 255 else "127.0.0.1"
+    return f"127.0.1.{number + 1}" if sys.platform == "linux" and number < 255 else "127.0.0.1"
 
 
 def _free_ports(count: int) -> list[int]:

@@ -93,14 +93,14 @@ def test_two_robots_in_one_cell_are_found(task, two):
 
 
 def test_vehicles_that_come_too_near_are_found(task, two):
-    together = replace(two[0], robot=2, places=two[0].places + [4.0, 0.0, 0.0])
+    together = replace(two[0], robot=2, places=np.add(two[0].places, [4.0, 0.0, 0.0]))
     record = search_record(task, [two[0], together])
     assert record.approach["robots"] == [1, 2]
     assert record.approach["horizontal_m"] == 4.0
     (fault,) = [one for one in record.faults if "came as near as" in one]
     assert "4.0 m, and 0.0 m in height" in fault
     assert "expected 5 m, or 3 m in height" in fault
-    above = replace(together, places=together.places + [0.0, 0.0, task.limits.vertical_m])
+    above = replace(together, places=together.places + np.array([0.0, 0.0, task.limits.vertical_m]))
     assert search_record(task, [two[0], above]).approach is None
 
 
