@@ -358,7 +358,13 @@ class GuidedVehicle:
         if self._way:
             self._target = self._way[0]
         self._send_setpoint()
-        return self._leg is not None and (not self._way or self._is_at(here, self._way[-1]))
+        return self._has_arrived()
+
+    def _has_arrived(self) -> bool:
+        """Return whether the vehicle is where it may go."""
+        if self.phase != FLIGHT or self._leg is None:
+            return False
+        return not self._way or self._is_at(self._here(), self._way[-1])
 
     def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
         across = float(np.linalg.norm(here[:2] - point[:2]))
@@ -371,7 +377,11 @@ class GuidedVehicle:
         return time + _EVERY / 2 * self.task.speed
 
     def stop(self, time: float) -> None:
-        """Stand still."""
+        """Stand still. A vehicle that waits before its cell may still enter it; on the way, it gives
+        up its leg.
+        """
+        if self._has_arrived():
+            return
         if self.phase in (CLIMB, FLIGHT):
             self._target = np.array([*self._here()[:2], self._target_height])
         self._leg, self._way, self._allowed = None, [], []
