@@ -314,7 +314,7 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
     brief = replace(
         scenario.brief,
         hello=max(scenario.brief.hello, _HELLO * speed),
-        beat=max(scenario.brief.beat, _BEAT * speed),
+        beat=min(scenario.brief.beat, _BEAT * speed),
         helping=True,
     )
     key = hmac.digest(secret, f"messages {signature}".encode(), "sha256")
