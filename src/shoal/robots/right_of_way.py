@@ -16,14 +16,16 @@ robot that is taken for dead, and a claim that was told eight times and heard by
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 
 from shoal.search.allocation.allocate import partition
 from shoal.search.protocol.robot import relayed
-from shoal.search.protocol.state import Event, Heard, Robot, is_live, silence_limit
+from shoal.search.protocol.state import Event, Heard, Robot, silence_limit
 from shoal.search.simulation.live.ports import CellFinding
 from shoal.search.simulation.scenario import Scenario
 
 _TOLD = 8  # beacons with a claim after which a robot that claims another cell has heard it
+_SILENT = 16  # beacons after whose time without a message a robot no longer counts
 _STUCK = 30  # beacons after which the lowest number goes, where robots wait for each other
 
 
@@ -96,7 +98,7 @@ class RadioSensor:
             for heartbeat in relayed(robot):
                 if heartbeat.place != place:
                     self._let_go[heartbeat.robot] = heartbeat.place
-            if place != self._cell:
+            if place != self._cell or robot.status != "searching":
                 self._cell = None  # others no longer know the claim
         if robot.target is not None and robot.target != self._cell:
             self._cell, self._told_before, self._since = robot.target, robot.count, self._now()
@@ -110,12 +112,14 @@ class RadioSensor:
         """Return whether this robot may enter a cell now."""
         robot, now = self._robot(), self._now()
         self._note_own(robot)
+        silence = max(silence_limit(robot), _SILENT * robot.brief.beat)
         if self._grace is None:
-            self._grace = now + silence_limit(robot)
+            self._grace = now + silence
         others = [
             number
             for number in self._parts
-            if number != robot.number and (now <= self._grace or is_live(robot, number, now))
+            if number != robot.number
+            and (now <= self._grace or now - _heard(robot, number) <= silence)
         ]
         claim = {
             number: robot.peers[number].heartbeat.place == cell
@@ -123,15 +127,25 @@ class RadioSensor:
             for number in others
             if number in robot.peers
         }
-        if now - self._since > _STUCK * robot.brief.beat and any(claim.values()):
-            return all(number > robot.number for number, claims in claim.items() if claims)
+        claimants = [number for number, claims in claim.items() if claims]
+        stuck = now - self._since > _STUCK * robot.brief.beat
+        if stuck and claimants and all(self._is_after(number, robot, cell) for number in claimants):
+            return all(self._let_go.get(number) != cell for number in claimants)
         return all(self._lets(robot, number, claim.get(number), cell) for number in others)
+
+    def _is_after(self, number: int, robot: Robot, cell: int) -> bool:
+        """Return whether another robot comes after this one where robots wait for each other: the
+        robot to which the cell was given goes first, and then the lowest number.
+        """
+        if self._parts[robot.number] >> cell & 1:
+            return True
+        return number > robot.number and not self._parts[number] >> cell & 1
 
     def _lets(self, robot: Robot, number: int, claims: bool | None, cell: int) -> bool:
         """Return whether another robot lets this one enter a cell."""
         if number in self._forgot or (claims and self._let_go.get(number) == cell):
             return False
-        if self._parts.get(robot.number, 0) >> cell & 1:
+        if self._parts[robot.number] >> cell & 1:
             return True
         if number > robot.number and not self._parts[number] >> cell & 1:
             return True
@@ -149,3 +163,9 @@ class RadioSensor:
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
         """Return that no obstacle is known."""
         return None, len(through)
+
+
+def _heard(robot: Robot, number: int) -> float:
+    """Return when a robot was heard last."""
+    peer = robot.peers.get(number)
+    return -inf if peer is None else peer.heard

@@ -153,7 +153,7 @@ def studio(tmp_path_factory):
     ImageDraw.Draw(picture).line([(5, 20), (55, 22)], fill=70, width=5)
     picture.save(folder / "a.png")
     (folder / "a.sqlite").write_bytes(b"no store")
-    write_task(run(SearchProblem.from_dict(SEARCH), seed=1), folder)
+    write_task(run(SearchProblem("square:40", robots=2, footprint=20), seed=1), folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         made = Studio(folder)
