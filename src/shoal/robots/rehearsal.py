@@ -501,14 +501,15 @@ class _Run:
         records, told = [], []
         for robot in self.robots.values():
             vehicle = robot.vehicle
-            track = np.array([one[:4] for one in vehicle.track]).reshape(-1, 4)
-            places = self._in_region(vehicle, track[:, 1:])
+            track = np.array(vehicle.track, dtype=np.float64).reshape(-1, 5)
+            places = self._in_region(vehicle, track[:, 1:4])
             records.append(
                 RobotRecord(
                     robot.number,
                     robot.reports,
                     track[:, 0],
                     places,
+                    track[:, 4] > 0,
                     vehicle.armed,
                     vehicle.charge,
                     vehicle.breaches,

@@ -185,7 +185,7 @@ def write_task(
         tour=plan.tour.name,
         allocation=plan.allocation.allocator,
         angle=plan.grid.angle,
-        starts=tuple(map(tuple, plan.places.tolist())) if contained.launch is None else "random",
+        **({"starts": tuple(map(tuple, plan.places.tolist()))} if contained.launch is None else {}),
     )
     problem = _plannable(problem, contained, plan, episode.seed)
     limits = limits or Limits()

@@ -157,6 +157,20 @@ def robot_frame(robot, point):
 
 
 @BOTH
+def test_it_flies_home_to_recharge_and_takes_off_again(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.fly_to(len(task.cells) - 1)
+    start = task.scenario.starts[0]
+    goal = tuple(task.plan.tour_cost.points[start].tolist())
+    robot.vehicle.go(Leg(start, goal, 1.0, 2.0, home=True), 0.0)
+    assert robot.step_until(lambda arrived: arrived)
+    assert not robot.autopilot.armed
+    assert np.linalg.norm(robot.autopilot.position) < 2
+    robot.fly_to(len(task.cells) - 1)
+
+
+@BOTH
 def test_without_arm_it_never_arms_and_waits_for_the_pilot(task, autopilot):
     robot = Robot(task, autopilot, arm=False)
     assert robot.vehicle.prepare() == []
