@@ -50,6 +50,7 @@ _ARM, _SET_MODE, _TAKE_OFF = 400, 176, 22  # MAV_CMD
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _POSITION_ALONE = 0b110111111000  # set-point without velocity, acceleration and yaw
 _EVERY = 0.25  # seconds between two set-points: PX4 needs more than two a second
+_PATIENCE = {True: 120.0, False: 900.0}  # seconds for a take-off, and for the pilot to arm
 _AGAIN = 1.0  # seconds between two commands that have no effect yet
 _GATES = 50  # cells near a launch point by which a way into the region may lead
 _ASKED = 12  # times that a parameter is asked for
@@ -565,9 +566,15 @@ class GuidedVehicle:
                     f"another station has the system id {other}: as long as it is heard, the"
                     " autopilot would not notice that this companion is lost"
                 )
+        waits = self.phase == GROUND and self._leg is not None and not self._leg.home
+        without = max(now - self._position_at, now - self._fix_lost_at)
+        if waits and without > limits.position_s:
+            self._fail(f"position: none for {without:.0f} s")
+        elif waits and self._turn is not None and now - self._turn > _PATIENCE[self.arms]:
+            said = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
+            self._fail(f"take-off: not in the air after {now - self._turn:.0f} s{said}")
         if self.phase not in (CLIMB, FLIGHT):
             return
-        without = max(now - self._position_at, now - self._fix_lost_at)
         low = self.battery is not None and self.battery <= limits.battery
         if without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")
