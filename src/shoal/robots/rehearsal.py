@@ -43,7 +43,7 @@ _LANDING = 300.0  # simulated seconds within which vehicles are down when all pr
 _SLACK = 300.0, 6.0  # time limit: simulated seconds, and times what the plan takes
 _ENDLESS = 24 * 3600.0  # seconds that the battery of a vehicle without endurance lasts
 _ACCELERATION = 2.0  # m/s²
-_LATE = 1.0  # simulated seconds by which the rehearsal may be late
+_LATE = 1.5  # simulated seconds by which the rehearsal may be late
 _NUMBERS = {name.lower(): number for number, name in AUTOPILOTS.items()}
 _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 

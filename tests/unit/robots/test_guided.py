@@ -15,7 +15,7 @@ from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station,
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, RALLY, MissionItem
 from shoal.robots.settings import safe_parameters
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
-from shoal.robots.tasks import Limits, read_task, write_task
+from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
@@ -31,7 +31,7 @@ def task(tmp_path_factory):
     problem = SearchProblem(
         region="rectangle:60x40", robots=2, footprint=20, vehicle="multirotor,altitude=30"
     )
-    write_task(run(problem, seed=1), folder, Limits(apart_s=4.0))
+    write_task(run(problem, seed=1), folder, RobotLimits(apart_s=4.0))
     return read_task(folder)
 
 

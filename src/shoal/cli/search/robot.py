@@ -111,15 +111,11 @@ def robot(
     ] = None,
     loss: Annotated[
         float,
-        typer.Option(
-            "--loss", help="Share of the messages to discard, for rehearsals.", min=0, max=1
-        ),
+        typer.Option("--loss", help="Share of the messages to discard, for rehearsals."),
     ] = 0.0,
     speed_up: Annotated[
         float,
-        typer.Option(
-            "--speed-up", help="Seconds that pass in a second, for rehearsals.", min=0.1, max=20
-        ),
+        typer.Option("--speed-up", help="Seconds that pass in a second, for rehearsals."),
     ] = 1.0,
     seed: UnusedSeed = 0,
     json_: Json = False,
@@ -134,6 +130,8 @@ def robot(
     from shoal.robots.radios import open_radio
     from shoal.robots.tasks import read_task
 
+    check_number(loss, what="loss", least=0, most=1)
+    check_number(speed_up, what="speed-up", least=0.1, most=20)
     read = read_task(task)
     if watch:
         _watch(read, radio, seconds=seconds, out=out, json_=json_)
