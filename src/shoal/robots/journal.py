@@ -147,7 +147,7 @@ def _event_to(event: Event) -> dict[str, Any]:
             "sender": event.beacon.sender,
             "beacon": body,
         }
-    values = {name: getattr(event, name) for name in event.__slots__}  # type: ignore[union-attr]
+    values = {name: getattr(event, name) for name in event.__slots__}
     return {"event": type(event).__name__, **values}
 
 

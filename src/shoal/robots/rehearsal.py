@@ -42,7 +42,7 @@ _LOOK = 0.25  # seconds between two looks at the robots
 _LANDING = 300.0  # simulated seconds within which vehicles are down when all programs have ended
 _SLACK = 300.0, 6.0  # time limit: simulated seconds, and times what the plan takes
 _ENDLESS = 24 * 3600.0  # seconds that the battery of a vehicle without endurance lasts
-_ACCELERATION = 2.0  # m/s²
+_SPEED, _ACCELERATION = 5.0, 2.0  # m/s and m/s² of a vehicle that does not say its own
 _LATE = 1.5  # simulated seconds by which the rehearsal may be late
 _NUMBERS = {name.lower(): number for number, name in AUTOPILOTS.items()}
 _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -208,7 +208,7 @@ class Rehearsal:
                 kind=task.kind,
                 autopilot=self.autopilot,
                 home=tuple(homes[number - 1].tolist()),
-                speed=about.cruise_speed,
+                speed=about.cruise_speed or _SPEED,
                 acceleration=about.acceleration or _ACCELERATION,
                 battery=_ENDLESS if about.endurance is None else 60 * about.endurance,
                 parameters=told | self.parameters,
@@ -344,7 +344,8 @@ class _Run:
             journal, output = home / f"robot-{number:02}.journal", home / f"robot-{number:02}.txt"
             self.robots[number] = _Robot(number, vehicle, link, command, journal, output)
         self.begin, self.wall = time.monotonic(), time.time()
-        self.late, self.timed_out, self._ended_at = 0.0, False, None
+        self.late, self.timed_out = 0.0, False
+        self._ended_at: float | None = None
         self.stranger: Stranger | None = None
         stack.callback(self._end)
         for robot in self.robots.values():

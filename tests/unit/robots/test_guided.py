@@ -353,7 +353,7 @@ def test_a_restarted_companion_takes_over_what_still_flies_and_lets_land_what_re
     robot.fly_to(len(task.cells) - 1)
     again = GuidedVehicle(robot.station, task, 1, arm=True)
     robot.vehicle = again
-    if autopilot == "ardupilot":  # within the 5 s of its watchdog; PX4 returns after 2 s
+    if autopilot == "ardupilot":  # within the 5 s of its watchdog; PX4 returns, too, after 5 s
         assert again.prepare() == []
         assert again.phase == FLIGHT
         robot.fly_to(0)
