@@ -40,9 +40,13 @@ def main(runs: int = 20, speed_up: float = 6.0) -> int:
     passed = 0
     for seed in range(runs):
         chance = random.Random(seed)
+        places = chance.sample(
+            [(x, y) for x in range(5, 120, 10) for y in range(5, 80, 10)], ROBOTS
+        )
         problem = SearchProblem(
             region="rectangle:120x80",
             robots=ROBOTS,
+            starts=tuple(places),
             footprint=10,
             vehicle="multirotor,altitude=30",
             loss=LOSS,

@@ -293,8 +293,8 @@ class GuidedVehicle:
         """Begin a leg: along the corners of a path that stays inside the region."""
         self._leg = leg
         if leg.home:
-            if self.phase != GROUND:
-                self.phase = RETURN
+            path = self._path(self._here()[:2], self.task.plan.places[self.number - 1])
+            self._way = self._allowed = [self._raised(corner) for corner in path[1:]]
             return
         if self.phase == RETURN:  # the autopilot brings it down first
             self._say_once("returns before it searches on")
@@ -347,8 +347,10 @@ class GuidedVehicle:
                 self._take_off(self._leg)
         elif self.phase == CLIMB:
             self._climb()
-        else:
+        elif self._leg is None or not self._leg.home:
             return self._fly()
+        elif self._fly():
+            self.phase, self._next_command = RETURN, -math.inf
         return self.phase == GROUND and self._leg is not None and self._leg.home
 
     def _fly(self) -> bool:
@@ -358,7 +360,13 @@ class GuidedVehicle:
         if self._way:
             self._target = self._way[0]
         self._send_setpoint()
-        return self._leg is not None and (not self._way or self._is_at(here, self._way[-1]))
+        return self._has_arrived()
+
+    def _has_arrived(self) -> bool:
+        """Return whether the vehicle is where it may go."""
+        if self.phase != FLIGHT or self._leg is None:
+            return False
+        return not self._way or self._is_at(self._here(), self._way[-1])
 
     def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
         across = float(np.linalg.norm(here[:2] - point[:2]))
@@ -371,7 +379,11 @@ class GuidedVehicle:
         return time + _EVERY / 2 * self.task.speed
 
     def stop(self, time: float) -> None:
-        """Stand still."""
+        """Stand still. A vehicle that waits before its cell may still enter it; on the way, it gives
+        up its leg.
+        """
+        if self._has_arrived():
+            return
         if self.phase in (CLIMB, FLIGHT):
             self._target = np.array([*self._here()[:2], self._target_height])
         self._leg, self._way, self._allowed = None, [], []
@@ -407,7 +419,8 @@ class GuidedVehicle:
         """Bring the vehicle home, and return whether it is on the ground.
 
         Robots return one after another, the lowest first, so that none crosses below another one
-        that descends. With a fault, the robot does not wait.
+        that descends. They fly along a path around no-go zones, and then command the return, which
+        lands. With a fault, a robot commands the return at once, and its autopilot flies straight.
 
         Parameters
         ----------
@@ -428,15 +441,23 @@ class GuidedVehicle:
             heard = self._listen(0.1)
             if self.fault and not self._silent and self.phase != RETURN:
                 self.secure()
-            elif heard and self.phase != RETURN and station.now() >= turn:
-                self.phase, self._next_command = RETURN, -math.inf
             elif heard and self.phase == CLIMB:
                 self._climb()
-            elif heard and self.phase == FLIGHT:
+            elif heard and self.phase == FLIGHT and station.now() < turn:
                 self._send_setpoint()
+            elif heard and self.phase == FLIGHT and self._fly_home():
+                self.phase, self._next_command = RETURN, -math.inf
             if self.phase == RETURN:
                 self._return(self._safe_mode)
         return self.phase == GROUND and not self._aloft
+
+    def _fly_home(self) -> bool:
+        """Fly to the launch point, and return whether the vehicle is above it."""
+        if self._leg is None or not self._leg.home:
+            cell = self.task.scenario.starts[self.number - 1]
+            goal = self.task.plan.places[self.number - 1] / self.size
+            self.go(Leg(cell, tuple(goal.tolist()), 0.0, 0.0, home=True), 0.0)
+        return self._fly()
 
     # -- the link -------------------------------------------------------------------------------
 

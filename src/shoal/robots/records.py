@@ -24,6 +24,7 @@ _LEFT = 3.0  # metres from its first position, from which on a rover is on its w
 _SECONDS = 1.5  # between a report and the position that belongs to it
 _EVERY = 0.25  # seconds between two positions that are compared
 _OUTSIDE = 1.0  # metres outside the region that count as rounding and wind
+_WAYS = 100  # ways from a launch point that are looked at
 _TOLERANCE = 1.0  # metres by which each of two heights may differ from what was told
 _LEAVES = ("leaves", "fault", "ended")
 
@@ -44,6 +45,9 @@ class RobotRecord:
         Times of the positions in seconds, on the same clock.
     places : ndarray of float64, shape (n, 3)
         Metres east and north in the region's frame, and above home.
+    led : ndarray of bool, shape (n,)
+        Whether the vehicle was in its guided mode, in which the robot's program leads it. Returns
+        that an autopilot begins by itself are straight.
     armed : bool
         Whether the vehicle is armed at the end.
     battery : float
@@ -56,6 +60,7 @@ class RobotRecord:
     reports: Sequence[Mapping[str, Any]]
     times: Floats
     places: Floats
+    led: NDArray[np.bool_]
     armed: bool
     battery: float
     breaches: int
@@ -185,7 +190,7 @@ def search_record(task: RobotTask, robots: Sequence[RobotRecord]) -> SearchRecor
         approach=_nearest(flights, vertical, begin),
         required_m=(task.limits.horizontal_m, vertical),
         shared=tuple(_shared_cells(robots)),
-        outside_m={one.robot: _outside(task, flights[one.robot]) for one in robots},
+        outside_m={one.robot: _outside(task, one) for one in robots},
         breaches={one.robot: one.breaches for one in robots},
         hovering=tuple(one.robot for one in robots if one.armed or _is_up(task, one)),
         battery={one.robot: round(one.battery, 3) for one in robots},
@@ -265,27 +270,35 @@ def _shared_cells(robots: Sequence[RobotRecord]) -> list[tuple[int, int, int, fl
     return shared
 
 
-def _outside(task: RobotTask, flight: tuple[float, Trajectory] | None) -> float:
-    """Return the largest distance of a vehicle in flight from where it may be: the region, and its
-    way there from its launch point.
+def _outside(task: RobotTask, one: RobotRecord) -> float:
+    """Return the largest distance of a vehicle in flight from where it may be: in the region and on
+    its ways to and from its launch point; on a return of its autopilot, between all these.
     """
     import shapely
 
-    if flight is None:
+    up = one.places[:, 2] > _ALOFT if task.kind != "rover" else np.ones(len(one.places), np.bool_)
+    if not up.any():
         return 0.0
-    region = task.plan.grid.region
-    allowed = shapely.union_all([region.outline, *_ways_out(task)])
-    away = shapely.distance(allowed, shapely.points(flight[1].points[:, :2]))
-    return round(float(away.max()), 2)
+    outline, ways = task.plan.grid.region.outline, _ways_out(task, one.robot)
+    led = shapely.union_all([outline, *ways])
+    home = shapely.Point(task.plan.places[one.robot - 1])
+    returns = shapely.convex_hull(shapely.union_all([outline, home, *ways]))
+    away = 0.0
+    for allowed, some in ((led, up & one.led), (returns, up & ~one.led)):
+        if some.any():
+            points = shapely.points(one.places[some, :2])
+            away = max(away, float(shapely.distance(allowed, points).max()))
+    return round(away, 2)
 
 
-def _ways_out(task: RobotTask) -> list[Any]:
-    """Return corridors between the region and launch points outside of it."""
+def _ways_out(task: RobotTask, robot: int) -> list[Any]:
+    """Return corridors between the region and a launch point outside of it."""
     import shapely
 
-    region, plan = task.plan.grid.region, task.plan
-    ways = []
-    for place in plan.places[~region.contains(plan.places)]:
-        entry = task.cells[int(np.linalg.norm(task.cells[:, :2] - place, axis=1).argmin()), :2]
-        ways.append(shapely.LineString([place, entry]).buffer(task.limits.horizontal_m))
-    return ways
+    plan, place = task.plan, task.plan.places[robot - 1]
+    if plan.grid.region.contains(place[None])[0]:
+        return []
+    some = task.cells[:: max(1, len(task.cells) // _WAYS), :2]
+    return [
+        shapely.LineString(plan.leg(place, cell)).buffer(task.limits.horizontal_m) for cell in some
+    ]

@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import field
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
@@ -89,6 +90,8 @@ class Rehearsed:
     timed_out : bool
     stranger : mapping of str to int
         Numbers of packets that a stranger has sent.
+    crowded : list of str
+        Sentences about robots that start, and land, too near to each other.
     """
 
     name: str
@@ -99,11 +102,12 @@ class Rehearsed:
     late_s: float
     timed_out: bool
     stranger: dict[str, int]
+    crowded: list[str]
 
     @property
     def faults(self) -> list[str]:
         """What was not as it should be, a sentence each."""
-        faults = self.record.faults
+        faults = [*self.record.faults, *self.crowded]
         hit = {one["robot"] for one in self.happened}
         faults += [
             f"robot {one['robot']}: {one['fault'] or 'its program ended with ' + str(one['exit'])}"
@@ -497,14 +501,15 @@ class _Run:
         records, told = [], []
         for robot in self.robots.values():
             vehicle = robot.vehicle
-            track = np.array([one[:4] for one in vehicle.track]).reshape(-1, 4)
-            places = self._in_region(vehicle, track[:, 1:])
+            track = np.array(vehicle.track, dtype=np.float64).reshape(-1, 5)
+            places = self._in_region(vehicle, track[:, 1:4])
             records.append(
                 RobotRecord(
                     robot.number,
                     robot.reports,
                     track[:, 0],
                     places,
+                    track[:, 4] > 0,
                     vehicle.armed,
                     vehicle.charge,
                     vehicle.breaches,
@@ -522,6 +527,7 @@ class _Run:
             round(self.late, 2),
             self.timed_out,
             {} if self.stranger is None else dict(self.stranger.sent),
+            _crowded(self.task),
         )
 
     def _in_region(self, vehicle: SimulatedVehicle, places: Any) -> Any:
@@ -553,6 +559,17 @@ class _Run:
             "fault": fault,
             **dict(zip(names, counts, strict=True)),
         }
+
+
+def _crowded(task: RobotTask) -> list[str]:
+    """Return a sentence for each two robots whose launch points are too near to each other."""
+    least, places = task.limits.horizontal_m, task.plan.places
+    return [
+        f"robots {one + 1} and {other + 1} start {np.linalg.norm(places[one] - places[other]):.1f} m"
+        f" from each other; expected at least {least:g} m"
+        for one, other in combinations(range(len(places)), 2)
+        if np.linalg.norm(places[one] - places[other]) < least
+    ]
 
 
 def _address(number: int) -> str:

@@ -181,8 +181,8 @@ class SimulatedVehicle:
         Whether the vehicle says nothing any more, or has no position any more. Without a position,
         it refuses all modes but landing, and lands by itself after a while.
     track : list of tuple
-        Time, position (three values), and whether it was armed, at each step of an armed vehicle
-        and at its end.
+        Time, position (three values), and whether it was in its guided mode, at each step of an
+        armed vehicle and at its end.
     """
 
     def __init__(
@@ -671,7 +671,7 @@ class SimulatedVehicle:
             if ends is not None and np.linalg.norm(target - self.position) < ends:
                 self._reach()
             self.charge = max(0.0, self.charge - _STEP / self.battery)
-            self.track.append((self._moved_at, *self.position.tolist(), self.armed))
+            self.track.append((self._moved_at, *self.position.tolist(), self.mode == modes.GUIDED))
 
     def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""

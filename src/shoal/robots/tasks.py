@@ -185,7 +185,7 @@ def write_task(
         tour=plan.tour.name,
         allocation=plan.allocation.allocator,
         angle=plan.grid.angle,
-        starts=tuple(map(tuple, plan.places.tolist())) if contained.launch is None else "random",
+        **({"starts": tuple(map(tuple, plan.places.tolist()))} if contained.launch is None else {}),
     )
     problem = _plannable(problem, contained, plan, episode.seed)
     limits = limits or Limits()
@@ -314,7 +314,7 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
     brief = replace(
         scenario.brief,
         hello=max(scenario.brief.hello, _HELLO * speed),
-        beat=max(scenario.brief.beat, _BEAT * speed),
+        beat=min(scenario.brief.beat, _BEAT * speed),
         helping=True,
     )
     key = hmac.digest(secret, f"messages {signature}".encode(), "sha256")

@@ -114,9 +114,9 @@ class SearchWatch:
 
     def _row(self, number: int, now: float) -> dict[str, Any]:
         seen = self.robots.get(number)
-        row: dict[str, Any] = {"robot": number, "status": "not heard", "heard_s": None}
-        row |= {"cell": None, "longitude": None, "latitude": None, "late_s": None, "searched": 0}
-        row |= {"messages": 0}
+        empty = ("heard_s", "cell", "x", "y", "longitude", "latitude", "late_s")
+        row: dict[str, Any] = {"robot": number, "status": "not heard", **dict.fromkeys(empty)}
+        row |= {"searched": 0, "messages": 0}
         if seen is None:
             return row
         told = seen.heartbeat

@@ -19,6 +19,7 @@ from shoal.robots.tasks import Limits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
+from shoal.testing import check_vehicle
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 NUMBERS = {name.lower(): number for number, name in AUTOPILOTS.items()}
@@ -114,10 +115,59 @@ def test_a_vehicle_flies_to_its_cell_halts_before_it_and_returns(task, autopilot
     assert np.linalg.norm(robot.autopilot.position) < 2  # home
 
 
+@BOTH
+def test_it_is_a_vehicle_of_the_port(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+
+    def clock():
+        robot.wait(1.0)
+        return robot.link.now() * task.speed
+
+    last = len(task.cells) - 1
+    near = task.arrival_m / task.plan.grid.size + 0.1
+    goal = task.plan.tour_cost.points[last]
+    check_vehicle(robot.vehicle, last, goal, near=near, clock=clock)
+
+
+@BOTH
+def test_a_vehicle_that_waits_before_its_cell_may_still_enter(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.go_to(len(task.cells) - 1)
+    robot.vehicle.stop(0.0)  # on the ground: it does not take off for nothing
+    assert not robot.step_until(lambda _arrived: robot.autopilot.armed, 20)
+    robot.go_to(len(task.cells) - 1)
+    assert robot.step_until(lambda arrived: arrived)
+    robot.vehicle.stop(0.0)
+    assert robot.step_until(lambda arrived: arrived)
+    robot.vehicle.enter()
+    assert robot.step_until(lambda arrived: arrived)
+    robot.go_to(2)
+    robot.step_until(lambda _arrived: False, 2)
+    robot.vehicle.stop(0.0)  # on the way: it gives up its leg
+    assert not robot.step_until(lambda arrived: arrived, 20)
+    assert np.linalg.norm(robot.autopilot.velocity) < 0.1
+
+
 def robot_frame(robot, point):
     """Return a point of the region in metres from the robot's home."""
     home = robot.task.cells[robot.task.scenario.starts[robot.vehicle.number - 1]]
     return point[:2] - home[:2]
+
+
+@BOTH
+def test_it_flies_home_to_recharge_and_takes_off_again(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.fly_to(len(task.cells) - 1)
+    start = task.scenario.starts[0]
+    goal = tuple(task.plan.tour_cost.points[start].tolist())
+    robot.vehicle.go(Leg(start, goal, 1.0, 2.0, home=True), 0.0)
+    assert robot.step_until(lambda arrived: arrived)
+    assert not robot.autopilot.armed
+    assert np.linalg.norm(robot.autopilot.position) < 2
+    robot.fly_to(len(task.cells) - 1)
 
 
 @BOTH

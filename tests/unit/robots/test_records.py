@@ -46,7 +46,8 @@ def flown(task, robot, cells, begin=0.0):
             {"kind": "searched", "cell": cell, "time": time, "found": False},
         ]
     reports.append({"kind": "leaves", "time": at[-3] + 0.1})
-    return RobotRecord(robot, reports, times, places, False, 0.7, 0)
+    led = np.ones(len(times), dtype=np.bool_)
+    return RobotRecord(robot, reports, times, places, led, False, 0.7, 0)
 
 
 @pytest.fixture
@@ -113,6 +114,7 @@ def test_who_leaves_the_region_or_stays_in_the_air_is_found(task, two):
     assert [one for one in record.faults if "robot 1" in one][-1] == (
         "robot 1 breached its fence 1 times"
     )
-    up = replace(two[1], times=two[1].times[:200], places=two[1].places[:200], armed=True)
+    some = {name: getattr(two[1], name)[:200] for name in ("times", "places", "led")}
+    up = replace(two[1], **some, armed=True)
     assert search_record(task, [up]).hovering == (2,)
     assert search_record(task, [up]).faults[-1] == "the vehicle of robot 2 is still in the air"

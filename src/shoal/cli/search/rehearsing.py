@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 REHEARSE_EXAMPLE = "Example: shoal rehearse field --autopilot ardupilot"
 
 _STATES = "rehearsal"  # folder of the robots' states and outputs
+_FASTEST, _PER_CORE = 10.0, 18.0  # simulated seconds in a second, and times robots for each core
 _DEAD_AT = 0.3  # fraction of the cells that are searched when a program is killed
 
 
@@ -51,17 +53,17 @@ def rehearse(
         ),
     ] = None,
     speed_up: Annotated[
-        float,
+        float | None,
         typer.Option(
             "--speed-up",
             help=(
                 "Number of simulated seconds in a second. The rehearsal fails if this computer is"
-                " too slow for it."
+                " too slow for it. Default: at most 10, and less for more robots than cores."
             ),
             min=0.1,
             max=20,
         ),
-    ] = 5.0,
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -86,6 +88,9 @@ def rehearse(
     from shoal.robots.tasks import read_task
 
     task = read_task(folder)
+    if speed_up is None:
+        most = _PER_CORE * (os.cpu_count() or 1) / len(task.scenario.starts)
+        speed_up = min(_FASTEST, max(1.0, most))
     home = task.path.parent if out is None else out
     check_folder(home)
     rehearsal = Rehearsal(task, home / _STATES, loss=loss, speed_up=speed_up, autopilot=autopilot)
