@@ -105,6 +105,11 @@ class Rehearsed:
     crowded: list[str]
 
     @property
+    def late(self) -> bool:
+        """Whether this computer was too slow for the rehearsal to tell anything."""
+        return self.late_s > _LATE
+
+    @property
     def faults(self) -> list[str]:
         """What was not as it should be, a sentence each."""
         faults = [*self.record.faults, *self.crowded]
@@ -116,7 +121,7 @@ class Rehearsed:
         ]
         if self.timed_out:
             faults.append("the search did not end in time")
-        if self.late_s > _LATE:
+        if self.late:
             faults.append(
                 f"this computer was {self.late_s:.1f} s late: rehearse again with a smaller"
                 " --speed-up"

@@ -57,7 +57,8 @@ def rehearse(
             "--speed-up",
             help=(
                 "Number of simulated seconds in a second. The rehearsal fails if this computer is"
-                " too slow for it. Default: at most 10, and less for more robots than cores."
+                " too slow for it. Default: at most 10, and less for many robots or if this"
+                " computer is too slow."
             ),
         ),
     ] = None,
@@ -89,6 +90,7 @@ def rehearse(
     if speed_up is not None:
         check_number(speed_up, what="speed-up", least=_SLOWEST, most=_LIMIT)
     task = read_task(folder)
+    own_speed = speed_up is None
     if speed_up is None:
         most = _PER_CORE * (os.cpu_count() or 1) / len(task.scenario.starts)
         speed_up = min(_FASTEST, max(1.0, most))
@@ -102,7 +104,17 @@ def rehearse(
     plans: list[tuple[str, list[Happening]]] = [("all robots", [])]
     if count > 1:
         plans.append((f"without robot {dead}", [Happening(_DEAD_AT, "kill", dead)]))
-    runs = [_run(rehearsal, name, some, shown=not json_) for name, some in plans]
+    runs = []
+    for name, some in plans:
+        result = _run(rehearsal, name, some, shown=not json_)
+        while result.late and own_speed and rehearsal.speed_up > 1:
+            rehearsal.speed_up = max(1.0, rehearsal.speed_up / 2)
+            say(
+                f"this computer was {result.late_s:.1f} s late: again with --speed-up"
+                f" {rehearsal.speed_up:g}"
+            )
+            result = _run(rehearsal, name, some, shown=not json_)
+        runs.append(result)
     written = write_checklist(rehearsal, runs, home)
     if json_:
         print_json(report_of(rehearsal, runs))
