@@ -20,7 +20,7 @@ from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run as run_search
 
-SPEED_UP = 8.0
+SPEED_UP = 15.0
 
 
 @pytest.fixture(scope="module")
