@@ -299,7 +299,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     )
     beacon = Beacon(
         robot.number,
-        (_own_heartbeat(robot, time), *_relayed(robot)),
+        (_own_heartbeat(robot, time), *relayed(robot)),
         _news(robot.searched, before[0], window),
         findings,
         _news(robot.closed, before[2], window),
@@ -356,7 +356,7 @@ def _own_heartbeat(robot: Robot, time: float) -> Heartbeat:
     )
 
 
-def _relayed(robot: Robot) -> list[Heartbeat]:
+def relayed(robot: Robot) -> list[Heartbeat]:
     """Return the heartbeats of some other robots. Successive beacons relay the heartbeats of all
     other robots in turn.
     """

@@ -1,0 +1,171 @@
+"""The program of a robot's companion computer: the agent of the search with a real vehicle, a real
+radio, and its state on disk.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from shoal.core.dataclass import dataclass
+from shoal.robots.guided import GuidedVehicle
+from shoal.robots.journal import Journal
+from shoal.robots.right_of_way import RadioSensor
+from shoal.robots.tasks import RobotTask
+from shoal.search.protocol.state import Event
+from shoal.search.simulation.live.agent import Agent
+from shoal.search.simulation.live.ports import Radio
+from shoal.search.simulation.live.vehicle import PointVehicle
+
+_LANDING = 300.0  # seconds after a robot's turn within which its vehicle must be down
+
+
+@dataclass
+class CompanionResult:
+    """What came of a robot's part of a search.
+
+    Parameters
+    ----------
+    robot : int
+    complete : bool
+        Whether the robot knows that everything is searched, and has told so.
+    status, fault : str
+        Its last status, and why it gave up.
+    landed : bool
+        Whether its vehicle is on the ground.
+    searched : int
+        Number of cells that it has searched.
+    cells : int
+        Number of all cells.
+    counts : tuple of int
+        Numbers of messages sent, heard, lost and refused.
+    refused : mapping of str to int
+        Numbers of refused messages by reason.
+    """
+
+    robot: int
+    complete: bool
+    status: str
+    fault: str
+    landed: bool
+    searched: int
+    cells: int
+    counts: tuple[int, int, int, int]
+    refused: dict[str, int]
+
+    def report(self) -> dict[str, Any]:
+        """Return the result as a mapping for JSON."""
+        names = ("sent", "heard", "lost", "refused")
+        told = {name: value for name, value in vars(self).items() if name != "counts"}
+        messages = dict(zip(names, self.counts, strict=True)) | {"refused_by_reason": self.refused}
+        del told["refused"]
+        return told | {"messages": messages}
+
+
+def journal_path(folder: Path, number: int) -> Path:
+    """Return the path of a robot's state in a folder."""
+    return folder / f"robot-{number:02}.journal"
+
+
+class Companion:
+    """A robot that searches.
+
+    Parameters
+    ----------
+    task : RobotTask
+    number : int
+        Number of the robot.
+    radio : Radio
+    journal : Journal
+        Its state on disk. If the journal has events, the robot goes on after them.
+    vehicle : GuidedVehicle, optional
+        By default, a moving point.
+    loss : float
+        Share of the messages that the robot discards, for rehearsals.
+    speed_up : float
+        Number of seconds that pass in a second, for rehearsals.
+    clock : callable, optional
+        Function that returns the time in seconds, as the journal counts, if it passes unevenly.
+    """
+
+    def __init__(
+        self,
+        task: RobotTask,
+        number: int,
+        radio: Radio,
+        journal: Journal,
+        vehicle: GuidedVehicle | None = None,
+        *,
+        loss: float = 0.0,
+        speed_up: float = 1.0,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        live = task.live(number, loss=loss)
+        live = replace(live, speed=live.speed * speed_up)
+        self._clock = clock
+        self.task, self.vehicle, self._journal = task, vehicle, journal
+        robot = journal.replay(live.robot(number))
+        start = tuple(float(x) for x in robot.brief.tour_cost.points[robot.start])
+        self.agent = Agent(
+            live,
+            robot,
+            live.messenger(number, radio),
+            vehicle or PointVehicle(start, lambda _time: robot.rate),
+            RadioSensor(
+                live.scenario,
+                lambda: self.agent.robot,
+                lambda: self._now(live.speed),
+                restarted=bool(journal.events),
+            ),
+            clock=lambda: self._now(live.speed),
+            tell=journal.report,
+            record=self._record,
+        )
+
+    def _now(self, speed: float) -> float:
+        """Return the time in cells since the robot was first switched on, as its journal counts."""
+        if self._clock is not None:
+            return (self._clock() - self._journal.epoch) * self.task.speed
+        return (time.time() - self._journal.epoch) * speed
+
+    def _record(self, event: Event) -> None:
+        self._journal.record(event)
+        self.agent.sensor.note(event)  # type: ignore[attr-defined]
+
+    def run(self, say: Callable[[str], None] = lambda _text: None) -> CompanionResult:
+        """Search until all cells are searched and reported, and bring the vehicle home. After
+        Ctrl-C, bring it home at once.
+        """
+        complete = False
+        try:
+            complete = self.agent.run()
+        except KeyboardInterrupt:
+            say("interrupted: the vehicle returns")
+            if self.vehicle is not None:
+                self.vehicle.fault = self.vehicle.fault or "interrupted by the operator"
+                self.vehicle.secure()
+            self.agent.fault = "interrupted by the operator"
+            self.agent.report("fault", reason=self.agent.fault)
+        landed = self.vehicle is None or self.vehicle.rest(_LANDING)
+        if landed and self.vehicle is not None:
+            self.agent.report("landed")
+        fault = self.agent.fault or ("" if self.vehicle is None else self.vehicle.fault)
+        if not landed and not fault:
+            fault = f"the vehicle did not land within {_LANDING:g} s"
+        if fault:
+            say(f"gave up: {fault}")
+        robot, messenger = self.agent.robot, self.agent.messenger
+        return CompanionResult(
+            robot.number,
+            complete,
+            robot.status,
+            fault,
+            landed,
+            robot.mine.bit_count(),
+            len(self.task.cells),
+            messenger.counts,
+            dict(messenger.refused),
+        )
