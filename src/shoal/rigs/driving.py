@@ -969,11 +969,10 @@ class _Driver:
         is not complete.
         """
         swarm = self.swarm
-        if status is Status.STALLED and not swarm.moved:
-            self.alarms.append(self._nothing_moved())
-            return Status.ALARM
         if status is Status.STALLED and swarm.unvisited and not swarm.belief.frontier:
-            return Status.ALARM  # the known map is wrong, as the alarm says
+            if not swarm.moved:
+                self.alarms.append(self._nothing_moved())
+            return Status.ALARM  # else the known map is wrong, as the alarm says
         if not self.goal.mapping and status is Status.COMPLETE:
             return status  # scans showed particles in all target cells, whatever moved them
         if swarm.moved and status is Status.COMPLETE and swarm.doubtful:

@@ -57,10 +57,6 @@ _SHORTEST, _LONGEST = 0.1, 1.5  # seconds between two repeats
 _MOST = 65535  # items that a count can say
 
 
-Params = tuple[float, float, float, float]
-"""The parameters 1 to 4 of an item."""
-
-
 class MissionItem(NamedTuple):
     """An item as it is on the air: latitude and longitude in 1e-7 degrees.
 
@@ -69,7 +65,7 @@ class MissionItem(NamedTuple):
 
     frame: int
     command: int
-    params: Params
+    params: tuple[float, float, float, float]
     x: int
     y: int
     z: float
