@@ -30,9 +30,11 @@ from shoal.robots.mavlink import (
 from shoal.robots.mission_protocol import (
     FENCE,
     RALLY,
+    MissionItem,
     RefusedError,
     UnansweredError,
     download_items,
+    fence_areas,
 )
 from shoal.robots.settings import (
     LAST_STATION,
@@ -48,7 +50,9 @@ _ARM, _SET_MODE, _TAKE_OFF = 400, 176, 22  # MAV_CMD
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _POSITION_ALONE = 0b110111111000  # set-point without velocity, acceleration and yaw
 _EVERY = 0.25  # seconds between two set-points: PX4 needs more than two a second
+_PATIENCE = {True: 120.0, False: 900.0}  # seconds for a take-off, and for the pilot to arm
 _AGAIN = 1.0  # seconds between two commands that have no effect yet
+_GATES = 50  # cells near a launch point by which a way into the region may lead
 _ASKED = 12  # times that a parameter is asked for
 _FIX_3D = 3  # GPS_FIX_TYPE
 _LEVEL = 1.0  # metres: tolerance of the height
@@ -118,6 +122,8 @@ class GuidedVehicle:
         self._said: set[str] = set()
         self._silent = False
         self._next_setpoint = self._next_command = -math.inf
+        # where it enters the region from a launch point outside
+        self._gate: NDArray[np.float64] | None = None
         self._stations: Collection[int] = ()  # whose heartbeats the autopilot waits for
         station.on_message = self._take
 
@@ -262,8 +268,7 @@ class GuidedVehicle:
         faults = []
         if "fence" not in self.accepted:
             try:
-                if not download_items(self.station, self.vehicle, FENCE):
-                    faults.append("fence: expected a fence on board, got none")
+                faults += self._check_fence(download_items(self.station, self.vehicle, FENCE))
             except (RefusedError, UnansweredError) as error:
                 faults.append(f"fence: {error}")
         if "return" not in self.accepted and self.task.kind != "rover":
@@ -277,6 +282,35 @@ class GuidedVehicle:
                     f" return, got {points}"
                 )
         return faults
+
+    def _check_fence(self, items: Sequence[MissionItem]) -> list[str]:
+        """Check that the robot can fly inside a fence: from a launch point outside the region, it
+        takes a way into the region that stays inside.
+        """
+        import shapely
+
+        if not items:
+            return ["fence: expected a fence on board, got none"]
+        frame, plan = self.task.frame, self.task.plan
+        areas = fence_areas(items, lambda *place: frame.to_metres(np.array([place]))[0])
+        inside = [area for area, within in areas if within]
+        zones = [area for area, within in areas if not within]
+        if not inside:
+            return ["fence: expected a polygon that vehicles must not leave, got none"]
+        free = shapely.difference(shapely.union_all(inside), shapely.union_all(zones))
+        cells = self.task.cells[:, :2]
+        missed = int((~shapely.covers(free, shapely.points(cells))).sum())
+        if missed:
+            return [f"fence: expected a fence around all cells, got {missed} cells outside of it"]
+        place = plan.places[self.number - 1]
+        if plan.grid.region.contains(place[None])[0]:
+            return []
+        near = np.linalg.norm(cells - place, axis=1).argsort()[:_GATES].tolist()
+        for cell in (self.task.scenario.starts[self.number - 1], *near):
+            if shapely.covers(free, shapely.LineString(plan.leg(place, cells[cell]))):
+                self._gate = cells[cell]
+                return []
+        return ["fence: expected a way from the launch point to the region inside the fence"]
 
     # -- the port -------------------------------------------------------------------------------
 
@@ -314,7 +348,11 @@ class GuidedVehicle:
         a gust, it leads to the nearest cell first.
         """
         plan, cells = self.task.plan, self.task.cells[:, :2]
+        within = plan.grid.region.contains(np.stack([start, end]))
         try:
+            if self._gate is not None and not within.all():  # as the fence allows
+                first, second = plan.leg(start, self._gate), plan.leg(self._gate, end)
+                return np.vstack([first, second[1:]])
             return plan.leg(start, end)
         except ShoalError:
             entry = cells[int(np.linalg.norm(cells - start, axis=1).argmin())]
@@ -528,9 +566,15 @@ class GuidedVehicle:
                     f"another station has the system id {other}: as long as it is heard, the"
                     " autopilot would not notice that this companion is lost"
                 )
+        waits = self.phase == GROUND and self._leg is not None and not self._leg.home
+        without = max(now - self._position_at, now - self._fix_lost_at)
+        if waits and without > limits.position_s:
+            self._fail(f"position: none for {without:.0f} s")
+        elif waits and self._turn is not None and now - self._turn > _PATIENCE[self.arms]:
+            said = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
+            self._fail(f"take-off: not in the air after {now - self._turn:.0f} s{said}")
         if self.phase not in (CLIMB, FLIGHT):
             return
-        without = max(now - self._position_at, now - self._fix_lost_at)
         low = self.battery is not None and self.battery <= limits.battery
         if without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")

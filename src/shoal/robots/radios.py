@@ -14,6 +14,7 @@ import struct
 import time
 from collections import deque
 from contextlib import ExitStack
+from functools import cache
 from typing import Any
 from zlib import crc32
 
@@ -244,7 +245,7 @@ class SerialRadio:
                 self.fault = f"radio: the serial line cannot be read: {error}"
                 return None
             *frames, self._rest = (self._rest + data).split(b"\0")
-            self._rest = self._rest[-2 * _LONGEST_FRAME :]
+            self._rest = self._rest[-2 * _LONGEST :]
             self._frames.extend(frame for frame in frames if frame)
         while self._frames:
             message = decode_frame(self._frames.popleft())
@@ -261,7 +262,7 @@ class SerialRadio:
 _QUEUE = 8  # messages that wait for the duty cycle
 _BURST = 2.0  # seconds of the duty cycle that may be sent at once
 PARITY = 28  # bytes of a frame, half as many of which may be broken
-_LONGEST_FRAME = 255 + 4
+_LONGEST = 254  # bytes that COBS takes with one byte more
 
 
 def encode_frame(message: bytes) -> bytes:
@@ -271,144 +272,59 @@ def encode_frame(message: bytes) -> bytes:
     --------
     >>> frame = encode_frame(b"where are you?")
     >>> len(frame), decode_frame(b"spoiled" + frame[8:-1])
-    (50, b'where are you?')
+    (49, b'where are you?')
     """
-    cobs = import_extra("cobs.cobs", "serial radios need cobs", extra="serial")
     content = message + crc32(message).to_bytes(4, "little")
-    return b"\0" + bytes(cobs.encode(content + reed_solomon_parity(content, PARITY))) + b"\0"
+    return b"\0" + _stuff(bytes(_codec().encode(content))) + b"\0"
 
 
 def decode_frame(frame: bytes) -> bytes | None:
     """Return the message in a frame without its zero bytes; None if it is broken beyond repair."""
-    cobs = import_extra("cobs.cobs", "serial radios need cobs", extra="serial")
-    try:
-        content = bytes(cobs.decode(frame))
-    except cobs.DecodeError:
-        content = _decode_broken_cobs(frame)
-    if not PARITY + 4 < len(content) <= 255:
-        return None
-    repaired = repair(content, PARITY)
-    if repaired is None or crc32(repaired[:-4]).to_bytes(4, "little") != repaired[-4:]:
-        return None
-    return repaired[:-4]
+    content = _unstuff(frame)
+    # a zero byte beside the frame that was broken is one byte too much
+    for candidate in (content, content[:-1], _unstuff(frame[1:])):
+        if not PARITY + 4 < len(candidate) <= _LONGEST:
+            continue
+        try:
+            repaired = bytes(_codec().decode(candidate)[0])
+        except (_broken(), ZeroDivisionError):
+            continue
+        if crc32(repaired[:-4]).to_bytes(4, "little") == repaired[-4:]:
+            return repaired[:-4]
+    return None
 
 
-def _decode_broken_cobs(frame: bytes) -> bytes:
-    """Decode COBS as far as it makes sense: a broken length byte misplaces single zeros alone, which
+@cache
+def _codec() -> Any:
+    reedsolo = import_extra("reedsolo", "serial radios need reedsolo", extra="serial")
+    return reedsolo.RSCodec(PARITY)
+
+
+@cache
+def _broken() -> type[Exception]:
+    reedsolo = import_extra("reedsolo", "serial radios need reedsolo", extra="serial")
+    error: type[Exception] = reedsolo.ReedSolomonError
+    return error
+
+
+def _stuff(content: bytes) -> bytes:
+    """Return at most 254 bytes without their zeros: before each piece between zeros its length and
+    one (COBS: Cheshire and Baker 1999).
+    """
+    return b"".join(bytes([len(piece) + 1]) + piece for piece in content.split(b"\0"))
+
+
+def _unstuff(frame: bytes) -> bytes:
+    """Undo `_stuff` as far as it makes sense. A broken length misplaces single zeros alone, which
     the parity repairs.
     """
     content, at = bytearray(), 0
     while at < len(frame):
-        length = frame[at]
+        length = max(frame[at], 1)
         content += frame[at + 1 : at + length]
         at += length
-        if at < len(frame) and length < 255:
-            content.append(0)
-    return bytes(content[: len(frame) - 1])
-
-
-# Reed-Solomon codes over GF(256) with x^8 + x^4 + x^3 + x^2 + 1 and the generator roots
-# 2^0 ... 2^(k - 1) (Reed and Solomon 1960; decoded by Berlekamp-Massey, Chien and Forney).
-_EXP = [1] * 512
-for _power in range(1, 512):
-    _twice = _EXP[_power - 1] << 1
-    _EXP[_power] = _twice ^ 0x11D if _twice & 0x100 else _twice
-_LOG = [0] * 256
-for _power in range(255):
-    _LOG[_EXP[_power]] = _power
-
-
-def _times(one: int, other: int) -> int:
-    return _EXP[_LOG[one] + _LOG[other]] if one and other else 0
-
-
-def _at(polynomial: list[int], x: int) -> int:
-    """Return the value of a polynomial, with the highest power first."""
-    value = 0
-    for coefficient in polynomial:
-        value = _times(value, x) ^ coefficient
-    return value
-
-
-def reed_solomon_parity(content: bytes, parity: int) -> bytes:
-    """Return parity bytes with which half as many broken bytes can be repaired."""
-    generator = [1]
-    for root in range(parity):  # multiply by (x - 2^root)
-        generator = [
-            one ^ _times(other, _EXP[root])
-            for one, other in zip([*generator, 0], [0, *generator], strict=True)
-        ]
-    rest = [*content, *[0] * parity]
-    for number in range(len(content)):
-        factor = rest[number]
-        if factor:
-            for offset, coefficient in enumerate(generator):
-                rest[number + offset] ^= _times(coefficient, factor)
-    return bytes(rest[-parity:])
-
-
-def repair(code: bytes, parity: int) -> bytes | None:
-    """Return the content of a code word with its broken bytes repaired; None if too many are
-    broken.
-    """
-    syndromes = [_at([*code], _EXP[root]) for root in range(parity)]
-    if not any(syndromes):
-        return code[:-parity]
-    # Berlekamp-Massey: the locator with the lowest power first
-    locator, before, length, shift, last = [1], [1], 0, 1, 1
-    for number in range(parity):
-        delta = 0
-        for index in range(min(length, number, len(locator) - 1) + 1):
-            delta ^= _times(locator[index], syndromes[number - index])
-        if delta == 0:
-            shift += 1
-            continue
-        factor = _times(delta, _EXP[255 - _LOG[last]])
-        moved = [0] * shift + [_times(factor, one) for one in before]
-        size = max(len(locator), len(moved))
-        after = [
-            one ^ other
-            for one, other in zip(
-                locator + [0] * (size - len(locator)),
-                moved + [0] * (size - len(moved)),
-                strict=True,
-            )
-        ]
-        if 2 * length <= number:
-            before, length, last, shift = locator, number + 1 - length, delta, 1
-        else:
-            shift += 1
-        locator = after
-    while locator[-1] == 0:
-        locator.pop()
-    if len(locator) - 1 > parity // 2:
-        return None
-    # Chien: position p from the end is broken if the locator is 0 at 2^-p
-    places = [
-        place for place in range(len(code)) if _at(locator[::-1], _EXP[(255 - place) % 255]) == 0
-    ]
-    if len(places) != len(locator) - 1:
-        return None
-    # Forney: error = X * omega(1/X) / locator'(1/X), as the first root is 2^0
-    omega = [0] * parity
-    for one, left in enumerate(syndromes):
-        for two, right in enumerate(locator):
-            if one + two < parity:
-                omega[one + two] ^= _times(left, right)
-    slope = [value if power % 2 else 0 for power, value in enumerate(locator)][1:]
-    repaired = bytearray(code)
-    for place in places:
-        inverse = _EXP[(255 - place) % 255]
-        below = _at(slope[::-1], inverse)
-        if below == 0:
-            return None
-        error = _times(
-            _times(_EXP[place % 255], _at(omega[::-1], inverse)), _EXP[255 - _LOG[below]]
-        )
-        repaired[len(code) - 1 - place] ^= error
-    if any(_at([*repaired], _EXP[root]) for root in range(parity)):
-        return None
-    return bytes(repaired[:-parity])
+        content.append(0)
+    return bytes(content[: max(len(frame) - 1, 0)])
 
 
 def open_radio(text: str, *, give_up: float = _GIVE_UP) -> Radio:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from itertools import combinations
-from typing import Any
+from itertools import combinations, pairwise, product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ _LEFT = 3.0  # metres from its first position, from which on a rover is on its w
 _SECONDS = 1.5  # between a report and the position that belongs to it
 _EVERY = 0.25  # seconds between two positions that are compared
 _OUTSIDE = 1.0  # metres outside the region that count as rounding and wind
+_COLLISION = 2.0  # metres that vehicles keep in an emergency, across or in height
 _WAYS = 100  # ways from a launch point that are looked at
 _TOLERANCE = 1.0  # metres by which each of two heights may differ from what was told
 _LEAVES = ("leaves", "fault", "ended")
@@ -83,6 +84,9 @@ class SearchRecord:
         The nearest approach of two vehicles: "robots", "horizontal_m", "vertical_m" and "time_s".
     required_m : tuple of float
         Horizontal and vertical distance, of which two vehicles must keep one.
+    emergency : mapping or None
+        The nearest approach of two vehicles of which one climbs or descends after something went
+        wrong: it then passes the heights of others. Such vehicles must keep 2 m.
     shared : tuple of (int, int, int, float)
         Cell, two robots, and the time at which both were in it.
     outside_m : mapping of int to float
@@ -103,6 +107,7 @@ class SearchRecord:
     seconds: float
     approach: Mapping[str, Any] | None
     required_m: tuple[float, float]
+    emergency: Mapping[str, Any] | None
     shared: tuple[tuple[int, int, int, float], ...]
     outside_m: Mapping[int, float]
     breaches: Mapping[int, int]
@@ -138,6 +143,14 @@ class SearchRecord:
                 f" {near['vertical_m']:.1f} m in height, after {near['time_s']:.0f} s; expected"
                 f" {horizontal:g} m, or {vertical:g} m in height"
             )
+        near = self.emergency
+        if near is not None and near["horizontal_m"] < _COLLISION:
+            one, other = near["robots"]
+            faults.append(
+                f"robots {one} and {other} came as near as {near['horizontal_m']:.1f} m, and"
+                f" {near['vertical_m']:.1f} m in height, in an emergency after"
+                f" {near['time_s']:.0f} s"
+            )
         faults += [
             f"robot {robot} was {metres:.1f} m outside the region"
             for robot, metres in self.outside_m.items()
@@ -153,7 +166,9 @@ class SearchRecord:
 
     def report(self) -> dict[str, Any]:
         """Return the record as a mapping for JSON."""
+        horizontal, vertical = self.required_m
         return dict(vars(self)) | {
+            "required_m": [horizontal, None if math.isinf(vertical) else vertical],
             "covered_fraction": self.covered_fraction,
             "faults": self.faults,
             "shared": [list(one) for one in self.shared],
@@ -176,19 +191,20 @@ def search_record(task: RobotTask, robots: Sequence[RobotRecord]) -> SearchRecor
             if report.get("found"):
                 found.add(cell)
             found |= {*report.get("beside", ())}
-    flights = {one.robot: _flight(task, one) for one in robots}
-    flown = [flight for flight in flights.values() if flight is not None]
-    begin = min((flight[0] for flight in flown), default=0.0)
-    end = max((flight[0] + flight[1].duration for flight in flown), default=0.0)
-    rover = task.kind == "rover"
-    vertical = math.inf if rover else task.limits.vertical_m - 2 * _TOLERANCE
+    flights = {one.robot: _flights(task, one) for one in robots}
+    flown = [flight for some in flights.values() for flight in some]
+    begin = min((flight.begin for flight in flown), default=0.0)
+    end = max((flight.begin + flight.way.duration for flight in flown), default=0.0)
+    vertical = math.inf if task.kind == "rover" else task.limits.vertical_m - 2 * _TOLERANCE
+    close = math.inf if task.kind == "rover" else _COLLISION
     return SearchRecord(
         cells=len(task.cells),
         searched=len(searched),
         doubtful=tuple(doubtful),
         seconds=round(end - begin, 2),
-        approach=_nearest(flights, vertical, begin),
+        approach=_nearest(flights, vertical, begin, calm=True),
         required_m=(task.limits.horizontal_m, vertical),
+        emergency=_nearest(flights, close, begin, calm=False),
         shared=tuple(_shared_cells(robots)),
         outside_m={one.robot: _outside(task, one) for one in robots},
         breaches={one.robot: one.breaches for one in robots},
@@ -211,43 +227,61 @@ def _is_up(task: RobotTask, one: RobotRecord) -> bool:
     return task.kind != "rover" and len(one.places) > 0 and bool(one.places[-1, 2] > _ALOFT)
 
 
-def _flight(task: RobotTask, one: RobotRecord) -> tuple[float, Trajectory] | None:
-    """Return when a vehicle was first in flight, and its way from then on to the last moment."""
-    if not len(one.times):
-        return None
+class _Flight(NamedTuple):
+    """A part of a flight: when it began, the way in it, and whether all was well."""
+
+    begin: float
+    way: Trajectory
+    calm: bool
+
+
+def _flights(task: RobotTask, one: RobotRecord) -> list[_Flight]:
+    """Return the parts of a vehicle's flight. After its robot has given up or died for the first
+    time, all is well only as long as the vehicle flies at its own height.
+    """
+    if len(one.times) < 2:
+        return []
+    times = np.arange(one.times[0], one.times[-1], _EVERY)
+    at = [np.interp(times, one.times, one.places[:, axis]) for axis in range(3)]
+    points = np.stack(at, axis=1)
     if task.kind == "rover":
-        up = np.linalg.norm(one.places[:, :2] - one.places[0, :2], axis=1) > _LEFT
+        up = np.linalg.norm(points[:, :2] - points[0, :2], axis=1) > _LEFT
     else:
-        up = one.places[:, 2] > _ALOFT
-    if not up.any():
-        return None
-    first, last = np.flatnonzero(up)[[0, -1]].tolist()
-    begin = float(one.times[first])
-    times = np.arange(0.0, one.times[last] - begin + _EVERY, _EVERY)
-    at = [np.interp(begin + times, one.times, one.places[:, axis]) for axis in range(3)]
-    return begin, Trajectory(times, np.stack(at, axis=1))
+        up = points[:, 2] > _ALOFT
+    wrong = [one_["time"] for one_ in one.reports if one_["kind"] in ("fault", "ended")]
+    level = np.abs(points[:, 2] - task.height(one.robot)) <= _TOLERANCE + _ALOFT / 2
+    calm = (times < min(wrong, default=math.inf)) | level
+    state = np.where(up, 1 + calm, 0)
+    edges = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), len(state)]
+    parts = []
+    for first, last in pairwise(edges):
+        if state[first] and last - first > 1:
+            way = Trajectory(times[first:last] - times[first], points[first:last])
+            parts.append(_Flight(float(times[first]), way, bool(state[first] == 2)))
+    return parts
 
 
 def _nearest(
-    flights: Mapping[int, tuple[float, Trajectory] | None], vertical: float, begin: float
+    flights: Mapping[int, Sequence[_Flight]], vertical: float, begin: float, *, calm: bool
 ) -> dict[str, Any] | None:
-    """Return the nearest approach of two vehicles that are both in flight."""
+    """Return the nearest approach of two vehicles that are both in flight: while all is well with
+    both, or while it is not.
+    """
     best: dict[str, Any] | None = None
     for one, other in combinations(sorted(flights), 2):
-        mine, theirs = flights[one], flights[other]
-        if mine is None or theirs is None:
-            continue
-        later = theirs[0] - mine[0]
-        if not -theirs[1].duration <= later <= mine[1].duration:
-            continue
-        met = nearest_approach(mine[1], theirs[1], vertical=vertical, later=later)
-        if met is not None and (best is None or met.horizontal < best["horizontal_m"]):
-            best = {
-                "robots": [one, other],
-                "horizontal_m": round(met.horizontal, 2),
-                "vertical_m": round(met.vertical, 2),
-                "time_s": round(mine[0] - begin + met.times[0], 1),
-            }
+        for mine, theirs in product(flights[one], flights[other]):
+            later = theirs.begin - mine.begin
+            together = -theirs.way.duration <= later <= mine.way.duration
+            if (mine.calm and theirs.calm) != calm or not together:
+                continue
+            met = nearest_approach(mine.way, theirs.way, vertical=vertical, later=later)
+            if met is not None and (best is None or met.horizontal < best["horizontal_m"]):
+                best = {
+                    "robots": [one, other],
+                    "horizontal_m": round(met.horizontal, 2),
+                    "vertical_m": round(met.vertical, 2),
+                    "time_s": round(mine.begin - begin + met.times[0], 1),
+                }
     return best
 
 

@@ -33,13 +33,12 @@ from shoal.robots.mavlink import (
 )
 from shoal.robots.mission_protocol import (
     FENCE,
-    FENCE_CIRCLES,
-    FENCE_CORNERS,
     MISSION,
     MISSION_TYPES,
     RALLY,
     UNSET,
     MissionItem,
+    fence_areas,
 )
 from shoal.search.regions.projection import LocalFrame
 
@@ -821,29 +820,11 @@ class SimulatedVehicle:
         from shapely import Point
 
         if self._fence_areas is None:
-            self._fence_areas = self._areas()
+            self._fence_areas = fence_areas(
+                self.stored[FENCE], lambda *place: self._local(*place, 0.0)[:2]
+            )
         place = Point(self.position[:2])
         return all(area.covers(place) == inside for area, inside in self._fence_areas)
-
-    def _areas(self) -> list[tuple[Any, bool]]:
-        """Return the polygons of the fence in metres, and whether the vehicle must be inside."""
-        from shapely import Point, Polygon, union_all
-
-        inside: list[Any] = []
-        outside: list[Any] = []
-        corners: list[MissionItem] = []
-        for item in self.stored[FENCE]:
-            if item.command in FENCE_CIRCLES:
-                middle = self._local(item.y / 1e7, item.x / 1e7, 0.0)[:2]
-                circle = Point(middle).buffer(item.params[0])
-                (inside if item.command == FENCE_CIRCLES[0] else outside).append(circle)
-                continue
-            corners.append(item)
-            if len(corners) == item.params[0]:
-                ring = [self._local(one.y / 1e7, one.x / 1e7, 0.0)[:2] for one in corners]
-                (inside if item.command == FENCE_CORNERS[0] else outside).append(Polygon(ring))
-                corners = []
-        return [(union_all(inside), True)] * bool(inside) + [(one, False) for one in outside]
 
     # -- telemetry ------------------------------------------------------------------------------
 

@@ -368,6 +368,26 @@ def test_a_restarted_companion_takes_over_what_still_flies_and_lets_land_what_re
     assert robot.step_until(lambda arrived: arrived)
 
 
+@BOTH
+def test_who_cannot_take_off_gives_up_so_that_others_do_not_wait(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.autopilot.refuses_to_arm = "compass"
+    robot.go_to(1)
+    assert robot.step_until(lambda _arrived: robot.vehicle.fault, 200)
+    assert robot.vehicle.fault.startswith("take-off: not in the air after 120 s; the vehicle says")
+    assert "compass" in robot.vehicle.fault
+    robot.vehicle.secure()
+    assert robot.vehicle.rest(10)
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.autopilot.lost_position = True
+    robot.go_to(1)
+    assert robot.step_until(lambda _arrived: robot.vehicle.fault, 20)
+    assert robot.vehicle.fault.startswith("position: none for")
+    assert robot.vehicle.rest(10)
+
+
 def test_heights_and_turns_keep_robots_apart(task):
     first, second = Robot(task, number=1), Robot(task, number=2)
     for robot in (first, second):
