@@ -87,6 +87,8 @@ class Companion:
         Share of the messages that the robot discards, for rehearsals.
     speed_up : float
         Number of seconds that pass in a second, for rehearsals.
+    clock : callable, optional
+        Function that returns the time in seconds, as the journal counts, if it passes unevenly.
     """
 
     def __init__(
@@ -99,9 +101,11 @@ class Companion:
         *,
         loss: float = 0.0,
         speed_up: float = 1.0,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         live = task.live(number, loss=loss)
         live = replace(live, speed=live.speed * speed_up)
+        self._clock = clock
         self.task, self.vehicle, self._journal = task, vehicle, journal
         robot = journal.replay(live.robot(number))
         start = tuple(float(x) for x in robot.brief.tour_cost.points[robot.start])
@@ -123,6 +127,8 @@ class Companion:
 
     def _now(self, speed: float) -> float:
         """Return the time in cells since the robot was first switched on, as its journal counts."""
+        if self._clock is not None:
+            return (self._clock() - self._journal.epoch) * self.task.speed
         return (time.time() - self._journal.epoch) * speed
 
     def _record(self, event: Event) -> None:

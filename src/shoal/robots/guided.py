@@ -334,6 +334,8 @@ class GuidedVehicle:
             self._say_once("returns before it searches on")
         self._allowed = self._corners(leg)
         self._way = _shortened(self._here(), self._allowed, self.size)
+        if self._way and math.dist(self._here()[:2], self._way[-1][:2]) <= self.near:
+            self._way = []  # it stands one cell before the end, as near as it comes
 
     def _corners(self, leg: Leg) -> list[NDArray[np.float64]]:
         cells, here = self.task.cells, self._here()

@@ -45,11 +45,13 @@ class Journal:
         Identifier of the search.
     number : int
         Number of the robot.
+    epoch : float, optional
+        Time at which the robot is first switched on. By default, the time of day.
 
     Attributes
     ----------
     epoch : float
-        Time of day in seconds at which the robot was first switched on.
+        Time in seconds at which the robot was first switched on.
     events : list of Event
         The events that were in the file when it was opened.
     reports : list of dict
@@ -61,8 +63,8 @@ class Journal:
         If the file belongs to another search or robot, or is broken before its last line.
     """
 
-    def __init__(self, path: Path, search: str, number: int) -> None:
-        self.path, self.epoch = path, time.time()
+    def __init__(self, path: Path, search: str, number: int, *, epoch: float | None = None) -> None:
+        self.path, self.epoch = path, time.time() if epoch is None else epoch
         self.events: list[Event] = []
         self.reports: list[dict[str, Any]] = []
         head = {"search": search, "robot": number}
@@ -147,7 +149,7 @@ def _event_to(event: Event) -> dict[str, Any]:
             "sender": event.beacon.sender,
             "beacon": body,
         }
-    values = {name: getattr(event, name) for name in event.__slots__}  # type: ignore[union-attr]
+    values = {name: getattr(event, name) for name in event.__slots__}
     return {"event": type(event).__name__, **values}
 
 

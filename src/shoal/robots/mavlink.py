@@ -41,6 +41,7 @@ here, such as 0 (generic), is no vehicle or does not say what it is.
 """
 _WARNING = 4  # MAV_SEVERITY: smaller numbers are worse
 _DATAGRAM = 65535
+_POLL = 0.02  # seconds between two looks at an uneven clock
 _MOST_WAITING = 4096  # messages that nobody has asked for
 
 Address = Any
@@ -137,20 +138,25 @@ class FastLink:
     link : VehicleLink
     speed_up : float
         Number of seconds that pass on this link in a second.
+    clock : callable, optional
+        Function that returns the time in seconds, if it passes unevenly.
     """
 
-    def __init__(self, link: VehicleLink, speed_up: float) -> None:
-        self._link, self._speed_up = link, speed_up
+    def __init__(
+        self, link: VehicleLink, speed_up: float, clock: Callable[[], float] | None = None
+    ) -> None:
+        self._link, self._speed_up, self._clock = link, speed_up, clock
         self.name, self.at_once = link.name, link.at_once
         self.send, self.close = link.send, link.close
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return what came within ``timeout`` fast seconds."""
-        return self._link.receive(timeout / self._speed_up)
+        """Return what came within ``timeout`` fast seconds, or less if their clock is uneven."""
+        seconds = timeout / self._speed_up
+        return self._link.receive(seconds if self._clock is None else min(seconds, _POLL))
 
     def now(self) -> float:
         """Return the fast time in seconds."""
-        return self._link.now() * self._speed_up
+        return self._link.now() * self._speed_up if self._clock is None else self._clock()
 
 
 class StreamLink:

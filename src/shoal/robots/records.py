@@ -298,9 +298,9 @@ def _shared_cells(robots: Sequence[RobotRecord]) -> list[tuple[int, int, int, fl
                 inside = int(report["cell"]), report["time"]
     shared = []
     for cell, some in sorted(stays.items()):
-        for (begin, end, one), (start, stop, other) in combinations(sorted(some), 2):
-            if one != other and start < end and begin < stop:
-                shared.append((cell, one, other, round(start, 1)))
+        for (begin, end, first), (start, stop, other) in combinations(sorted(some), 2):
+            if first != other and start < end and begin < stop:
+                shared.append((cell, first, other, round(start, 1)))
     return shared
 
 

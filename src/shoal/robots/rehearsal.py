@@ -27,6 +27,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.robots.clock import SharedClock
 from shoal.robots.mavlink import AUTOPILOTS, Station, open_link
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, MissionItem
 from shoal.robots.onboard import Seat, pair, read_cargos
@@ -42,8 +43,12 @@ _LOOK = 0.25  # seconds between two looks at the robots
 _LANDING = 300.0  # simulated seconds within which vehicles are down when all programs have ended
 _SLACK = 300.0, 6.0  # time limit: simulated seconds, and times what the plan takes
 _ENDLESS = 24 * 3600.0  # seconds that the battery of a vehicle without endurance lasts
-_ACCELERATION = 2.0  # m/s²
-_LATE = 1.0  # simulated seconds by which the rehearsal may be late
+_SPEED, _ACCELERATION = 5.0, 2.0  # m/s and m/s² of a vehicle that does not say its own
+_CLOCK = "clock"  # file of the simulated time
+_MOST_AT_ONCE = 0.1  # simulated seconds by which time goes on at once
+_BEHIND = 1.5  # simulated seconds without a sign of a robot's program, in which time waits for it
+_PATIENCE = 3.0  # seconds for which time waits
+_LATE = 3.0  # simulated seconds without a sign of a program that goes on
 _NUMBERS = {name.lower(): number for number, name in AUTOPILOTS.items()}
 _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -86,7 +91,8 @@ class Rehearsed:
     wall_s : float
         Duration in real seconds.
     late_s : float
-        Largest delay of the simulated autopilots in simulated seconds.
+        Largest time without a sign of a robot's program that went on, in simulated seconds, beyond
+        what the rehearsal has waited for.
     timed_out : bool
     stranger : mapping of str to int
         Numbers of packets that a stranger has sent.
@@ -105,6 +111,11 @@ class Rehearsed:
     crowded: list[str]
 
     @property
+    def late(self) -> bool:
+        """Whether this computer was too slow for the rehearsal to tell anything."""
+        return self.late_s > _LATE
+
+    @property
     def faults(self) -> list[str]:
         """What was not as it should be, a sentence each."""
         faults = [*self.record.faults, *self.crowded]
@@ -116,7 +127,7 @@ class Rehearsed:
         ]
         if self.timed_out:
             faults.append("the search did not end in time")
-        if self.late_s > _LATE:
+        if self.late:
             faults.append(
                 f"this computer was {self.late_s:.1f} s late: rehearse again with a smaller"
                 " --speed-up"
@@ -143,6 +154,7 @@ class _Robot:
     reports: list[dict[str, Any]] = field(default_factory=list)
     epoch: float = 0.0
     offset: int = 0
+    heard: float | None = None  # when its program last spoke to its autopilot
     exit: int | None = None
 
 
@@ -208,7 +220,7 @@ class Rehearsal:
                 kind=task.kind,
                 autopilot=self.autopilot,
                 home=tuple(homes[number - 1].tolist()),
-                speed=about.cruise_speed,
+                speed=about.cruise_speed or _SPEED,
                 acceleration=about.acceleration or _ACCELERATION,
                 battery=_ENDLESS if about.endurance is None else 60 * about.endurance,
                 parameters=told | self.parameters,
@@ -314,6 +326,8 @@ class Rehearsal:
             str(self.loss),
             "--speed-up",
             str(self.speed_up),
+            "--clock",
+            str(state / _CLOCK),
         ]
 
 
@@ -343,19 +357,19 @@ class _Run:
             command = rehearsal.command(number, f"udpin:{_address(number)}:{port}", home)
             journal, output = home / f"robot-{number:02}.journal", home / f"robot-{number:02}.txt"
             self.robots[number] = _Robot(number, vehicle, link, command, journal, output)
-        self.begin, self.wall = time.monotonic(), time.time()
-        self.late, self.timed_out, self._ended_at = 0.0, False, None
+        self.begin, self.now = time.monotonic(), 0.0
+        self.clock = SharedClock.create(home / _CLOCK)
+        stack.callback(self.clock.close)
+        self._held_since: float | None = None
+        self.late, self.timed_out = 0.0, False
+        self._ended_at: float | None = None
         self.stranger: Stranger | None = None
         stack.callback(self._end)
         for robot in self.robots.values():
             self._start(robot)
 
-    @property
-    def now(self) -> float:
-        """Simulated seconds since the beginning."""
-        return (time.monotonic() - self.begin) * self.rehearsal.speed_up
-
     def _start(self, robot: _Robot) -> None:
+        robot.heard = None
         package = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
         with robot.output.open("ab") as output:
@@ -382,31 +396,55 @@ class _Run:
         on_event: Callable[[str], None],
     ) -> None:
         """Let the autopilots live, and look at the robots, until all have landed."""
-        factor, last, look = self.rehearsal.speed_up, 0.0, 0.0
+        factor, last, look = self.rehearsal.speed_up, time.monotonic(), 0.0
         plan = self.task.plan
         limit = _SLACK[0] + _SLACK[1] * plan.cell_seconds * len(self.task.cells)
         while True:
-            now = self.now
-            if any(robot.vehicle.armed for robot in self.robots.values()):
-                self.late = max(self.late, now - last - _STEP)
-            last = now
+            moment = time.monotonic()
+            if self._may_go_on(moment):
+                self.now += min((moment - last) * factor, _MOST_AT_ONCE)
+                self.clock.set(self.now)
+            last = moment
             for robot in self.robots.values():
                 for data, _ in robot.link.receive(0.0):
-                    robot.vehicle.take(data, now)
-                for data in robot.vehicle.step(now):
+                    robot.vehicle.take(data, self.now)
+                    robot.heard = self.now
+                for data in robot.vehicle.step(self.now):
                     robot.link.send(data)
-            if time.monotonic() >= look:
-                look = time.monotonic() + _LOOK
+            if moment >= look:
+                look = moment + _LOOK
                 self._look(on_event)
                 if self.stranger is not None:
                     self.stranger.speak()
-                on_progress(self.fraction, now)
-                if self._has_ended(now):
+                on_progress(self.fraction, self.now)
+                if self._has_ended(self.now):
                     return
-                if now > limit:
+                if self.now > limit:
                     self.timed_out = True
                     return
-            time.sleep(max(0.0, _STEP / factor - (self.now - now) / factor))
+            time.sleep(max(0.0, _STEP / factor - (time.monotonic() - moment)))
+
+    def _may_go_on(self, moment: float) -> bool:
+        """Return whether time may pass: not while a robot's program is behind, which speaks to its
+        autopilot at least once a second. A program that is silent for long is taken as it is.
+        """
+        behind = max((self._lag(robot) for robot in self.robots.values()), default=0.0)
+        if behind <= _BEHIND:
+            self._held_since = None
+            return True
+        if self._held_since is None:
+            self._held_since = moment
+        if moment - self._held_since < _PATIENCE:
+            return False
+        self.late = max(self.late, behind)
+        return True
+
+    def _lag(self, robot: _Robot) -> float:
+        """Return the simulated seconds for which nothing has come from a program that goes on."""
+        gave_up = any(report["kind"] == "fault" for report in robot.reports)
+        if robot.process is None or robot.heard is None or gave_up:
+            return 0.0
+        return self.now - robot.heard
 
     @property
     def fraction(self) -> float:
@@ -481,7 +519,7 @@ class _Run:
 
     def _seconds(self, robot: _Robot, time_: float) -> float:
         """Return the simulated seconds of a robot's time, which counts cells since its start."""
-        return (robot.epoch - self.wall) * self.rehearsal.speed_up + time_ / self.task.speed
+        return robot.epoch + time_ / self.task.speed
 
     def _has_ended(self, now: float) -> bool:
         """Whether all programs have ended, and all vehicles are down or will never be."""

@@ -127,11 +127,17 @@ class RadioSensor:
             for number in others
             if number in robot.peers
         }
-        claimants = [number for number, claims in claim.items() if claims]
         stuck = now - self._since > _STUCK * robot.brief.beat
-        if stuck and claimants and all(self._is_after(number, robot, cell) for number in claimants):
-            return all(self._let_go.get(number) != cell for number in claimants)
-        return all(self._lets(robot, number, claim.get(number), cell) for number in others)
+        return all(
+            self._lets(robot, number, claim.get(number), cell)
+            or (
+                stuck
+                and claim.get(number) is True
+                and self._let_go.get(number) != cell
+                and self._is_after(number, robot, cell)
+            )
+            for number in others
+        )
 
     def _is_after(self, number: int, robot: Robot, cell: int) -> bool:
         """Return whether another robot comes after this one where robots wait for each other: the

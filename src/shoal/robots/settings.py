@@ -88,7 +88,7 @@ def _px4(kind: str, height: float) -> list[Setting]:
             "0 to 10",
             "seconds without set-points",
             _between(0, 10),
-            2.0,
+            5.0,
         ),
         Setting(
             "failsafe",

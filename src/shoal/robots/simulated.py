@@ -670,7 +670,8 @@ class SimulatedVehicle:
             if ends is not None and np.linalg.norm(target - self.position) < ends:
                 self._reach()
             self.charge = max(0.0, self.charge - _STEP / self.battery)
-            self.track.append((self._moved_at, *self.position.tolist(), self.mode == modes.GUIDED))
+            x, y, up = self.position.tolist()
+            self.track.append((self._moved_at, x, y, up, self.mode == modes.GUIDED))
 
     def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""
@@ -821,7 +822,7 @@ class SimulatedVehicle:
 
         if self._fence_areas is None:
             self._fence_areas = fence_areas(
-                self.stored[FENCE], lambda *place: self._local(*place, 0.0)[:2]
+                self.stored[FENCE], lambda x, y: self._local(x, y, 0.0)[:2]
             )
         place = Point(self.position[:2])
         return all(area.covers(place) == inside for area, inside in self._fence_areas)

@@ -48,7 +48,7 @@ _SIMULATED = ("faults", "crashes", "targets", "obstacles", "loss", "network", "l
 
 
 @dataclass(frozen=True)
-class Limits:
+class RobotLimits:
     """What ends a robot's part of the search.
 
     Parameters
@@ -93,7 +93,7 @@ class RobotTask:
     plan : SearchPlan
     scenario : Scenario
         The brief of the robots, their starts, speeds and footprints.
-    limits : Limits
+    limits : RobotLimits
     loss : float
         Share of messages that a rehearsal loses.
     key : bytes
@@ -104,7 +104,7 @@ class RobotTask:
     search: str
     plan: SearchPlan
     scenario: Scenario
-    limits: Limits
+    limits: RobotLimits
     loss: float
     key: bytes
 
@@ -159,7 +159,7 @@ class RobotTask:
 
 
 def write_task(
-    episode: SearchEpisode, folder: str | os.PathLike[str], limits: Limits | None = None
+    episode: SearchEpisode, folder: str | os.PathLike[str], limits: RobotLimits | None = None
 ) -> list[Path]:
     """Write the task of a planned search and its key into a folder, and return their paths.
 
@@ -188,7 +188,7 @@ def write_task(
         **({"starts": tuple(map(tuple, plan.places.tolist()))} if contained.launch is None else {}),
     )
     problem = _plannable(problem, contained, plan, episode.seed)
-    limits = limits or Limits()
+    limits = limits or RobotLimits()
     body = {
         "format": FORMAT,
         "search": secrets.token_hex(8),
@@ -318,7 +318,7 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
         helping=True,
     )
     key = hmac.digest(secret, f"messages {signature}".encode(), "sha256")
-    limits = Limits(**body["limits"])
+    limits = RobotLimits(**body["limits"])
     return RobotTask(
         source, body["search"], plan, replace(scenario, brief=brief), limits, body["loss"], key
     )

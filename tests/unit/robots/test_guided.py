@@ -15,7 +15,7 @@ from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station,
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, RALLY, MissionItem
 from shoal.robots.settings import safe_parameters
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
-from shoal.robots.tasks import Limits, read_task, write_task
+from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
@@ -31,7 +31,7 @@ def task(tmp_path_factory):
     problem = SearchProblem(
         region="rectangle:60x40", robots=2, footprint=20, vehicle="multirotor,altitude=30"
     )
-    write_task(run(problem, seed=1), folder, Limits(apart_s=4.0))
+    write_task(run(problem, seed=1), folder, RobotLimits(apart_s=4.0))
     return read_task(folder)
 
 
@@ -353,7 +353,7 @@ def test_a_restarted_companion_takes_over_what_still_flies_and_lets_land_what_re
     robot.fly_to(len(task.cells) - 1)
     again = GuidedVehicle(robot.station, task, 1, arm=True)
     robot.vehicle = again
-    if autopilot == "ardupilot":  # within the 5 s of its watchdog; PX4 returns after 2 s
+    if autopilot == "ardupilot":  # within the 5 s of its watchdog; PX4 returns, too, after 5 s
         assert again.prepare() == []
         assert again.phase == FLIGHT
         robot.fly_to(0)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("pymavlink")
 
 from shoal.robots.records import RobotRecord, search_record
-from shoal.robots.tasks import Limits, read_task, write_task
+from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 
@@ -23,7 +23,7 @@ def task(tmp_path_factory):
     problem = SearchProblem(
         region="rectangle:60x40", robots=2, footprint=20, vehicle="multirotor,altitude=30"
     )
-    write_task(run(problem, seed=1), folder, Limits())
+    write_task(run(problem, seed=1), folder, RobotLimits())
     return read_task(folder)
 
 

@@ -10,6 +10,7 @@ from math import inf
 
 import pytest
 
+from shoal.robots import right_of_way
 from shoal.robots.right_of_way import RadioSensor
 from shoal.search import TourCost, make_tour
 from shoal.search.protocol.robot import Brief, advance
@@ -169,8 +170,9 @@ def run_field(seed, **about):
     return field
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.3, 0.6])
-def test_no_two_robots_are_in_one_cell_and_all_is_searched(loss):
+@pytest.mark.parametrize(("loss", "stuck"), [(0.0, 30), (0.3, 30), (0.6, 30), (0.3, 4)])
+def test_no_two_robots_are_in_one_cell_and_all_is_searched(loss, stuck, monkeypatch):
+    monkeypatch.setattr(right_of_way, "_STUCK", stuck)  # as with long ways
     for seed in range(12):
         field = run_field(seed, loss=loss)
         assert field.shared == [], (seed, field.shared)

@@ -14,7 +14,7 @@ import pytest
 from shoal import InvalidInputError
 from shoal.robots.companion import Companion, journal_path
 from shoal.robots.journal import Journal
-from shoal.robots.tasks import KEY, TASK, Limits, read_task, write_task
+from shoal.robots.tasks import KEY, TASK, RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 
@@ -56,7 +56,7 @@ class Silence:
 def test_a_task_says_the_plan_and_its_key_is_private(folder):
     task = read_task(folder)
     assert len(task.cells) == 12
-    assert task.limits == Limits()
+    assert task.limits == RobotLimits()
     assert stat.S_IMODE((folder / KEY).stat().st_mode) == 0o600
     assert (folder / KEY).read_text().strip() not in (folder / TASK).read_text()
     assert read_task(folder / TASK).key == task.key

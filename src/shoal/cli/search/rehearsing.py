@@ -10,6 +10,7 @@ import typer
 
 from shoal.cli.options import Json, UnusedSeed
 from shoal.cli.output import check_folder, print_json, print_table, progress, say
+from shoal.core.checks import check_number
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 
@@ -20,6 +21,7 @@ REHEARSE_EXAMPLE = "Example: shoal rehearse field --autopilot ardupilot"
 
 _STATES = "rehearsal"  # folder of the robots' states and outputs
 _FASTEST, _PER_CORE = 10.0, 18.0  # simulated seconds in a second, and times robots for each core
+_SLOWEST, _LIMIT = 0.1, 20.0
 _DEAD_AT = 0.3  # fraction of the cells that are searched when a program is killed
 
 
@@ -40,8 +42,6 @@ def rehearse(
         typer.Option(
             "--loss",
             help="Share of the messages that each radio loses. Default: that of the search.",
-            min=0,
-            max=1,
         ),
     ] = None,
     without: Annotated[
@@ -49,7 +49,6 @@ def rehearse(
         typer.Option(
             "--without",
             help="Robot whose program is killed in the second run. Default: the middle one.",
-            min=1,
         ),
     ] = None,
     speed_up: Annotated[
@@ -58,10 +57,9 @@ def rehearse(
             "--speed-up",
             help=(
                 "Number of simulated seconds in a second. The rehearsal fails if this computer is"
-                " too slow for it. Default: at most 10, and less for more robots than cores."
+                " too slow for it. Default: at most 10, and less for many robots or if this"
+                " computer is too slow."
             ),
-            min=0.1,
-            max=20,
         ),
     ] = None,
     out: Annotated[
@@ -87,7 +85,12 @@ def rehearse(
     from shoal.robots.rehearsal import Happening, Rehearsal
     from shoal.robots.tasks import read_task
 
+    if loss is not None:
+        check_number(loss, what="loss", least=0, most=1)
+    if speed_up is not None:
+        check_number(speed_up, what="speed-up", least=_SLOWEST, most=_LIMIT)
     task = read_task(folder)
+    own_speed = speed_up is None
     if speed_up is None:
         most = _PER_CORE * (os.cpu_count() or 1) / len(task.scenario.starts)
         speed_up = min(_FASTEST, max(1.0, most))
@@ -96,12 +99,22 @@ def rehearse(
     rehearsal = Rehearsal(task, home / _STATES, loss=loss, speed_up=speed_up, autopilot=autopilot)
     count = len(rehearsal.numbers)
     dead = (count + 1) // 2 if without is None else without
-    if dead > count:
+    if not 1 <= dead <= count:
         raise InvalidInputError(f"without: expected a robot from 1 to {count}, got {dead}")
     plans: list[tuple[str, list[Happening]]] = [("all robots", [])]
     if count > 1:
         plans.append((f"without robot {dead}", [Happening(_DEAD_AT, "kill", dead)]))
-    runs = [_run(rehearsal, name, some, shown=not json_) for name, some in plans]
+    runs = []
+    for name, some in plans:
+        result = _run(rehearsal, name, some, shown=not json_)
+        while result.late and own_speed and rehearsal.speed_up > 1:
+            rehearsal.speed_up = max(1.0, rehearsal.speed_up / 2)
+            say(
+                f"this computer was {result.late_s:.1f} s late: again with --speed-up"
+                f" {rehearsal.speed_up:g}"
+            )
+            result = _run(rehearsal, name, some, shown=not json_)
+        runs.append(result)
     written = write_checklist(rehearsal, runs, home)
     if json_:
         print_json(report_of(rehearsal, runs))

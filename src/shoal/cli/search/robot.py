@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -23,6 +23,13 @@ ROBOT_EXAMPLE = (
     "Example: shoal robot field --id 1 --radio udp:192.168.1.11:9000,192.168.1.12:9000"
     " --vehicle mavlink:serial:/dev/ttyAMA0@921600 --arm"
 )
+
+
+class _Pace(NamedTuple):
+    """How fast time passes: the number of seconds in a second, and a clock if it is uneven."""
+
+    speed_up: float
+    clock: Callable[[], float] | None
 
 
 def robot(
@@ -111,16 +118,16 @@ def robot(
     ] = None,
     loss: Annotated[
         float,
-        typer.Option(
-            "--loss", help="Share of the messages to discard, for rehearsals.", min=0, max=1
-        ),
+        typer.Option("--loss", help="Share of the messages to discard, for rehearsals."),
     ] = 0.0,
     speed_up: Annotated[
         float,
-        typer.Option(
-            "--speed-up", help="Seconds that pass in a second, for rehearsals.", min=0.1, max=20
-        ),
+        typer.Option("--speed-up", help="Seconds that pass in a second, for rehearsals."),
     ] = 1.0,
+    clock: Annotated[
+        Path | None,
+        typer.Option("--clock", metavar="FILE", help="Clock of a rehearsal (shoal rehearse)."),
+    ] = None,
     seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
@@ -131,9 +138,12 @@ def robot(
     and the return settings of the autopilot. After Ctrl-C, the vehicle returns. The exit code is 0
     if the search is complete and the vehicle has landed.
     """
+    from shoal.robots.clock import SharedClock
     from shoal.robots.radios import open_radio
     from shoal.robots.tasks import read_task
 
+    check_number(loss, what="loss", least=0, most=1)
+    check_number(speed_up, what="speed-up", least=0.1, most=20)
     read = read_task(task)
     if watch:
         _watch(read, radio, seconds=seconds, out=out, json_=json_)
@@ -149,8 +159,9 @@ def robot(
         stack.enter_context(patient())
         waves = open_radio(radio, give_up=read.limits.radio_s)
         stack.callback(waves.close)
+        pace = _Pace(speed_up, None if clock is None else SharedClock(clock).now)
         guided = stack.enter_context(
-            _vehicle(read, number, vehicle, system, accept or [], arm=arm, speed_up=speed_up)
+            _vehicle(read, number, vehicle, system, accept or [], arm=arm, pace=pace)
         )
         if guided is not None and (faults := guided.prepare()):
             for fault in faults:
@@ -159,7 +170,7 @@ def robot(
         if check:
             _print({"robot": number, "ready": True}, json_=json_)
             return
-        _search(stack, read, number, waves, guided, home, loss, speed_up, json_=json_)
+        _search(stack, read, number, waves, guided, home, loss, pace, json_=json_)
 
 
 def _search(
@@ -170,18 +181,21 @@ def _search(
     guided: GuidedVehicle | None,
     home: Path,
     loss: float,
-    speed_up: float,
+    pace: _Pace,
     *,
     json_: bool,
 ) -> None:
     from shoal.robots.companion import Companion, journal_path
     from shoal.robots.journal import Journal
 
-    journal = Journal(journal_path(home, number), task.search, number)
+    epoch = None if pace.clock is None else pace.clock()
+    journal = Journal(journal_path(home, number), task.search, number, epoch=epoch)
     stack.callback(journal.close)
     if journal.events:
         say(f"robot {number}: goes on after {len(journal.events)} events")
-    companion = Companion(task, number, waves, journal, guided, loss=loss, speed_up=speed_up)
+    companion = Companion(
+        task, number, waves, journal, guided, loss=loss, speed_up=pace.speed_up, clock=pace.clock
+    )
     result = companion.run(lambda text: say(f"robot {number}: {text}"))
     _print(result.report(), json_=json_)
     if not result.complete or not result.landed:
@@ -197,7 +211,7 @@ def _vehicle(
     accepted: list[str],
     *,
     arm: bool,
-    speed_up: float,
+    pace: _Pace,
 ) -> Iterator[GuidedVehicle | None]:
     """Open the vehicle that a text names; None stands for a moving point."""
     from shoal.robots.guided import GuidedVehicle
@@ -216,7 +230,7 @@ def _vehicle(
         return
     if kind != "mavlink":
         raise InvalidInputError(f"vehicle: expected mavlink:LINK or simulated:, got {text!r}")
-    with Station(FastLink(open_link(link), speed_up)) as station:
+    with Station(FastLink(open_link(link), *pace)) as station:
         yield GuidedVehicle(
             station,
             task,
