@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
+from math import ceil, inf
 from operator import or_
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,16 @@ from shoal.robots.guided import GuidedVehicle
 from shoal.robots.journal import Journal
 from shoal.robots.right_of_way import RadioSensor
 from shoal.robots.tasks import RobotTask
+from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Sender
+from shoal.search.protocol.robot import RELAYED
 from shoal.search.protocol.state import Event
 from shoal.search.simulation.live.agent import Agent
 from shoal.search.simulation.live.ports import Radio
 from shoal.search.simulation.live.vehicle import PointVehicle
+from shoal.search.simulation.scenario import Scenario
 
 _TOLD = 10.0  # seconds between two lines that tell the operator how the robot is
+_HELLO_BEATS = 4  # time of listening: the eight first beacons say half as much
 _LANDING = 300.0  # seconds after a robot's turn within which its vehicle must be down
 
 
@@ -76,6 +81,35 @@ def journal_path(folder: Path, number: int) -> Path:
     return folder / f"robot-{number:02}.journal"
 
 
+def beacon_bytes(scenario: Scenario, most: int) -> int:
+    """Return the number of bytes, in messages of at most ``most`` bytes each, of a robot's beacon
+    in the middle of a search.
+    """
+    robots = len(scenario.starts)
+    heartbeats = [
+        Heartbeat(number, 1000, start, rate, "searching", width=width, place=start, lag=10.0)
+        for number, (start, rate, width) in enumerate(
+            zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1
+        )
+    ]
+    told = heartbeats[: 1 + max(RELAYED, ceil((robots - 1) / 4))]
+    searched = tuple((one.robot, 0b11 << one.start) for one in heartbeats)
+    sender = Sender(1, b"a key", most)
+    return len(sender.messages(Beacon(1, tuple(told), searched), 0)) * most
+
+
+def _in_time_for(scenario: Scenario, radio: Radio, speed: float) -> Scenario:
+    """Return a scenario whose robots send no more than the radio can. All robots of a search have
+    the same kind of radio.
+    """
+    if radio.rate == inf:
+        return scenario
+    most = min(scenario.packet or LONGEST, radio.most)
+    brief, beat = scenario.brief, beacon_bytes(scenario, most) / radio.rate * speed
+    hello = max(brief.hello, _HELLO_BEATS * beat)
+    return replace(scenario, brief=replace(brief, beat=max(brief.beat, beat), hello=hello))
+
+
 class Companion:
     """A robot that searches.
 
@@ -111,6 +145,7 @@ class Companion:
     ) -> None:
         live = task.live(number, loss=loss)
         live = replace(live, speed=live.speed * speed_up)
+        live = replace(live, scenario=_in_time_for(live.scenario, radio, live.speed))
         self._clock = clock
         self.task, self.vehicle, self._journal = task, vehicle, journal
         # The computer's time of day may jump when it finds the right one. It counts once, at the
@@ -185,6 +220,9 @@ class Companion:
         Ctrl-C, bring it home at once.
         """
         complete, self._say = False, say
+        if self.agent.robot.brief.beat > self.task.scenario.brief.beat:
+            seconds = self.agent.robot.brief.beat / self.task.speed
+            say(f"a beacon every {seconds:.3g} s, because the radio can send no more")
         try:
             complete = self.agent.run()
         except KeyboardInterrupt:

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from contextlib import ExitStack
 from functools import cache
+from math import inf
 from typing import Any
 from zlib import crc32
 
@@ -49,6 +50,7 @@ class UdpRadio:
     """
 
     most = LARGEST
+    rate = inf
 
     def __init__(
         self, host: str, port: int, others: list[tuple[str, int]], *, give_up: float = _GIVE_UP
@@ -196,7 +198,8 @@ class SerialRadio:
             raise InvalidInputError(
                 f"radio: expected a serial line that opens, got {device}: {error}"
             ) from None
-        self._rate, self._duty = baud / 10, duty  # bytes a second with start and stop bits
+        self._line_rate = duty * baud / 10  # bytes a second with start and stop bits
+        self.rate = self._line_rate * SHORTEST / LONGEST_FRAME
         self._waiting: deque[bytes] = deque()
         self._credit, self._counted_at = 0.0, time.monotonic()
         self._sent_at = self._counted_at
@@ -209,20 +212,20 @@ class SerialRadio:
         return int(self._port.fileno())
 
     def broadcast(self, message: bytes) -> int:
-        """Send a message as soon as the duty cycle allows. Return 1 if too many others wait
-        already, and 0 otherwise.
+        """Send a message as soon as the duty cycle allows. Return 1 if an older message is given up
+        for it, because too many wait, and 0 otherwise.
         """
-        given_up = len(self._waiting) >= _QUEUE
-        if given_up:
+        self._waiting.append(message)
+        given_up = len(self._waiting) > _QUEUE
+        if given_up:  # the oldest, whose news later messages repeat
+            self._waiting.popleft()
             self.overdue += 1
-        else:
-            self._waiting.append(message)
         self._send_due()
         return int(given_up)
 
     def _send_due(self) -> None:
         now = time.monotonic()
-        earned = (now - self._counted_at) * self._rate * self._duty
+        earned = (now - self._counted_at) * self._line_rate
         self._credit = min(self._credit + earned, _QUEUE * LONGEST_FRAME)
         self._counted_at = now
         while self._frame or (self._waiting and self._credit >= LONGEST_FRAME):
@@ -264,7 +267,7 @@ class SerialRadio:
         self._port.close()
 
 
-_QUEUE = 8  # messages that wait for the duty cycle, and that may be sent at once
+_QUEUE = 16  # messages that wait for the duty cycle, and that may be sent at once
 PARITY = 28  # bytes of a frame, half as many of which may be broken
 _LONGEST = SHORTEST + 4 + PARITY  # bytes, of the 254 that COBS takes with one byte more
 LONGEST_FRAME = _LONGEST + 3  # bytes with that one, and a zero at both ends

@@ -10,6 +10,7 @@ import shutil
 import socket
 import stat
 import threading
+from math import inf
 
 import pytest
 
@@ -45,7 +46,7 @@ def free_port():
 class Silence:
     """A radio on which nobody answers."""
 
-    most, fault = 400, ""
+    most, rate, fault = 400, inf, ""
 
     def __init__(self):
         self._pipe = os.pipe()
