@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
 import mmap
-import struct
 from pathlib import Path
 
 from shoal.core.errors import InvalidInputError
@@ -29,6 +29,8 @@ class SharedClock:
         try:
             with path.open("r+b") as file:
                 self._memory = mmap.mmap(file.fileno(), _SIZE)
+                # one machine word, so that nobody reads half of a new time and half of an old one
+                self._seconds: ctypes.c_double | None = ctypes.c_double.from_buffer(self._memory)
         except (OSError, ValueError) as error:
             raise InvalidInputError(
                 f"clock: expected the clock of a rehearsal, got {path}: {error}"
@@ -42,12 +44,14 @@ class SharedClock:
 
     def now(self) -> float:
         """Return the time in seconds."""
-        return float(struct.unpack_from("<d", self._memory)[0])
+        return 0.0 if self._seconds is None else self._seconds.value
 
     def set(self, seconds: float) -> None:
         """Set the time."""
-        struct.pack_into("<d", self._memory, 0, seconds)
+        if self._seconds is not None:
+            self._seconds.value = seconds
 
     def close(self) -> None:
         """Let go of the file."""
+        self._seconds = None  # the memory has no other user
         self._memory.close()

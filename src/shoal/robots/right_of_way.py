@@ -26,6 +26,7 @@ from shoal.search.simulation.scenario import Scenario
 
 _TOLD = 8  # beacons with a claim after which a robot that claims another cell has heard it
 _SILENT = 16  # beacons after whose time without a message a robot no longer counts
+_LEAVING = 3  # beacons in whose time a robot leaves the cell that it no longer claims
 _STUCK = 30  # beacons after which the lowest number goes, where robots wait for each other
 
 
@@ -66,6 +67,7 @@ class RadioSensor:
         self._told_before, self._since = 0, 0.0  # beacons sent, and the time, before the claim
         self._let_me: set[int] = set()
         self._let_go: dict[int, int] = {}  # which cell each other robot was let
+        self._left: dict[int, tuple[int, float]] = {}  # the cell each robot claimed before
         self._count = 0
 
     def note(self, event: Event) -> None:
@@ -76,6 +78,12 @@ class RadioSensor:
         self._note_own(robot)
         if not isinstance(event, Heard) or not event.beacon.heartbeats:
             return
+        for told in event.beacon.heartbeats:
+            peer = robot.peers.get(told.robot)
+            if peer is None or told.count <= peer.heartbeat.count:
+                continue
+            if told.place != peer.heartbeat.place:
+                self._left[told.robot] = peer.heartbeat.place, event.time
         sender, *others = event.beacon.heartbeats
         if sender.robot != event.beacon.sender or sender.robot == robot.number:
             return
@@ -149,6 +157,9 @@ class RadioSensor:
 
     def _lets(self, robot: Robot, number: int, claims: bool | None, cell: int) -> bool:
         """Return whether another robot lets this one enter a cell."""
+        before, when = self._left.get(number, (None, 0.0))
+        if before == cell and self._now() < when + _LEAVING * robot.brief.beat:
+            return False  # it may still be on its way out
         if number in self._forgot or (claims and self._let_go.get(number) == cell):
             return False
         if self._parts[robot.number] >> cell & 1:
