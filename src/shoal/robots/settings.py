@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
+from shoal.core.dataclass import one_line
 from shoal.robots.mavlink import PX4
 
 CHECKS = ("failsafe", "fence", "return")
@@ -49,6 +50,9 @@ class Setting(NamedTuple):
     fits: Callable[[float], bool]
     usual: float
     needed: bool = True
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 def _one_of(*allowed: int) -> Callable[[float], bool]:
