@@ -36,7 +36,7 @@ class Bus:
             tty.setraw(end)
         self.paths = [os.ttyname(end) for _, end in pairs]
         self.sent = [0] * ends  # bytes
-        self.frames = 0
+        self.frames = self.unread = 0
         self._pairs, self._rate, self._broken = pairs, rate, broken
         self._random, self._ended = random.Random(seed), False
         self._thread = threading.Thread(target=self._carry, daemon=True)
@@ -66,9 +66,11 @@ class Bus:
             credit -= share
             for hub, queue in zip(hubs, waiting, strict=True):
                 data = bytes(self._through(queue.popleft()) for _ in range(min(share, len(queue))))
+                written = 0
                 if data:
                     with suppress(BlockingIOError):  # nobody reads: a robot that has ended
-                        os.write(hub, data)
+                        written = os.write(hub, data)
+                self.unread += len(data) - written
 
     def _through(self, byte: int) -> int:
         return self._random.randrange(256) if self._random.random() < self._broken else byte
@@ -124,6 +126,7 @@ def search(given: argparse.Namespace, seed: int) -> dict[str, object]:
         "messages a second of all": round(bus.frames / seconds / given.speed_up, 2),
         "arrived": round(heard / bus.frames / (given.robots - 1), 3),
         "refused": refused,
+        "unread": bus.unread,
     }
 
 

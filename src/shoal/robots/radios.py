@@ -15,6 +15,7 @@ import time
 from collections import deque
 from contextlib import ExitStack
 from functools import cache
+from math import inf
 from typing import Any
 from zlib import crc32
 
@@ -28,7 +29,8 @@ RADIOS = (
     " multicast group) or serial:DEVICE[@BAUD][,duty=FRACTION]"
 )
 _ADDRESS = re.compile(r"([^:,\s]+):([0-9]{1,5})")
-_SERIAL = re.compile(r"([^@,\s]+)(?:@([1-9][0-9]{2,6}))?(?:,duty=(0?\.[0-9]+|1(?:\.0*)?))?")
+_SERIAL = re.compile(r"([^@,\s]+)(?:[@,]([1-9][0-9]{2,6}))?(?:,duty=(0?\.[0-9]+|1(?:\.0*)?))?")
+_LOOPBACK_BROADCAST = "127.255.255.255"  # to all robots on one computer
 _HOPS = 1  # multicast stays on the link of the interface
 _GIVE_UP = 10.0  # seconds without one message sent after which the radio has a fault
 
@@ -48,6 +50,7 @@ class UdpRadio:
     """
 
     most = LARGEST
+    rate = inf
 
     def __init__(
         self, host: str, port: int, others: list[tuple[str, int]], *, give_up: float = _GIVE_UP
@@ -150,6 +153,8 @@ def _ask_interface(name: str, request: int) -> str | None:
 
 def _broadcast_of(own: str) -> str | None:
     """Return the broadcast address of the interface with an address."""
+    if ipaddress.IPv4Address(own).is_loopback:
+        return _LOOPBACK_BROADCAST
     for _, name in socket.if_nameindex():
         if _ask_interface(name, 0x8915) == own:
             found = _ask_interface(name, 0x8919)  # SIOCGIFBRDADDR
@@ -169,9 +174,15 @@ class SerialRadio:
     device : str
     baud : int
     duty : float
-        Largest fraction of the time in which the radio sends.
+        Largest fraction of the time in which the radio sends, on average over a few beacons.
     give_up : float
         Seconds without one frame written after which the radio has a fault.
+
+    Attributes
+    ----------
+    bytes_sent, broken, overdue : int
+        Numbers of bytes sent, of frames that were broken beyond repair, and of messages that were
+        given up because too many others waited.
     """
 
     most = SHORTEST
@@ -187,11 +198,12 @@ class SerialRadio:
             raise InvalidInputError(
                 f"radio: expected a serial line that opens, got {device}: {error}"
             ) from None
-        self._rate, self._duty = baud / 10, duty  # bytes a second with start and stop bits
+        self._line_rate = duty * baud / 10  # bytes a second with start and stop bits
+        self.rate = self._line_rate * SHORTEST / LONGEST_FRAME
         self._waiting: deque[bytes] = deque()
         self._credit, self._counted_at = 0.0, time.monotonic()
         self._sent_at = self._counted_at
-        self._rest = b""
+        self._rest = self._frame = b""  # the beginnings of frames that come, and the end of one
         self._frames: deque[bytes] = deque()
         self.bytes_sent = self.broken = self.overdue = 0
 
@@ -200,38 +212,34 @@ class SerialRadio:
         return int(self._port.fileno())
 
     def broadcast(self, message: bytes) -> int:
-        """Send a message as soon as the duty cycle allows. Return the number of older messages
-        that were given up for it.
+        """Send a message as soon as the duty cycle allows. Return 1 if an older message is given up
+        for it, because too many wait, and 0 otherwise.
         """
-        given_up = 0
         self._waiting.append(message)
-        # what waits longer than a few messages is old news, which later beacons repeat
-        while len(self._waiting) > _QUEUE:
+        given_up = len(self._waiting) > _QUEUE
+        if given_up:  # the oldest, whose news later messages repeat
             self._waiting.popleft()
-            given_up += 1
-        self.overdue += given_up
+            self.overdue += 1
         self._send_due()
-        return given_up
+        return int(given_up)
 
     def _send_due(self) -> None:
         now = time.monotonic()
-        most = _BURST * self._rate * self._duty
-        self._credit += (now - self._counted_at) * self._rate * self._duty
-        self._credit, self._counted_at = min(self._credit, max(most, 2.0 * SHORTEST + 64)), now
-        while self._waiting:
-            frame = encode_frame(self._waiting[0])
-            if len(frame) > self._credit:
-                break
-            try:
-                self._port.write(frame)
+        earned = (now - self._counted_at) * self._line_rate
+        self._credit = min(self._credit + earned, _QUEUE * LONGEST_FRAME)
+        self._counted_at = now
+        while self._frame or (self._waiting and self._credit >= LONGEST_FRAME):
+            if not self._frame:
+                self._frame = encode_frame(self._waiting.popleft())
+                self._credit -= len(self._frame)
+            try:  # not by pyserial, which waits for a line that takes nothing
+                written = os.write(self.fileno(), self._frame)
             except OSError as error:
                 if now - self._sent_at > self._give_up:
-                    self.fault = f"radio: the serial line cannot be written: {error}"
-                break
-            self._waiting.popleft()
-            self._sent_at = now
-            self._credit -= len(frame)
-            self.bytes_sent += len(frame)
+                    self.fault = f"radio: the serial line cannot be written: {error.strerror}"
+                return
+            self._frame, self._sent_at = self._frame[written:], now
+            self.bytes_sent += written
         if not self._waiting:
             self._sent_at = now
 
@@ -245,7 +253,7 @@ class SerialRadio:
                 self.fault = f"radio: the serial line cannot be read: {error}"
                 return None
             *frames, self._rest = (self._rest + data).split(b"\0")
-            self._rest = self._rest[-2 * _LONGEST :]
+            self._rest = self._rest[-2 * LONGEST_FRAME :]
             self._frames.extend(frame for frame in frames if frame)
         while self._frames:
             message = decode_frame(self._frames.popleft())
@@ -259,10 +267,10 @@ class SerialRadio:
         self._port.close()
 
 
-_QUEUE = 8  # messages that wait for the duty cycle
-_BURST = 2.0  # seconds of the duty cycle that may be sent at once
+_QUEUE = 16  # messages that wait for the duty cycle, and that may be sent at once
 PARITY = 28  # bytes of a frame, half as many of which may be broken
-_LONGEST = 254  # bytes that COBS takes with one byte more
+_LONGEST = SHORTEST + 4 + PARITY  # bytes, of the 254 that COBS takes with one byte more
+LONGEST_FRAME = _LONGEST + 3  # bytes with that one, and a zero at both ends
 
 
 def encode_frame(message: bytes) -> bytes:

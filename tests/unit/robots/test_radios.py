@@ -7,6 +7,7 @@ import random
 import re
 import socket
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -15,9 +16,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shoal import InvalidInputError
+from shoal.robots import radios
 from shoal.robots.companion import Companion, journal_path
 from shoal.robots.journal import Journal
-from shoal.robots.radios import PARITY, SerialRadio, decode_frame, encode_frame, open_radio
+from shoal.robots.radios import (
+    LONGEST_FRAME,
+    PARITY,
+    SerialRadio,
+    decode_frame,
+    encode_frame,
+    open_radio,
+)
 from shoal.robots.tasks import read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
@@ -25,6 +34,46 @@ from shoal.testing import check_radio
 
 pytest.importorskip("serial")
 pytest.importorskip("reedsolo")
+
+
+class Carried:
+    """A serial radio that is joined to another by a pseudo-terminal, whose bytes are carried
+    whenever somebody looks.
+    """
+
+    most, rate, fault = radios.SHORTEST, 1e4, ""
+
+    def __init__(self):
+        self.hub, end = os.openpty()
+        self.radio = SerialRadio(os.ttyname(end), 115200, duty=1.0)
+        os.close(end)
+        os.set_blocking(self.hub, False)
+        self.broadcast = self.radio.broadcast
+
+    def fileno(self):
+        self.carry()
+        return self.radio.fileno()
+
+    def carry(self):
+        for one, to in ((self, self.other), (self.other, self)):
+            with suppress(BlockingIOError):
+                os.write(to.hub, os.read(one.hub, 4096))
+
+    def receive(self):
+        self.carry()
+        return self.radio.receive()
+
+    def close(self):
+        self.radio.close()
+        os.close(self.hub)
+
+
+def test_serial_radios_hear_each_other():
+    one, other = Carried(), Carried()
+    one.other, other.other = other, one
+    check_radio(one, other, tries=30, seconds=0.01)
+    one.close()
+    other.close()
 
 
 def free_port(host="127.0.0.1"):
@@ -44,9 +93,10 @@ def test_radios_hear_each_other_on_addresses_of_their_own():
         other.close()
 
 
-def test_radios_hear_each_other_in_a_multicast_group_of_one_interface():
+@pytest.mark.parametrize("group", ["239.83.72.77", "127.255.255.255"])
+def test_radios_hear_each_other_in_a_group_or_by_broadcast_on_one_interface(group):
     port = free_port()
-    pair = [open_radio(f"udp:lo:{free_port()},239.83.72.77:{port}") for _ in range(2)]
+    pair = [open_radio(f"udp:lo:{free_port()},{group}:{port}") for _ in range(2)]
     try:
         check_radio(*pair)
     finally:
@@ -122,14 +172,27 @@ def test_most_messages_arrive_where_a_twentieth_of_all_bytes_is_broken():
     assert set(whole) <= set(sent)
 
 
-def test_a_serial_radio_keeps_its_duty_cycle_and_gives_up_old_messages():
+def test_a_serial_radio_keeps_its_duty_cycle_and_gives_up_messages(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(radios.time, "monotonic", lambda: now[0])
     hub, end = os.openpty()
+    os.set_blocking(hub, False)
     radio = SerialRadio(os.ttyname(end), 9600, duty=0.1)
     try:
-        given_up = sum(radio.broadcast(bytes([number]) * 60) for number in range(40))
-        assert given_up >= 25
-        assert radio.bytes_sent <= 2 * 960 * 0.1 + 64
-        assert radio.overdue == given_up
+        given_up = sum(radio.broadcast(bytes([number]) * 64) for number in range(40))
+        assert given_up == radio.overdue == 40 - 16  # as many wait
+        sent = 0
+        for _ in range(1000):  # 100 s
+            now[0] += 0.1
+            radio.broadcast(bytes(64))
+            radio.receive()
+            with suppress(BlockingIOError):
+                sent += len(os.read(hub, 4096))
+        assert 9600 - 2 * LONGEST_FRAME <= sent == radio.bytes_sent <= 9600
+        for _ in range(10_000):  # nobody reads, and then the line takes no more
+            now[0] += 0.1
+            radio.broadcast(bytes(64))
+        assert radio.fault.startswith("radio: the serial line cannot be written")
     finally:
         radio.close()
         os.close(hub)

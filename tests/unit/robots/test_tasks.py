@@ -7,13 +7,18 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import socket
 import stat
+import threading
+from math import inf
 
 import pytest
 
 from shoal import InvalidInputError
+from shoal.cli import run as shoal_run
 from shoal.robots.companion import Companion, journal_path
 from shoal.robots.journal import Journal
+from shoal.robots.radios import open_radio
 from shoal.robots.tasks import KEY, TASK, RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
@@ -32,10 +37,16 @@ def copy(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "copy")
 
 
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
 class Silence:
     """A radio on which nobody answers."""
 
-    most, fault = 400, ""
+    most, rate, fault = 400, inf, ""
 
     def __init__(self):
         self._pipe = os.pipe()
@@ -127,3 +138,113 @@ def test_a_journal_of_another_robot_or_that_is_broken_is_refused(folder, tmp_pat
     path.write_bytes(b"\n".join(lines))
     with pytest.raises(InvalidInputError, match="line 3"):
         Journal(path, task.search, 1)
+
+
+def test_two_programs_cannot_be_the_same_robot(tmp_path):
+    path = journal_path(tmp_path, 1)
+    first = Journal(path, "search", 1)
+    with pytest.raises(InvalidInputError, match="no other program is this robot"):
+        Journal(path, "search", 1)
+    first.close()
+    Journal(path, "search", 1).close()
+
+
+def test_a_robot_whose_disk_is_full_goes_on_and_says_so(folder, tmp_path, monkeypatch):
+    task, write, said = read_task(folder), os.write, []
+    journal = Journal(journal_path(tmp_path, 1), task.search, 1)
+    room = [2000]
+
+    def write_while_there_is_room(file, data):
+        data = data[: room[0]]
+        room[0] -= len(data)
+        return write(file, data)
+
+    monkeypatch.setattr("shoal.robots.journal.os.write", write_while_there_is_room)
+    result = Companion(task, 1, Silence(), journal, speed_up=400.0).run(said.append)
+    journal.close()
+    assert result.complete
+    assert [text for text in said if "No space left" in text] == said[:1]
+    monkeypatch.undo()
+    again = Journal(journal.path, task.search, 1)
+    robot = again.replay(task.live(1).robot(1), time=1000.0)
+    assert 0 < robot.mine.bit_count() < len(task.cells)
+    assert robot.count > 1000.0 / robot.brief.beat  # later than any beacon that was sent
+    again.close()
+
+
+def test_a_robot_tells_from_time_to_time_how_it_is(folder, tmp_path, monkeypatch):
+    task, said = read_task(folder), []
+    monkeypatch.setattr("shoal.robots.companion._TOLD", 0.0)
+
+    class Noisy(Silence):
+        broken = 3
+
+        def __init__(self):
+            super().__init__()
+            os.write(self._pipe[1], b"!")
+            self.came = [b"noise", b"noise"]
+
+        def receive(self):
+            return (self.came.pop(), "air") if self.came else None
+
+    journal = Journal(journal_path(tmp_path, 1), task.search, 1)
+    result = Companion(task, 1, Noisy(), journal, speed_up=400.0).run(said.append)
+    journal.close()
+    assert result.report()["messages"]["refused_by_reason"] == {"broken": 2}
+    assert result.report()["messages"]["broken_frames"] == 3
+    assert said[0].startswith("listening, knows 0 of 12 cells as searched, 0 by itself; messages: ")
+    assert said[-1].endswith(" 2 refused (2 broken); 3 frames beyond repair")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--id", "4"], "id: expected a robot from 1 to 3, got 4"),
+        ([], "id: expected the number of this robot, got none"),
+        (["--id", "1", "--vehicle", "balloon:"], "vehicle: expected mavlink:LINK or simulated:"),
+        (["--id", "1", "--arm"], "arm: expected --vehicle mavlink:"),
+        (["--id", "1", "--seconds", "3"], "seconds: expected --watch"),
+        (["--id", "1", "--loss", "2"], "loss: expected a number from 0 to 1"),
+    ],
+)
+def test_bad_options_of_robots_are_refused(folder, capsys, options, sentence):
+    command = ["robot", str(folder), "--radio", f"udp:127.0.0.1:{free_port()},127.0.0.1:9"]
+    assert shoal_run([*command, *options]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert len(told.splitlines()) == 1
+    assert sorted(path.name for path in folder.iterdir()) == [TASK, KEY]
+
+
+def test_robots_meet_over_udp_and_refuse_those_of_another_search(folder, tmp_path, capsys):
+    """Two robots of a search, and one with the key of another, at three addresses."""
+    others = tmp_path / "others"
+    problem = SearchProblem(region="rectangle:40x30", robots=3, footprint=10)
+    write_task(run(problem, seed=1), others)
+    ports = [free_port() for _ in range(3)]
+    results = {}
+
+    def search(number, home):
+        task = read_task(home)
+        own, *rest = (f"127.0.0.1:{port}" for port in [ports[number - 1], *ports])
+        rest.remove(own)
+        radio = open_radio(f"udp:{own},{','.join(rest)}")
+        journal = Journal(journal_path(tmp_path, number), task.search, number)
+        results[number] = Companion(task, number, radio, journal, loss=0.3, speed_up=60.0).run()
+        radio.close()
+        journal.close()
+
+    robots = [
+        threading.Thread(target=search, args=(number, home), daemon=True)
+        for number, home in ((1, folder), (2, folder), (3, others))
+    ]
+    for robot in robots:
+        robot.start()
+    for robot in robots:
+        robot.join(60)
+    assert all(results[number].complete for number in (1, 2, 3))
+    for number in (1, 2):
+        assert results[number].searched < 12
+        assert results[number].refused["another key or search"] > 0
+    assert results[3].searched == 12
+    assert results[3].counts[1] == 0

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from shoal.robots.tasks import RobotTask
 
 ROBOT_EXAMPLE = (
-    "Example: shoal robot field --id 1 --radio udp:192.168.1.11:9000,192.168.1.12:9000"
-    " --vehicle mavlink:serial:/dev/ttyAMA0@921600 --arm"
+    "Example: shoal robot field --id 1 --radio udp:127.0.0.1:9001,127.0.0.1:9002 --check"
 )
 
 
@@ -196,6 +195,11 @@ def _search(
     companion = Companion(
         task, number, waves, journal, guided, loss=loss, speed_up=pace.speed_up, clock=pace.clock
     )
+    if companion.agent.robot.status == "complete":
+        say(
+            f"robot {number}: knows from {journal.path} that everything is searched; prepare the"
+            " search again to search it once more"
+        )
     result = companion.run(lambda text: say(f"robot {number}: {text}"))
     _print(result.report(), json_=json_)
     if not result.complete or not result.landed:
