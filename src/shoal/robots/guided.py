@@ -477,8 +477,10 @@ class GuidedVehicle:
         elif self.phase in (CLIMB, FLIGHT):
             self._target = np.array([*self._here()[:2], self._target_height])
         while station.now() < turn + seconds:
-            if self._silent or self._is_pilots:
+            if self._silent:
                 return False
+            if self._is_pilots:
+                return self._wait_for_pilot()
             if self.phase == GROUND:
                 return not self._aloft
             heard = self._listen(0.1)
@@ -493,6 +495,23 @@ class GuidedVehicle:
             if self.phase == RETURN:
                 self._return(self._safe_mode)
         return self.phase == GROUND and not self._aloft
+
+    def _wait_for_pilot(self) -> bool:
+        """Send heartbeats, and nothing else, until the pilot has landed: without them, ArduPilot
+        would take the vehicle out of the pilot's hands.
+        """
+        vehicle, station = self.vehicle, self.station
+        assert vehicle is not None
+        self._say_once("the vehicle is the pilot's; heartbeats go on until it is disarmed")
+        while vehicle.armed:
+            try:
+                station.listen(station.now() + 0.5)
+            except LinkError:
+                return False
+            if station.now() - vehicle.heard_at > self.task.limits.autopilot_s:
+                return False
+        self.phase = GROUND
+        return True
 
     def _fly_home(self) -> bool:
         """Fly to the launch point, and return whether the vehicle is above it."""
