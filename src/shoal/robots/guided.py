@@ -90,6 +90,8 @@ class GuidedVehicle:
         Metres east, north and above home.
     battery : float or None
         Fraction that is left.
+    takes_turns : bool
+        Whether the vehicle waits for its turn to take off, as at the beginning of the search.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class GuidedVehicle:
         self._allowed: list[NDArray[np.float64]] = []  # corners that are still ahead
         self._way: list[NDArray[np.float64]] = []  # those of them before the halt
         self._target: NDArray[np.float64] | None = None
+        self.takes_turns = True
         self._turn: float | None = None  # time from which on it may take off
         self._said: set[str] = set()
         self._silent = False
@@ -619,7 +622,7 @@ class GuidedVehicle:
             return
         if self._turn is None:
             # The highest first: who climbs later stays below all who are up.
-            others = len(self.task.scenario.starts) - self.number
+            others = len(self.task.scenario.starts) - self.number if self.takes_turns else 0
             self._turn = now + others * self.task.limits.apart_s
         if self.battery is not None and self.battery <= self.task.limits.battery:
             self._fail(f"battery: {self._left} left before take-off, and {self._least} are needed")
@@ -664,7 +667,7 @@ class GuidedVehicle:
         vehicle, now = self.vehicle, self.station.now()
         assert vehicle is not None
         if not vehicle.armed:
-            self.phase = GROUND
+            self.phase, self._turn, self.takes_turns = GROUND, None, False
             return
         numbers = modes.custom_modes(vehicle.autopilot, vehicle.type)
         mode = mode if mode in numbers else modes.RETURN
