@@ -10,18 +10,23 @@ import shutil
 import socket
 import stat
 import threading
+from dataclasses import replace
 from math import inf
 
 import pytest
 
 from shoal import InvalidInputError
 from shoal.cli import run as shoal_run
-from shoal.robots.companion import Companion, journal_path
+from shoal.robots.companion import Companion, beacon_bytes, journal_path
 from shoal.robots.journal import Journal
 from shoal.robots.radios import open_radio
+from shoal.robots.right_of_way import RadioSensor
 from shoal.robots.tasks import KEY, TASK, RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
+from shoal.search.protocol.messages import Sender
+from shoal.search.protocol.robot import with_beacon
 from shoal.search.run import run
+from shoal.testing import check_search_sensor
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +143,38 @@ def test_a_journal_of_another_robot_or_that_is_broken_is_refused(folder, tmp_pat
     path.write_bytes(b"\n".join(lines))
     with pytest.raises(InvalidInputError, match="line 3"):
         Journal(path, task.search, 1)
+
+
+def test_what_beacons_say_is_a_sensor(folder):
+    task = read_task(folder)
+    robot = task.live(1).robot(1)
+    sensor = RadioSensor(
+        replace(task.scenario, starts=(0,), rates=(), widths=()), lambda: robot, float
+    )
+    check_search_sensor(sensor, (0, 1, 5), through=(1, 2))
+
+
+def test_a_slow_radio_sends_whole_beacons_and_no_more(folder, tmp_path):
+    task = read_task(folder)
+    slow, fast = Silence(), Silence()
+    slow.most, slow.rate = 64, 20.0
+    journals = [Journal(journal_path(tmp_path, number), task.search, number) for number in (1, 2)]
+    robots = [
+        Companion(task, number, radio, journal).agent.robot
+        for number, radio, journal in zip((1, 2), (slow, fast), journals, strict=True)
+    ]
+    seconds = robots[0].brief.beat / task.speed
+    assert seconds == pytest.approx(beacon_bytes(task.scenario, 64) / 20.0)
+    assert robots[0].brief.hello >= 4 * robots[0].brief.beat
+    assert robots[1].brief == task.scenario.brief
+    # a beacon in the middle of a search takes no more than that
+    robot = robots[0].but(
+        searched={number: 0b11 << number for number in (1, 2, 3)}, count=1000, status="searching"
+    )
+    _, beacon = with_beacon(robot, 100.0)
+    assert 64 * len(Sender(1, b"key", 64).messages(beacon, 0)) <= beacon_bytes(task.scenario, 64)
+    for journal in journals:
+        journal.close()
 
 
 def test_two_programs_cannot_be_the_same_robot(tmp_path):
