@@ -233,6 +233,34 @@ def test_a_robot_tells_from_time_to_time_how_it_is(folder, tmp_path, monkeypatch
     assert said[-1].endswith(" 2 refused (2 broken); 3 frames beyond repair")
 
 
+def test_prepared_limits_are_in_the_signed_task(tmp_path):
+    limits = ["--limits", "battery=0.3, apart_s=20"]
+    assert (
+        shoal_run(["search", "square:30", "--robots", "2", "--prepare", str(tmp_path), *limits])
+        == 0
+    )
+    assert read_task(tmp_path).limits == RobotLimits(battery=0.3, apart_s=20.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--limits", "battery=0.3"], "limits: expected --prepare FOLDER"),
+        (["--prepare", "P", "--limits", "battery=2"], "limits: battery: expected a number"),
+        (["--prepare", "P", "--limits", "fuel=2"], "limits: expected each of battery"),
+        (["--prepare", "P", "--limits", "battery=low"], "limits: expected a number as battery"),
+        (["--prepare", "P", "--autopilot", "px4"], "a region with a place on Earth"),
+    ],
+)
+def test_bad_options_of_preparations_are_refused(tmp_path, monkeypatch, capsys, options, sentence):
+    monkeypatch.chdir(tmp_path)
+    assert shoal_run(["search", "rectangle:40x30", "--robots", "2", *options]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert len(told.splitlines()) == 1
+    assert not any(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
