@@ -391,7 +391,7 @@ class GuidedVehicle:
             return self._fly()
         elif self._fly():
             self.phase, self._next_command = RETURN, -math.inf
-        return self.phase == GROUND and self._leg is not None and self._leg.home
+        return self._has_arrived()
 
     def _fly(self) -> bool:
         here = self._here()
@@ -400,13 +400,16 @@ class GuidedVehicle:
         if self._way:
             self._target = self._way[0]
         self._send_setpoint()
-        return self._has_arrived()
+        return self._leg is not None and (not self._way or self._is_at(here, self._way[-1]))
 
     def _has_arrived(self) -> bool:
-        """Return whether the vehicle is where it may go."""
-        if self.phase != FLIGHT or self._leg is None:
+        """Return whether the vehicle is where it may go; at home, that is on the ground."""
+        if self._leg is None:
             return False
-        return not self._way or self._is_at(self._here(), self._way[-1])
+        if self._leg.home:
+            return self.phase == GROUND
+        there = not self._way or self._is_at(self._here(), self._way[-1])
+        return self.phase == FLIGHT and there
 
     def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
         across = float(np.linalg.norm(here[:2] - point[:2]))

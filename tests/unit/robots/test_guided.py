@@ -167,6 +167,8 @@ def test_it_flies_home_to_recharge_and_takes_off_again(task, autopilot):
     assert robot.step_until(lambda arrived: arrived)
     assert not robot.autopilot.armed
     assert np.linalg.norm(robot.autopilot.position) < 2
+    robot.vehicle.stop(0.0)  # while the battery is changed
+    assert robot.step_until(lambda arrived: arrived, 5)
     robot.fly_to(len(task.cells) - 1)
 
 
