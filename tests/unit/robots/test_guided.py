@@ -169,6 +169,7 @@ def test_it_flies_home_to_recharge_and_takes_off_again(task, autopilot):
     assert np.linalg.norm(robot.autopilot.position) < 2
     robot.vehicle.stop(0.0)  # while the battery is changed
     assert robot.step_until(lambda arrived: arrived, 5)
+    robot.wait(200)
     robot.fly_to(len(task.cells) - 1)
 
 
@@ -342,8 +343,20 @@ def test_a_low_battery_and_the_pilot_end_the_search(task, autopilot):
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 10)
     assert robot.vehicle.fault == "pilot or autopilot: the mode was changed to hold"
     robot.vehicle.secure()
-    assert not robot.vehicle.rest(60)
-    assert robot.autopilot.mode == modes.HOLD  # it is the pilot's
+    landing = robot.link.now() + 30  # longer than the watchdogs wait
+    seen = set()
+
+    def pilot(now):
+        if robot.autopilot.armed:
+            seen.add(robot.autopilot.mode)
+        if now > landing:
+            robot.autopilot.mode = modes.LAND
+        return []
+
+    robot.strangers.append(pilot)
+    assert robot.vehicle.rest(10)  # it waits for the pilot, however long
+    assert seen == {modes.HOLD, modes.LAND}  # nobody took the vehicle out of the pilot's hands
+    assert robot.said == ["the vehicle is the pilot's; heartbeats go on until it is disarmed"]
 
 
 @BOTH
