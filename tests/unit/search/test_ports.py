@@ -13,7 +13,7 @@ import pytest
 from shoal.search import TourCost, make_tour
 from shoal.search.protocol.messages import Beacon, Heartbeat, Receiver, Sender
 from shoal.search.protocol.robot import advance
-from shoal.search.protocol.state import Begin, Brief, Heard, Wake, is_late
+from shoal.search.protocol.state import Begin, Brief, Go, Heard, Wake, is_late
 from shoal.search.simulation.live.agent import Agent
 from shoal.search.simulation.live.ports import CellFinding
 from shoal.search.simulation.live.radio import LiveTask, LoopbackRadio
@@ -271,3 +271,17 @@ def test_nobody_is_silenced_by_packets_that_have_a_forged_address(radio):
     assert [beacon.heartbeats[0].count for some in beacons for beacon in some] == [1, 2]
     assert messenger.refused == {"broken": 200, "repeated": 200}
     assert messenger.rest_until > 0
+
+
+def test_a_robot_that_waits_has_nothing_to_do(ground, radio):
+    """After its last cell, it does nothing more; before a cell that another robot is in, it looks
+    again at times, and not all the time.
+    """
+    agent = agent_of(task_of(), ground, radio)
+    assert agent.run()
+    assert agent._due() == inf
+    agent._clock = lambda: 1000.0
+    agent._going, agent._rest = Go(3), 1000.25  # its vehicle has arrived
+    assert agent._due() == 1000.25
+    agent._rest = 1000.0
+    assert agent._due() <= 1000.0
