@@ -10,7 +10,9 @@ import pytest
 pytest.importorskip("pymavlink")
 
 from shoal.robots import modes
+from shoal.robots.companion import Companion
 from shoal.robots.guided import FLIGHT, GROUND, GuidedVehicle
+from shoal.robots.journal import Journal
 from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station, dialect
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, RALLY, MissionItem
 from shoal.robots.settings import safe_parameters
@@ -19,6 +21,7 @@ from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
+from shoal.search.simulation.live.radio import LoopbackRadio
 from shoal.testing import check_vehicle
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -401,6 +404,32 @@ def test_who_cannot_take_off_gives_up_so_that_others_do_not_wait(task, autopilot
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 20)
     assert robot.vehicle.fault.startswith("position: none for")
     assert robot.vehicle.rest(10)
+
+
+@BOTH
+def test_ctrl_c_brings_the_vehicle_home(task, autopilot, tmp_path, monkeypatch):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.fly_to(len(task.cells) - 1)
+    journal, radio = (
+        Journal(tmp_path / "state", task.search, 1, epoch=0.0),
+        LoopbackRadio("unicast"),
+    )
+    companion = Companion(task, 1, radio, journal, robot.vehicle, clock=robot.link.now)
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(companion.agent, "run", interrupted)
+    said = []
+    result = companion.run(said.append)
+    assert said[0] == "interrupted: the vehicle returns"
+    assert (result.complete, result.landed) == (False, True)
+    assert result.fault == "interrupted by the operator"
+    assert not robot.autopilot.armed
+    assert np.linalg.norm(robot.autopilot.position) < 2
+    radio.close()
+    journal.close()
 
 
 def test_heights_and_turns_keep_robots_apart(task):
