@@ -192,6 +192,7 @@ class SerialRadio:
         self, device: str, baud: int = 57600, *, duty: float = 0.1, give_up: float = _GIVE_UP
     ) -> None:
         serial = import_extra("serial", f"the radio serial:{device} needs pyserial", extra="serial")
+        _codec()  # it, too, must be there before the search
         self.fault, self._give_up = "", give_up
         try:
             self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=0)
@@ -355,6 +356,8 @@ def open_radio(text: str, *, robots: int = 1, give_up: float = _GIVE_UP) -> Radi
     """
     kind, _, rest = text.partition(":")
     if kind == "serial" and (found := _SERIAL.fullmatch(rest)):
+        if found[3] and float(found[3]) == 0:
+            raise InvalidInputError(f"radio: expected a duty above 0, got {text!r}")
         duty = float(found[3]) if found[3] else min(_DUTY, _CHANNEL / robots)
         return SerialRadio(found[1], int(found[2] or 57600), duty=duty, give_up=give_up)
     addresses = [_ADDRESS.fullmatch(part) for part in rest.split(",")]
