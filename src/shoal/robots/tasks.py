@@ -81,6 +81,34 @@ class RobotLimits:
             check_number(value, what=f"limits: {name}", least=0, most=most)
 
 
+def read_limits(text: str) -> RobotLimits:
+    """Read limits from a text such as ``battery=0.3,apart_s=20``. Others are as by default.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> read_limits("battery=0.3").battery
+    0.3
+    """
+    names, given = list(vars(RobotLimits())), dict[str, float]()
+    for part in text.split(","):
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if name not in names or name in given:
+            raise InvalidInputError(
+                f"limits: expected each of {', '.join(names)} once at most, got {part.strip()!r}"
+            )
+        try:
+            given[name] = float(value)
+        except ValueError:
+            raise InvalidInputError(
+                f"limits: expected a number as {name}, got {shortened(value)}"
+            ) from None
+    return RobotLimits(**given)
+
+
 @dataclass(frozen=True)
 class RobotTask:
     """A task that was read and checked.

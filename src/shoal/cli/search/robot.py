@@ -47,7 +47,8 @@ def robot(
             help=(
                 "udp:OWN:PORT,HOST:PORT,... with the address or interface of this computer, then"
                 " the addresses of the other robots, or one broadcast address or multicast group;"
-                " or serial:DEVICE[@BAUD][,duty=FRACTION]."
+                " or serial:DEVICE[,BAUD][,duty=FRACTION] (57600 baud; a robot sends at most 0.1 of"
+                " the time, and all robots together 0.5, by default)."
             ),
         ),
     ],
@@ -156,7 +157,7 @@ def robot(
     home = _made(read.path.parent if state is None else state)
     with ExitStack() as stack:
         stack.enter_context(patient())
-        waves = open_radio(radio, give_up=read.limits.radio_s)
+        waves = open_radio(radio, robots=len(read.scenario.starts), give_up=read.limits.radio_s)
         stack.callback(waves.close)
         pace = _Pace(speed_up, None if clock is None else SharedClock(clock).now)
         guided = stack.enter_context(
