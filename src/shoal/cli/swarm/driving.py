@@ -996,7 +996,13 @@ def _report(
             film = film or [out / "film.html"]
             written.append(_write_map(result.episode.workspace, out))
             written += _write_camera_film(result, rig, out, log)
-        written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
+        shown = _with_truth(result.episode, truth)
+        if log is not None and (out is not None or film):
+            from shoal.rigs.log import read_log
+            from shoal.rigs.records import with_true_cells
+
+            shown = with_true_cells(shown, read_log(log, trust=True))
+        written += write_outputs([shown], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
     if trials is not None:
