@@ -348,9 +348,9 @@ def drive(
     past = None
     if resume is not None and trials > 1:
         first = read_log(begun_trials(resume)[1])
-        missing = _missing(ctx, first) or {}
-        if missing := {name: missing[name] for name in missing if name not in ("out", "film")}:
-            _run_again(ctx, missing)
+        logged = _missing(ctx, first) or {}  # each trial has its own folder
+        if taken := {name: logged[name] for name in logged if name not in ("out", "film")}:
+            _run_again(ctx, taken)
             return
         if out is not None and out.resolve() != resume.resolve():
             raise InvalidInputError(f"out: expected {resume}, where the trials go on, got {out}")
