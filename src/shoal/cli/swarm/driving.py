@@ -348,9 +348,9 @@ def drive(
     past = None
     if resume is not None and trials > 1:
         first = read_log(begun_trials(resume)[1])
-        logged = _missing(ctx, first) or {}  # each trial has its own folder
-        if taken := {name: logged[name] for name in logged if name not in ("out", "film")}:
-            _run_again(ctx, taken)
+        named = _missing(ctx, first) or {}
+        if again := {name: named[name] for name in named if name not in ("out", "film")}:
+            _run_again(ctx, again)
             return
         if out is not None and out.resolve() != resume.resolve():
             raise InvalidInputError(f"out: expected {resume}, where the trials go on, got {out}")
@@ -996,13 +996,7 @@ def _report(
             film = film or [out / "film.html"]
             written.append(_write_map(result.episode.workspace, out))
             written += _write_camera_film(result, rig, out, log)
-        shown = _with_truth(result.episode, truth)
-        if log is not None and (out is not None or film):
-            from shoal.rigs.log import read_log
-            from shoal.rigs.records import with_true_cells
-
-            shown = with_true_cells(shown, read_log(log, trust=True))
-        written += write_outputs([shown], about, out, film)
+        written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
     if trials is not None:
