@@ -95,7 +95,7 @@ def test_a_task_that_was_changed_is_refused(copy, name):
         ({"limits": {"fuel": 1}}, "a task of this version"),
         ({"limits": {"battery": 2}}, "battery"),
         ({"problem": None}, "expected fields with values"),
-        ({"seed": "one"}, "a task of this version"),
+        ({"seed": "one"}, "seed: expected a whole number"),
         ({"cells": [[0, 0]]}, "from planning the search on this computer"),
         ({"rates": [1.0, 1.0, 2.0]}, "from planning the search on this computer"),
     ],
