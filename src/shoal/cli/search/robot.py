@@ -61,7 +61,7 @@ def robot(
             "--vehicle",
             metavar="VEHICLE",
             help=(
-                "mavlink:LINK with udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or"
+                "mavlink:LINK with udpin:HOST:PORT (or udp:), udpout:HOST:PORT, tcp:HOST:PORT or"
                 " serial:DEVICE[@BAUD]; or simulated: (a moving point)."
             ),
         ),
