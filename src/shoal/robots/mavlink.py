@@ -243,13 +243,13 @@ def check_link(text: str) -> Callable[[], VehicleLink]:
             rate = int(baud or BAUD)
             return lambda: StreamLink(text, lambda: _SerialStream(device, rate), at_once=1)
     found = re.fullmatch(r"(\[[0-9a-fA-F:.%\w]+\]|[^:\s]+):([0-9]{1,5})", rest)
-    if kind in ("udp", "udpin", "udpout", "tcp") and found and 0 < int(found[2]) < 65536:
+    if kind in ("udpin", "udpout", "tcp") and found and 0 < int(found[2]) < 65536:
         host, port = found[1].strip("[]"), int(found[2])
         if kind == "tcp":
             return lambda: StreamLink(
                 text, lambda: socket.create_connection((host, port), timeout=5), at_once=8
             )
-        return lambda: UdpLink(text, host, port, listens=kind != "udpout")
+        return lambda: UdpLink(text, host, port, listens=kind == "udpin")
     raise InvalidInputError(f"connect: expected {LINKS}, got {text!r}")
 
 

@@ -414,7 +414,7 @@ def test_the_command_uploads_over_real_sockets(folder, capsys, on_air):
     vehicles = SimulatedVehicle(1), SimulatedVehicle(1, quirks=Quirks(listens=True))
     on_air(f"udpout:127.0.0.1:{port}", vehicles[0])
     on_air(f"udpin:127.0.0.1:{listening}", vehicles[1])
-    systems = f"1=1@udp:127.0.0.1:{port},2=1@udpout:127.0.0.1:{listening}"
+    systems = f"1=1@udpin:127.0.0.1:{port},2=1@udpout:127.0.0.1:{listening}"
     code, robots, err = report(capsys, folder, "--systems", systems)
     assert code == 0, err
     assert [

@@ -235,6 +235,8 @@ def _vehicle(
         return
     if kind != "mavlink":
         raise InvalidInputError(f"vehicle: expected mavlink:LINK or simulated:, got {text!r}")
+    if link.startswith("udp:"):  # an autopilot speaks first, on its companion computer
+        link = link.replace("udp", "udpin", 1)
     with Station(FastLink(open_link(link), *pace)) as station:
         yield GuidedVehicle(
             station,
