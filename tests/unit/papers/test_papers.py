@@ -23,7 +23,6 @@ from shoal.papers import Recipe, Settings, Verdict, recipes, reproduce, reproduc
 from shoal.papers.claims import claim, curve_claim, exponent, order_claim, verdict_of
 from shoal.papers.mapping.curves import MAPS
 from shoal.papers.recipe import counts_of, function_sweep, measuring, published_curve
-from shoal.papers.search.baselines import hilbert_ii
 from shoal.papers.steering.recipes import random_difference
 from shoal.steering import regular_polygon
 from shoal.views.drawing.curves import Curve, Labels, Published, frontier_curves, mean_curves
@@ -146,11 +145,6 @@ def test_figures_theorems_and_instances_have_their_answers(name, answers, tmp_pa
     assert all(one.criterion and one.printed and one.ours for one in result.outcome.claims)
     assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     assert (tmp_path / f"{name}.csv").read_text().count("\n") > 1
-
-
-def test_hilbert_ii_visits_each_cell_once_by_neighbours():
-    metrics = hilbert_ii(3).metrics()
-    assert (metrics.cells, metrics.longest_step) == (729, 1)
 
 
 @pytest.mark.parametrize("name", ["m-fig8", "m-fig9", "m-fig10", "m-fig11"])
