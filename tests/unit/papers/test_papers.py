@@ -35,6 +35,11 @@ FIGURES = [
     "m-fig5",
     "m-fig6",
     "m-theorem1",
+    "m-adversary",
+    "m-smartdfs",
+    "m-hardness",
+    "m-largest-gap",
+    "d-worst-line",
     *(f"m-fig{n}" for n in range(7, 12)),
 ]
 FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
@@ -43,7 +48,15 @@ FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
     "h-baselines",
     "h-curves",
 ]
-COMPUTED = {"m-theorem1", "h-curves"}  # of which nothing is played
+COMPUTED = {
+    "m-theorem1",
+    "m-adversary",
+    "m-smartdfs",
+    "m-hardness",
+    "m-largest-gap",
+    "d-worst-line",
+    "h-curves",
+}  # of which no sweep is played
 
 
 def test_every_figure_with_numbers_has_a_recipe():
@@ -120,6 +133,11 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         ("m-fig3", "aaa"),
         ("m-fig4", "an"),
         ("m-theorem1", "aaaad"),
+        ("m-adversary", "aaaaa"),
+        ("m-smartdfs", "aaa"),
+        ("m-hardness", "an"),
+        ("m-largest-gap", "dndn"),
+        ("d-worst-line", "aaa"),
         ("m-theorem3", "aaaad"),
         ("m-fig6", "adda"),
         ("w-fig5", "aaa"),
