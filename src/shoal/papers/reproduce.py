@@ -24,7 +24,7 @@ from shoal.papers.mapping import curves, exploration, instances, line
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.papers.search import baselines, expected_time
-from shoal.papers.steering import constructions, shortest_paths
+from shoal.papers.steering import constructions, illustrations, shortest_paths
 from shoal.papers.steering import recipes as steering
 from shoal.swarm.maps.files import open_map
 from shoal.views.drawing.charts import save_figure
@@ -39,6 +39,7 @@ PARTS = (
     steering,
     constructions,
     shortest_paths,
+    illustrations,
     expected_time,
     baselines,
 )

@@ -44,6 +44,7 @@ FIGURES = [
 ]
 FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
     "w-swap",
+    *(f"w-fig{n}" for n in (2, 3, 10, 13)),
     "h-fig5",
     "h-baselines",
     "h-curves",
@@ -55,6 +56,7 @@ COMPUTED = {
     "m-hardness",
     "m-largest-gap",
     "d-worst-line",
+    *(f"w-fig{n}" for n in (2, 3, 10, 13)),
     "h-curves",
 }  # of which no sweep is played
 
@@ -144,7 +146,11 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         ("w-fig6", "aa"),
         ("w-fig7", "ada"),
         ("w-fig11", "aad"),
-        ("w-fig12", "aaa"),
+        ("w-fig12", "aaaa"),
+        ("w-fig2", "aaa"),
+        ("w-fig3", "aaaa"),
+        ("w-fig10", "aaa"),
+        ("w-fig13", "aaaaaa"),
         ("w-swap", "add"),
         ("h-baselines", "aaaaaa"),
         ("h-curves", "aaan"),

@@ -145,12 +145,17 @@ def _adversary(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outco
         )
     )
     curves = [Curve("best of all policies", sizes.astype(float), least, least, least)]
+    alike: dict[tuple[float, ...], list[str]] = {}
     for policy in POLICIES[:-1]:
-        found = [(t["cells"], t["ratio"]) for t in trials if t["policy"] == policy]
-        x, y = np.array(sorted(found), dtype=np.float64).T
-        curves.append(Curve(policy, x, y, y, y))
-    flat = np.full(len(sizes), 2.0)
-    curves.append(Curve("2", sizes.astype(float), flat, flat, flat))
+        alike.setdefault(tuple(t["ratio"] for t in trials if t["policy"] == policy), []).append(
+            policy
+        )
+    x = np.array(sizes_played, dtype=np.float64)
+    for ratios, policies in alike.items():
+        y = np.array(ratios)
+        curves.append(Curve(", ".join(policies), x, y, y, y))
+    flat = np.full(2, 2.0)
+    curves.append(Curve("limit", np.array([1.0, largest]), flat, flat, flat))
     columns = ["policy", "cells", "left", "right", "moves", "least", "ratio"]
     rows = [[t[name] for name in columns[:-1]] + [round(t["ratio"], 4)] for t in trials]
     labels = Labels(
@@ -193,7 +198,7 @@ def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
             ratios.append(moves / shortest)
             excess.append(moves - (len(region) + edges / 2 - 3))
             plain.append((2 * len(region) - 2) / shortest)
-            if ratios[-1] > worst[0]:
+            if ratios[-1] >= worst[0]:
                 worst = ratios[-1], region, start
     claims = (
         claim(
@@ -265,7 +270,7 @@ def _draw_region(axes: Axes, region: Region, path: list[Cell]) -> None:
 def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     most = 5 if settings.quick else 7
     rows = []
-    drawn: dict[bool, tuple[Region, Cell]] = {}
+    drawn: dict[bool, tuple[int, Region, Cell]] = {}
     agreements = answers = 0
     for region in polyominoes(most):
         for start in sorted(region):
@@ -275,8 +280,9 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
             answers += 1
             agreements += (fewest == instance.moves) == (hamiltonian is not None)
             rows.append((len(region), hamiltonian is not None))
-            if len(region) == most:
-                drawn.setdefault(hamiltonian is not None, (region, start))
+            yes, longest = hamiltonian is not None, max(instance.free.shape)
+            if len(region) == most and (yes not in drawn or longest < drawn[yes][0]):
+                drawn[yes] = longest, region, start
     claims = (
         claim(
             f"instances of up to {most} cells with equal answers, of {answers}",
@@ -293,14 +299,14 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
         ),
     )
     figure = padded_figure(7.0, 3.2)
-    for axes, (yes, (region, start)) in zip(
+    for axes, (yes, (_, region, start)) in zip(
         figure.subplots(1, 2), sorted(drawn.items()), strict=True
     ):
         _draw_region(axes, region, [start])
         set_title(axes, "a Hamiltonian path" if yes else "no Hamiltonian path")
         axes.annotate(
             f"{len(region) - 1} moves {'' if yes else 'do not '}cover it",
-            (0.5, -0.04),
+            (0.5, -0.12),
             xycoords="axes fraction",
             ha="center",
             color=MUTED,
@@ -369,7 +375,7 @@ def _worst_line(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outc
         note="the default tie rule; paper D states 4(n - k + 1) and has no figure of it",
     )
     return Outcome(
-        mean_curves(curves, labels, log_x=True),
+        mean_curves(curves, labels, log_y=False),
         claims,
         f"Of lines with up to {_ALL} cells every placement is played; none is worse.",
         (Table("moves", ["n", "k", "from the right end", "most", "4(n - k + 1)"], rows),),
@@ -382,19 +388,13 @@ def _worst_line(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outc
 def _largest_gap(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     sizes = [100, 200, 400, 800, 1600] + [3200, 6400] * (not settings.quick)
     lines = [(n, [Line(m, n) for m in sizes]) for n in (10, 30)]
-    found, curves = {}, []
+    found = {}
     for n, of in lines:
         exact = np.array([float(line.largest_gap.exact) for line in of])
         mean = np.array([(line.cells - n) / (n + 1) for line in of])
         root = np.array([sqrt(gap * log(n + 1)) for gap in mean])
         law = np.array([line.largest_gap_law for line in of])
         found[n] = exact, mean, root, law
-        x = np.array(sizes, dtype=np.float64)
-        curves.append(Curve(f"exact, n = {n}", x, exact, exact, exact))
-        curves.append(Curve(f"harmonic law, n = {n}", x, law, law, law))
-        curves.append(
-            Curve(f"printed with the factor 1, n = {n}", x, mean + root, mean + root, mean + root)
-        )
     claims = []
     for n, (exact, mean, root, law) in found.items():
         factor = (exact - mean) / root
@@ -426,8 +426,18 @@ def _largest_gap(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Out
         for k, m in enumerate(sizes)
     ]
     columns = ["n", "m", "exact", "harmonic law", "printed, factor 1", "factor that would fit"]
+    exact, mean, root, law = found[10]
+    x = np.array(sizes, dtype=np.float64)
+    curves = [
+        Curve("exact", x, exact, exact, exact),
+        Curve("printed, factor 1", x, mean + root, mean + root, mean + root),
+        Curve("harmonic law", x, law, law, law),
+        Curve(
+            "printed, fitted at 100 cells", x, *([mean + root * (exact - mean)[0] / root[0]] * 3)
+        ),
+    ]
     labels = Labels(
-        "Mean largest gap of n particles",
+        "Mean largest gap of 10 particles",
         "cells m",
         "empty cells",
         note=NO_FIGURE,
