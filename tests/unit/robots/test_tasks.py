@@ -17,6 +17,7 @@ import pytest
 
 from shoal import InvalidInputError
 from shoal.cli import run as shoal_run
+from shoal.robots import tasks
 from shoal.robots.companion import Companion, beacon_bytes, journal_path
 from shoal.robots.journal import Journal
 from shoal.robots.radios import open_radio
@@ -88,7 +89,30 @@ def test_a_task_that_was_changed_is_refused(copy, name):
         read_task(copy)
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"limits": {"fuel": 1}}, "a task of this version"),
+        ({"limits": {"battery": 2}}, "battery"),
+        ({"problem": None}, "expected fields with values"),
+        ({"seed": "one"}, "seed: expected a whole number"),
+        ({"cells": [[0, 0]]}, "from planning the search on this computer"),
+        ({"rates": [1.0, 1.0, 2.0]}, "from planning the search on this computer"),
+    ],
+)
+def test_a_signed_task_of_another_version_is_refused(copy, changes, expected):
+    body = json.loads((copy / TASK).read_text()) | changes
+    body["signature"] = tasks._sign((copy / KEY).read_bytes().strip(), body)
+    (copy / TASK).write_text(json.dumps(body))
+    with pytest.raises(InvalidInputError, match=expected):
+        read_task(copy)
+
+
 def test_another_key_and_other_files_are_refused(copy):
+    body = json.loads((copy / TASK).read_text())
+    (copy / TASK).write_text(json.dumps(body | {"signature": "\ud800"}))
+    with pytest.raises(InvalidInputError, match="the file was changed"):
+        read_task(copy)
     (copy / KEY).write_text("0" * 64)
     with pytest.raises(InvalidInputError, match="another"):
         read_task(copy)

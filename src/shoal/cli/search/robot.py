@@ -61,7 +61,7 @@ def robot(
             "--vehicle",
             metavar="VEHICLE",
             help=(
-                "mavlink:LINK with udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or"
+                "mavlink:LINK with udpin:HOST:PORT (or udp:), udpout:HOST:PORT, tcp:HOST:PORT or"
                 " serial:DEVICE[@BAUD]; or simulated: (a moving point)."
             ),
         ),
@@ -235,6 +235,8 @@ def _vehicle(
         return
     if kind != "mavlink":
         raise InvalidInputError(f"vehicle: expected mavlink:LINK or simulated:, got {text!r}")
+    if link.startswith("udp:"):  # an autopilot speaks first, on its companion computer
+        link = link.replace("udp", "udpin", 1)
     with Station(FastLink(open_link(link), *pace)) as station:
         yield GuidedVehicle(
             station,
