@@ -34,6 +34,7 @@ COMMANDS = {
     "drive": _Entry("swarm.driving", "drive"),
     "line": _Entry("swarm.theory", "line", "LINE_EXAMPLE"),
     "schedule": _Entry("swarm.theory", "schedule", "SCHEDULE_EXAMPLE"),
+    "adversary": _Entry("swarm.theory", "adversary", "ADVERSARY_EXAMPLE"),
     "steer": _Entry("steering", "steer", "STEER_EXAMPLE"),
     "reach": _Entry("steering", "reach", "REACH_EXAMPLE"),
     "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),

@@ -223,7 +223,9 @@ class _SerialStream:
         return bytes(self._port.read(most))
 
 
-LINKS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
+LINKS = (
+    "udpin:HOST:PORT (or udp:HOST:PORT), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
+)
 
 
 def check_link(text: str) -> Callable[[], VehicleLink]:
