@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +147,9 @@ def _markers(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome
 def _region(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     """Choose regions for random clusters, and count what a tour of their cells costs."""
     rng, side = np.random.default_rng(settings.seed), 10.0
-    used, larger, rows = [], [], []
+    used: list[float] = []
+    larger: list[float] = []
+    rows: list[list[Any]] = []
     drawn = None
     while len(rows) < settings.of(300, 40):
         m = int(rng.integers(1, 9))
