@@ -176,7 +176,7 @@ def adversary(
     """Let an adversary choose a corridor against a policy with one particle, and print the ratio of
     the policy's moves to the moves of one who knows the corridor.
     """
-    from shoal.swarm.theory.exploration import play_adversary
+    from shoal.swarm.adversary import play_adversary
 
     with patience("playing ..."):
         game = play_adversary(policy, cells, seed=seed, max_moves=max_moves)
