@@ -23,7 +23,7 @@ from shoal.papers.errata import check_errata
 from shoal.papers.mapping import curves, exploration, instances, line
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
-from shoal.papers.search import baselines, expected_time
+from shoal.papers.search import baselines, expected_time, wishes
 from shoal.papers.steering import constructions, illustrations, shortest_paths
 from shoal.papers.steering import recipes as steering
 from shoal.swarm.maps.files import open_map
@@ -42,6 +42,7 @@ PARTS = (
     illustrations,
     expected_time,
     baselines,
+    wishes,
 )
 
 

@@ -48,6 +48,8 @@ FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
     "h-fig5",
     "h-baselines",
     "h-curves",
+    "h-markers",
+    "h-region",
 ]
 COMPUTED = {
     "m-theorem1",
@@ -58,6 +60,8 @@ COMPUTED = {
     "d-worst-line",
     *(f"w-fig{n}" for n in (2, 3, 10, 13)),
     "h-curves",
+    "h-markers",
+    "h-region",
 }  # of which no sweep is played
 
 
@@ -154,6 +158,8 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         ("w-swap", "add"),
         ("h-baselines", "aaaaaa"),
         ("h-curves", "aaan"),
+        ("h-markers", "aad"),
+        ("h-region", "aa"),
     ],
 )
 def test_figures_theorems_and_instances_have_their_answers(name, answers, tmp_path):

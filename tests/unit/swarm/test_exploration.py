@@ -14,11 +14,11 @@ import pytest
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmProblem
+from shoal.swarm.adversary import play_adversary
 from shoal.swarm.run import run
 from shoal.swarm.theory.exploration import (
     coverage_instance,
     least_corridor_ratio,
-    play_adversary,
     smart_dfs,
 )
 from shoal.swarm.theory.one_dimension import Line

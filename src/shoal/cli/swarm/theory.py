@@ -171,13 +171,19 @@ def adversary(
         int, typer.Option("--max-moves", help="Number of commands after which the policy stops.")
     ] = 1_000_000,
     seed: options.Seed = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Folder for summary.json."),
+    ] = None,
     json_: options.Json = False,
 ) -> None:
     """Let an adversary choose a corridor against a policy with one particle, and print the ratio of
     the policy's moves to the moves of one who knows the corridor.
     """
-    from shoal.swarm.theory.exploration import play_adversary
+    from shoal.swarm.adversary import play_adversary
 
+    if out is not None:
+        check_folder(out)
     with patience("playing ..."):
         game = play_adversary(policy, cells, seed=seed, max_moves=max_moves)
     result = {
@@ -191,6 +197,7 @@ def adversary(
         "status": game.status,
         "seed": seed,
     }
+    written = [] if out is None else _write(out, {}, result)
     if json_:
         print_json(result)
         return
@@ -200,7 +207,7 @@ def adversary(
         ("of one who knows it", str(game.least)),
         ("ratio", f"{game.ratio:.4f}"),
     ]
-    print_table(rows, title=f"the adversary against {game.policy}")
+    print_table(rows, title=f"the adversary against {game.policy}", written=written)
 
 
 def schedule(

@@ -16,6 +16,7 @@ from shoal.lab.sweep import Sweep
 from shoal.papers.claims import claim
 from shoal.papers.recipe import Outcome, Recipe, Settings, Table
 from shoal.swarm import GridWorkspace, SwarmProblem
+from shoal.swarm.adversary import play_adversary
 from shoal.swarm.run import run
 from shoal.swarm.theory.bounds import optimum
 from shoal.swarm.theory.exploration import (
@@ -23,7 +24,6 @@ from shoal.swarm.theory.exploration import (
     Cell,
     coverage_instance,
     least_corridor_ratio,
-    play_adversary,
     smart_dfs,
 )
 from shoal.swarm.theory.one_dimension import Line
