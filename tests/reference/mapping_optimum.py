@@ -74,6 +74,7 @@ def mapping_optimum(
     """
     check_number(chance_free, what="chance_free", least=0, most=1)
     workspace = GridWorkspace(np.ones(shape, dtype=np.bool_))
+    assert rule != "tilt", "a push is one command here"
     cells = check_case(workspace, start, "mapping", None, rule)
     window, offsets = flat_cells(workspace)
     world = SmallWorld(window, offsets, rule)
