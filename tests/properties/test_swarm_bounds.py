@@ -72,3 +72,24 @@ def test_the_command_bound_stops_early_and_stays_valid():
     particles = flat_mask(workspace, np.array([[0, 0]]))
     about = free, offsets, free & ~particles, particles, 1
     assert 0 < fewest_commands(*about, most_sets=50) < fewest_commands(*about)
+
+
+@pytest.mark.parametrize("rule", ["block", "merge"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_flow_bounds_are_not_above_the_optimum(kind, rule):
+    sharper = 0
+    for seed, (workspace, start) in enumerate(small_cases(16, 46)):
+        if workspace.n_free > (4 if kind == "mapping" else 7) or len(start) > 3:
+            continue
+        case = case_of(kind, workspace, seed)
+        bound = lower_bound(workspace, start, rule=rule, flow=True, **case)
+        fewest = optimum(workspace, start, rule=rule, **case).moves
+        assert bound.moves <= fewest
+        others = max(bound.count, bound.distance, bound.axes, bound.commands, bound.pairs)
+        sharper += bound.flow > others
+    assert sharper or kind != "mapping"
+
+
+def test_flow_bounds_refuse_tilts():
+    with pytest.raises(InvalidInputError, match="flow: expected the rule block or merge"):
+        lower_bound(GridWorkspace([[1, 1]]), [(0, 0)], rule="tilt", flow=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +43,9 @@ class LowerBound:
     pairs : int
         Pair bound: the largest number of commands that two particles need to reach two of the cells
         to classify, because each command moves both. The pair bound is 0 for large workspaces.
+    flow : int
+        Flow bound: a number of commands below which no flow of particles through time enters all
+        cells to classify. The flow bound is 0 if `lower_bound` was called without ``flow``.
     """
 
     count: int
@@ -49,16 +53,17 @@ class LowerBound:
     axes: int
     commands: int
     pairs: int
+    flow: int = 0
 
     @property
     def moves(self) -> int:
         """The largest of the lower bounds."""
-        return max(self.count, self.distance, self.axes, self.commands, self.pairs)
+        return max(self.count, self.distance, self.axes, self.commands, self.pairs, self.flow)
 
     @property
     def name(self) -> str:
         """The name of the largest lower bound; the first of the names if several are equal."""
-        names = ("count", "distance", "axes", "commands", "pairs")
+        names = ("count", "distance", "axes", "commands", "pairs", "flow")
         return max(names, key=lambda name: getattr(self, name))
 
 
@@ -110,6 +115,7 @@ def lower_bound(
     task: str = "coverage",
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
+    flow: bool = False,
 ) -> LowerBound:
     """Return lower bounds on the number of moves of any plan, even of a plan made with the complete
     map.
@@ -128,13 +134,16 @@ def lower_bound(
     rule : str
         The move rule: "block", "merge" or "tilt". Under the rule tilt, one move is one command, in
         which particles slide until something stops them.
+    flow : bool
+        Whether to compute the flow bound too, for few particles and a small workspace. It takes
+        seconds to minutes.
 
     Examples
     --------
     >>> line = GridWorkspace([[1, 1, 1, 1, 1, 1]])
     >>> bound = lower_bound(line, [(0, 2)])
     >>> bound
-    LowerBound(count=5, distance=5, axes=5, commands=5, pairs=7)
+    LowerBound(count=5, distance=5, axes=5, commands=5, pairs=7, flow=0)
     >>> bound.moves, bound.name
     (7, 'pairs')
 
@@ -144,12 +153,15 @@ def lower_bound(
     """
     from shoal.swarm.kernels.theory import FAR, fewest_both_ways, fewest_paid
     from shoal.swarm.theory.command_bounds import (
+        fewest_by_flow,
         fewest_commands,
         fewest_for_pairs,
         longest_run,
     )
 
     cells = check_case(workspace, start, task, targets, rule)
+    if flow and rule == "tilt":
+        raise InvalidInputError("flow: expected the rule block or merge, got tilt")
     free, offsets = flat_cells(workspace)
     particles = flat_mask(workspace, cells)
     distances = np.where(particles, 0, FAR).astype(np.int64)
@@ -179,13 +191,16 @@ def lower_bound(
         axes += max(
             reach, sum(-(-_only_by(free, offsets, wanted, way) // n) for way in (back, forth))
         )
-    return LowerBound(
+    least = LowerBound(
         count=-(-int(left.sum()) // n),
         distance=max(farthest, len(left) - 1),
         axes=axes,
         commands=commands,
         pairs=pairs,
     )
+    if flow:
+        return replace(least, flow=fewest_by_flow(*about, rule=rule, least=least.moves))
+    return least
 
 
 def _only_by(
