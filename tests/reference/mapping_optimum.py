@@ -13,12 +13,11 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.theory.bounds import (
     MOST_STATES,
-    SmallWorld,
     check_case,
     flat_cells,
     flat_mask,
-    set_bits,
 )
+from shoal.swarm.theory.small_world import SmallWorld, set_bits
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
 from shoal.swarm.policies.protocol import View
 from shoal.swarm.simulation.compiled import PlannerGame
-from shoal.swarm.theory.bounds import LowerBound, SmallWorld, lower_bound, optimum
+from shoal.swarm.theory.bounds import LowerBound, lower_bound, optimum
+from shoal.swarm.theory.small_world import SmallWorld
 
 SMALL: dict[str, float] = {
     "beam_width": 3,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.swarm.theory.small_world import SmallWorld
+
 MOST_SETS = 300_000
 MOST_CELLS = 1200
 
@@ -47,8 +49,6 @@ def fewest_commands(
         Maximum number of sets of commands. The search ends before the first number of commands that
         would exceed it; the bound is then weaker, but valid.
     """
-    from shoal.swarm.theory.bounds import SmallWorld
-
     number, shifted = SmallWorld.number, SmallWorld.shifted
     inside, goal = number(free), number(wanted)
     enterable, total = inside | goal, int(np.count_nonzero(wanted))
