@@ -1,5 +1,8 @@
 """Public names, which `lazy_loader` imports when they are first used."""
 
+from .certificates import Certificate as Certificate
+from .certificates import certify as certify
+from .certificates.check import check_certificate as check_certificate
 from .contact.world import ContactWorld as ContactWorld
 from .contact.world import RegionWorld as RegionWorld
 from .delta_space import (
