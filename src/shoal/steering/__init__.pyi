@@ -26,6 +26,9 @@ from .delta_space import (
 from .episode import SteeringEpisode as SteeringEpisode
 from .planners import PLANNERS as PLANNERS
 from .planners import make_planner as make_planner
+from .planners.chains import ReflectedPath as ReflectedPath
+from .planners.chains import reflection_quartic as reflection_quartic
+from .planners.chains import shortest_reflected_path as shortest_reflected_path
 from .planners.task import Planner as Planner
 from .planners.task import SteeringTask as SteeringTask
 from .problem import SteeringProblem as SteeringProblem

@@ -67,6 +67,8 @@ class Agent:
         File descriptor that becomes readable when the supervisor has ended.
     record : callable, optional
         Function that receives each event of the state machine before the event has an effect.
+    pause : callable, optional
+        Function that is called between events, twice a second or more often.
     """
 
     def __init__(
@@ -81,10 +83,11 @@ class Agent:
         tell: Callable[[dict[str, Any]], None],
         lifeline: int | None = None,
         record: Callable[[Event], None] = lambda _event: None,
+        pause: Callable[[], None] = lambda: None,
     ) -> None:
         self.task, self.robot, self.messenger = task, robot, messenger
         self.vehicle, self.sensor = vehicle, sensor
-        self._clock, self._tell, self._record = clock, tell, record
+        self._clock, self._tell, self._record, self._pause = clock, tell, record, pause
         self._tour_cost = robot.brief.tour_cost
         self.fault = ""
         self._cell: int | None = robot.start  # the vehicle is in the centre of this cell
@@ -134,6 +137,7 @@ class Agent:
             if self._wake <= self.now:
                 self._wake = inf
                 self._feed(Wake(self.now))
+            self._pause()
         return True
 
     def _go_on(self) -> None:
@@ -275,7 +279,13 @@ class Agent:
 
     def _due(self) -> float:
         """Return the time at which the agent must update its vehicle next."""
-        return max(self._rest, self.vehicle.due(self.now))
+        now = self.now
+        due = self.vehicle.due(now)
+        if self._going is not None and now >= self._rest:
+            return due
+        # a vehicle that has arrived, and waits, is due all the time, and does nothing then
+        later = due if due > now else inf
+        return later if self._going is None else min(later, self._rest)
 
     def _drive(self) -> None:
         going, now = self._going, self.now
