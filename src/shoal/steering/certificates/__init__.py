@@ -118,15 +118,15 @@ def certify(
     if not episode or not simple or problem.friction < inf:
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None)
-    from shoal.steering.certificates.relaxation import Gap, Relaxation
-    from shoal.steering.certificates.search import Tree
+    from shoal.steering.certificates.relaxation import HoldGap, Relaxation
+    from shoal.steering.certificates.search import PatternTree
 
     orders: Sequence[tuple[int, ...]] = (
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
     limit = episode.length
     trees = [
-        Tree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
+        PatternTree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
         for order in orders
     ]
     begun = told = monotonic()
@@ -161,7 +161,7 @@ def certify(
     order, tree = min(zip(orders, trees, strict=True), key=lambda pair: pair[1].upper)
     if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit:
         episode = improved(
-            episode, order, [item for item in tree.best.pattern if not isinstance(item, Gap)]
+            episode, order, [item for item in tree.best.pattern if not isinstance(item, HoldGap)]
         )
     return Certificate(replace(episode, lower_bound=bound), bound, proof)
 

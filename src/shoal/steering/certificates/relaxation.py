@@ -19,7 +19,7 @@ STEP = 2.0**-36  # multipliers are multiples of this
 
 
 @dataclass(frozen=True)
-class Gap:
+class HoldGap:
     """A place of a pattern where any number of holds may be: of ``holds``, or of all holds if it is
     None.
     """
@@ -27,7 +27,7 @@ class Gap:
     holds: frozenset[Hold] | None = None
 
 
-Pattern = tuple[Hold | Gap, ...]
+Pattern = tuple[Hold | HoldGap, ...]
 """All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
 Between two gaps is a hold."""
 
@@ -143,11 +143,15 @@ class Relaxation:
         loads, number = {}, 0
         for place, item in enumerate(pattern):
             more = (
-                3 if not isinstance(item, Gap) else 3 if item.holds is None else 1 + len(item.holds)
+                3
+                if not isinstance(item, HoldGap)
+                else 3
+                if item.holds is None
+                else 1 + len(item.holds)
             )
-            if isinstance(item, Gap):
+            if isinstance(item, HoldGap):
                 loads[place] = float(lengths[number : number + more].sum())
-            number += more - (place > 0 and isinstance(pattern[place - 1], Gap))
+            number += more - (place > 0 and isinstance(pattern[place - 1], HoldGap))
         return Bound(max(value, 0.0) * self.scale, vectors, slacks, loads)
 
     def program(
@@ -163,7 +167,7 @@ class Relaxation:
             * sum(
                 2 + (2 if item.holds is None else len(item.holds))
                 for item in pattern
-                if isinstance(item, Gap)
+                if isinstance(item, HoldGap)
             )
         )
         low, high = np.zeros(far), np.zeros(far)
@@ -191,7 +195,7 @@ class Relaxation:
             norms, rows = [goals[0] - places[0]], [apart, -apart]
         gap: list[NDArray[np.float64]] | None = None
         for number, item in enumerate(pattern):
-            if isinstance(item, Gap):
+            if isinstance(item, HoldGap):
                 free = vector(-reach, reach)
                 if number < len(pattern) - 1:
                     before = vector(-self.extent, self.extent)
@@ -284,13 +288,13 @@ class Branching:
 def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[Pattern]:
     """Return the patterns into which a branching divides a pattern."""
     before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
-    assert isinstance(gap, Gap)
-    known = (Gap(how.known),) if how.known else ()
+    assert isinstance(gap, HoldGap)
+    known = (HoldGap(how.known),) if how.known else ()
 
-    def fits(*middle: Hold | Gap) -> bool:
+    def fits(*middle: Hold | HoldGap) -> bool:
         whole = (*before[-1:], *middle, *after[:1])
         return all(
-            isinstance(one, Gap) or isinstance(other, Gap) or relaxation.follows(one, other)
+            isinstance(one, HoldGap) or isinstance(other, HoldGap) or relaxation.follows(one, other)
             for one, other in pairwise(whole)
         )
 

@@ -11,7 +11,7 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
-    Gap,
+    HoldGap,
     Pattern,
     Relaxation,
     branches,
@@ -32,7 +32,7 @@ class Node:
     @property
     def open(self) -> bool:
         """Whether the pattern has gaps."""
-        return any(isinstance(item, Gap) for item in self.pattern)
+        return any(isinstance(item, HoldGap) for item in self.pattern)
 
     def proof(self) -> list[dict[str, Any]]:
         """Return the nodes of the proof below this node as JSON, each before its parts."""
@@ -51,7 +51,7 @@ class Node:
         return found
 
 
-class Tree:
+class PatternTree:
     """Branch and bound for one assignment of goals to particles.
 
     Parameters
@@ -67,7 +67,7 @@ class Tree:
 
     def __init__(self, relaxation: Relaxation) -> None:
         self.relaxation = relaxation
-        self.root = self._node((Gap(),))
+        self.root = self._node((HoldGap(),))
         self.best: Node | None = None
         self._heap: list[tuple[float, int, int, Node]] = []
         self._made = 0
@@ -117,13 +117,13 @@ def _branching(pattern: Pattern, loads: dict[int, float]) -> Branching:
     order = sorted(loads, key=lambda place: (_divided(pattern, place) > _OFTEN, -loads[place]))
     place = order[0]
     gap = pattern[place]
-    assert isinstance(gap, Gap)
+    assert isinstance(gap, HoldGap)
     left, right = pattern[:place][::-1], pattern[place + 1 :]
     last = len(left) > len(right)
     if gap.holds is not None:
         inner = [bool(side) and side[0] in gap.holds for side in (left, right)]
         return Branching(place, right=inner[0] if inner[0] != inner[1] else last)
-    near = [item for item in (right if last else left) if not isinstance(item, Gap)]
+    near = [item for item in (right if last else left) if not isinstance(item, HoldGap)]
     for count in (4, 3):  # few holds in turn, again and again, become one gap
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
             return Branching(place, frozenset(near[: 2 * count]), last)
@@ -134,7 +134,7 @@ def _branching(pattern: Pattern, loads: dict[int, float]) -> Branching:
 def _divided(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
-    assert isinstance(gap, Gap)
+    assert isinstance(gap, HoldGap)
     found = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
