@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm. The command shoal replay also uses this module, to print and
+"""shoal map, shoal cover, shoal gather: run a swarm. The command shoal replay also uses this module, to print and
 write results.
 """
 
@@ -39,6 +39,7 @@ SIDES = ("layer", "row", "column")
 INTERRUPTED = 130  # exit code after Ctrl-C
 TOLD = 10.0  # seconds of planning from which the expected duration is said before the first move
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
+GATHER_EXAMPLE = "Example: shoal gather vessels:300 --particles 20 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
 
@@ -72,6 +73,32 @@ def cover(
 ) -> None:
     """Cover a known map: visit every free cell, or every cell of a random subset, with at least one
     particle.
+    """
+    _play(problem, trials, seed, workers, out, film, json_)
+
+
+@takes_problem(
+    SwarmProblem,
+    from_file=True,
+    task="gathering",
+    subset=None,
+    target=None,
+    slip=0.0,
+    misplace=0.0,
+    miss=0.0,
+    confidence=0.99,
+)
+def gather(
+    problem: SwarmProblem,
+    trials: options.Trials = 1,
+    seed: options.Seed = 0,
+    workers: options.Workers = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+) -> None:
+    """Gather all particles on a known map: in one cell, which particles may share under the rule
+    merge, or in a region.
     """
     _play(problem, trials, seed, workers, out, film, json_)
 
