@@ -11,10 +11,13 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
+    Hold,
+    HoldBranching,
     HoldGap,
     Pattern,
     Relaxation,
     branches,
+    gap_branching,
 )
 
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
@@ -26,28 +29,56 @@ class Node:
 
     pattern: Pattern
     bound: Bound
+    least: float = 0.0
     how: Branching | None = None
     parts: list[Node] | None = None
 
     @property
     def open(self) -> bool:
-        """Whether the pattern has gaps."""
-        return any(isinstance(item, HoldGap) for item in self.pattern)
+        """Whether the pattern has gaps, or holds by several walls."""
+        return bool(self.bound.errors)
 
-    def proof(self) -> list[dict[str, Any]]:
-        """Return the nodes of the proof below this node as JSON, each before its parts."""
+    def proof(self, enough: float) -> list[dict[str, Any]]:
+        """Return the nodes of the proof below this node as JSON, each before its parts.
+
+        A node whose own multipliers prove ``enough`` needs no parts.
+        """
         found, stack = [], [self]
         while stack:
             node = stack.pop()
-            if node.how is None:
-                kept = np.flatnonzero(node.bound.slacks)
-                slacks = [[int(k), float(node.bound.slacks[k])] for k in kept]
-                found.append({"norms": node.bound.norms.tolist(), "slacks": slacks})
+            if node.how is None or node.bound.value >= enough:
+                bound = node.bound
+                found.append(
+                    {"norms": bound.norms.tolist()}
+                    | {
+                        name: [
+                            [int(k), *np.atleast_1d(values[k]).tolist()]
+                            for k in np.unique(np.nonzero(values)[0])
+                        ]
+                        for name, values in (("slacks", bound.slacks), ("cones", bound.cones))
+                    }
+                )
+                continue
+            if isinstance(node.how, HoldBranching):
+                how = node.how
+                found.append({"place": how.place, "name": how.name, "wall": how.wall})
             else:
-                known = [list(hold) for hold in sorted(node.how.known)]
-                side = "last" if node.how.right else "first"
-                found.append({"place": node.how.place, "known": known, "side": side})
-                stack += (node.parts or [])[::-1]
+                found.append(
+                    {
+                        "place": node.how.place,
+                        "known": [list(arc) for arc in sorted(node.how.known)],
+                        "side": "last" if node.how.right else "first",
+                        "choices": [
+                            [
+                                hold.particle,
+                                *(hold.last if node.how.right else hold.first),
+                                *hold.arc[:2],
+                            ]
+                            for hold in node.how.choices
+                        ],
+                    }
+                )
+            stack += (node.parts or [])[::-1]
         return found
 
 
@@ -82,7 +113,7 @@ class PatternTree:
     def upper(self) -> float:
         """Least infimum of a pattern without gaps, at most the limit."""
         limit = self.relaxation.limit * self.relaxation.scale
-        return limit if self.best is None else min(limit, self.best.bound.value)
+        return limit if self.best is None else min(limit, self.best.least)
 
     @property
     def lower(self) -> float:
@@ -92,43 +123,56 @@ class PatternTree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        node.how = _branching(node.pattern, node.bound.loads)
+        node.how = _branching(self.relaxation, node.pattern, node.bound.errors)
         node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, node.how)]
         for one in node.parts:
-            self._push(one)
+            self._push(one, node.least)
 
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))
 
-    def _push(self, node: Node) -> None:
+    def _push(self, node: Node, least: float = 0.0) -> None:
+        """Add a node whose plans are at least as long as ``least``, as those of its parent."""
+        node.least = max(node.bound.value, least)
         if node.open:
             self._made += 1
-            heapq.heappush(self._heap, (node.bound.value, -len(node.pattern), self._made, node))
-        elif self.best is None or node.bound.value < self.best.bound.value:
+            heapq.heappush(self._heap, (node.least, -len(node.pattern), self._made, node))
+        elif self.best is None or node.least < self.best.least:
             self.best = node
 
 
-def _branching(pattern: Pattern, loads: dict[int, float]) -> Branching:
-    """Return how to divide a pattern: at the gap that holds most of the length.
+def _branching(
+    relaxation: Relaxation, pattern: Pattern, errors: dict[int, tuple[float, str, int]]
+) -> Branching:
+    """Return how to divide a pattern: at the item with the greatest error.
 
     A gap of few holds next to many of them has been divided often, which did not help. Another gap
     is then better.
     """
-    order = sorted(loads, key=lambda place: (_divided(pattern, place) > _OFTEN, -loads[place]))
-    place = order[0]
-    gap = pattern[place]
-    assert isinstance(gap, HoldGap)
+
+    def rank(place: int) -> tuple[bool, float]:
+        item = pattern[place]
+        return isinstance(item, HoldGap) and _divided(pattern, place) > _OFTEN, -errors[place][0]
+
+    place = min(errors, key=rank)
+    item = pattern[place]
+    if isinstance(item, Hold):
+        return HoldBranching(place, *errors[place][1:])
     left, right = pattern[:place][::-1], pattern[place + 1 :]
     last = len(left) > len(right)
-    if gap.holds is not None:
-        inner = [bool(side) and side[0] in gap.holds for side in (left, right)]
-        return Branching(place, right=inner[0] if inner[0] != inner[1] else last)
-    near = [item for item in (right if last else left) if not isinstance(item, HoldGap)]
+    if item.holds is not None:
+        inner = [bool(side) and side[0].arc in item.holds for side in (left, right)]
+        last = inner[0] if inner[0] != inner[1] else last
+        return gap_branching(relaxation, pattern, place, frozenset(), right=last)
+    near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
+    known = frozenset(near[:2])
+    if len(known) < 2:
+        known = frozenset()
     for count in (4, 3):  # few holds in turn, again and again, become one gap
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
-            return Branching(place, frozenset(near[: 2 * count]), last)
-    pair = frozenset(near[:2])
-    return Branching(place, pair if len(pair) == 2 else frozenset(), last)
+            known = frozenset(near[: 2 * count])
+            break
+    return gap_branching(relaxation, pattern, place, known, right=last)
 
 
 def _divided(pattern: Pattern, place: int) -> int:
@@ -138,7 +182,7 @@ def _divided(pattern: Pattern, place: int) -> int:
     found = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
-            if gap.holds is None or item not in gap.holds:
+            if gap.holds is None or isinstance(item, HoldGap) or item.arc not in gap.holds:
                 break
             found += 1
     return found
