@@ -202,7 +202,7 @@ class Walls(Protocol):
         ...
 
 
-class FlatWalls(Walls):
+class _FlatWalls(Walls):
     """The walls of a convex polygon with ``corners``, counter-clockwise."""
 
     radius = 0.0
@@ -253,7 +253,7 @@ class FlatWalls(Walls):
         return self.normals[wall] / self.lengths[wall], float(depths[nearest])
 
 
-class RoundWalls(Walls):
+class _RoundWalls(Walls):
     """The wall of a disk around the origin, as arcs between ``directions``, shape (n, 2)."""
 
     def __init__(self, radius: float, directions: Floats, base: int) -> None:
@@ -339,11 +339,11 @@ class Relaxation:
         self.walls: Walls
         if place.round:
             origin = place.center
-            self.walls = RoundWalls(place.radius / self.scale, round_directions(), 8)
+            self.walls = _RoundWalls(place.radius / self.scale, round_directions(), 8)
             self._useless: set[tuple[Range, Range]] = set()
         else:
             origin = place.vertices[0]
-            self.walls = FlatWalls((place.vertices - origin) / self.scale, 8)
+            self.walls = _FlatWalls((place.vertices - origin) / self.scale, 8)
             self._useless = _useless(place.vertices)
         self.start, self.goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self.tolerance, self.limit = tolerance / self.scale, limit / self.scale
@@ -352,18 +352,18 @@ class Relaxation:
         settings.chordal_decomposition_enable, settings.max_threads = False, 1
         self._settings = settings
 
-    def follows(self, first: Hold, second: Hold) -> bool:
+    def follows(self, first: Hold, second: Hold, *, every: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
         of the particles.
+
+        If ``every``, one of them is beside a gap of all contacts, and so has all contacts up to it
+        that it may have.
         """
-        if self.walls.runs:
-            return first.particle != second.particle
         count = self.walls.count
-        pair = (
-            (first.arc.first % count, first.particle),
-            (second.arc.first % count, second.particle),
-        )
-        return pair not in self._useless
+        if self.walls.runs:
+            return not every or first.particle != second.particle
+        one, other = ((hold.arc.first % count, hold.particle) for hold in (first, second))
+        return (one, other) not in self._useless and not (every and one == other)
 
     def bound(self, pattern: Pattern) -> Bound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
@@ -501,7 +501,9 @@ class Relaxation:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
-            if not sine:  # one wall: the length is at least |change|, and axis @ change <= 0
+            if (
+                walls.segment(arc.first, arc.end) is not None
+            ):  # one wall: the length is at least |change|, and axis @ change <= 0
                 norms.append(change)
                 rows.append(-axis[None] @ change)
                 return
@@ -686,7 +688,10 @@ def gap_branching(
             begins, ends = (whole, rest) if right else (rest, whole)
             hold = Hold(arc.particle, begins, ends, whole, whole)
             pair = (hold, neighbour) if right else (neighbour, hold)
-            if known or neighbour is None or relaxation.follows(*pair):  # type: ignore[arg-type]
+            every_contact = gap.holds is None
+            if (
+                known or neighbour is None or relaxation.follows(*pair, every=every_contact)  # type: ignore[arg-type]
+            ):
                 choices.append(hold)
     return GapBranching(place, known, right, tuple(choices))
 
@@ -710,25 +715,22 @@ def _without(arc: Arc, excluded: Iterable[Arc], count: int) -> list[Range]:
 def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[Pattern]:
     """Return the patterns into which a branching divides a pattern."""
     before, item, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
-    if isinstance(how, GapBranching):
-        assert isinstance(item, HoldGap)
-        known = (HoldGap(how.known),) if how.known else ()
-        middles: list[Pattern] = [known]
-        middles += [
-            (item, hold, *known) if how.right else (*known, hold, item) for hold in how.choices
-        ]
-    else:
+    if isinstance(how, HoldBranching):
         assert isinstance(item, Hold)
-        middles = [(half,) for half in halves(item, how)]
-    found = [(*before, *middle, *after) for middle in middles]
+        return [(*before, half, *after) for half in halves(item, how)]
+    assert isinstance(item, HoldGap)
+    known = (HoldGap(how.known),) if how.known else ()
+    middles: list[Pattern] = [known]
+    middles += [(item, hold, *known) if how.right else (*known, hold, item) for hold in how.choices]
+    every = item.holds is None
     return [
-        one
-        for one in found
+        (*before, *middle, *after)
+        for middle in middles
         if all(
             isinstance(first, HoldGap)
             or isinstance(second, HoldGap)
-            or relaxation.follows(first, second)
-            for first, second in pairwise(one[max(how.place - 1, 0) :])
+            or relaxation.follows(first, second, every=every)
+            for first, second in pairwise((*before[-1:], *middle, *after[:1]))
         )
     ]
 

@@ -11,6 +11,7 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
+    GapBranching,
     Hold,
     HoldBranching,
     HoldGap,
@@ -28,7 +29,7 @@ class Node:
     """A node of the proof: a pattern with its bound, and how it is divided, if it is."""
 
     pattern: Pattern
-    bound: Bound
+    bound: Bound | None
     least: float = 0.0
     how: Branching | None = None
     parts: list[Node] | None = None
@@ -36,7 +37,7 @@ class Node:
     @property
     def open(self) -> bool:
         """Whether the pattern has gaps, or holds by several walls."""
-        return bool(self.bound.errors)
+        return self.bound is None or bool(self.bound.errors)
 
     def proof(self, enough: float) -> list[dict[str, Any]]:
         """Return the nodes of the proof below this node as JSON, each before its parts.
@@ -46,8 +47,8 @@ class Node:
         found, stack = [], [self]
         while stack:
             node = stack.pop()
-            if node.how is None or node.bound.value >= enough:
-                bound = node.bound
+            bound = node.bound
+            if bound is not None and (node.how is None or bound.value >= enough):
                 found.append(
                     {"norms": bound.norms.tolist()}
                     | {
@@ -69,11 +70,7 @@ class Node:
                         "known": [list(arc) for arc in sorted(node.how.known)],
                         "side": "last" if node.how.right else "first",
                         "choices": [
-                            [
-                                hold.particle,
-                                *(hold.last if node.how.right else hold.first),
-                                *hold.arc[:2],
-                            ]
+                            [hold.particle, *(hold.last if node.how.right else hold.first)]
                             for hold in node.how.choices
                         ],
                     }
@@ -123,10 +120,63 @@ class PatternTree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        node.how = _branching(self.relaxation, node.pattern, node.bound.errors)
-        node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, node.how)]
-        for one in node.parts:
-            self._push(one, node.least)
+        assert node.bound is not None
+        errors, pattern = node.bound.errors, node.pattern
+        node.how = _branching(self.relaxation, pattern, errors)
+        if isinstance(node.how, HoldBranching):
+            node.parts = [self._node(one) for one in branches(self.relaxation, pattern, node.how)]
+            for one in node.parts:
+                self._push(one, node.least)
+            return
+        node.parts = []
+        for pattern in branches(self.relaxation, node.pattern, node.how):
+            if len(pattern) > len(node.pattern):
+                part, ends = self._by_reach(pattern, node.how)
+            else:
+                part = self._node(pattern)
+                ends = [part]
+            node.parts.append(part)
+            for one in ends:
+                self._push(one, node.least)
+
+    def _by_reach(self, pattern: Pattern, how: GapBranching) -> tuple[Node, list[Node]]:
+        """Return the node of a new hold, divided by whether its run stays near its first (or last)
+        contact, and the nodes at the ends.
+        """
+        place = how.place + (not how.right and bool(how.known)) + how.right
+        hold = pattern[place]
+        assert isinstance(hold, Hold)
+        top: Node | None = None
+        walls = self.relaxation.walls
+        margin = walls.count // len(walls.base)
+        near = hold.last if how.right else hold.first
+        ends: list[Node] = []
+        above: Node | None = None
+        for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
+            first, end = getattr(hold, name)
+            if not (walls.runs and first < wall < end):
+                continue
+            split = HoldBranching(place, name, wall)
+            node = Node(pattern, None, how=split, parts=[])
+            if above is not None and above.parts is not None:
+                above.parts.insert(1 if name == "most" else 0, node)
+            top = top or node
+            # least: far before the wall, near after it; most: near before the wall, far after it
+            parts = branches(self.relaxation, pattern, split)
+            far = self._node(parts[0 if name == "least" else 1])
+            node.parts = [far]
+            ends.append(far)
+            pattern = parts[1 if name == "least" else 0]
+            hold = pattern[place]
+            above = node
+        last = self._node(pattern)
+        ends.append(last)
+        if above is None or top is None:
+            return last, ends
+        assert above.parts is not None
+        assert isinstance(above.how, HoldBranching)
+        above.parts.insert(1 if above.how.name == "least" else 0, last)
+        return top, ends
 
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))
@@ -151,8 +201,8 @@ def _branching(
     """
 
     def rank(place: int) -> tuple[bool, float]:
-        item = pattern[place]
-        return isinstance(item, HoldGap) and _divided(pattern, place) > _OFTEN, -errors[place][0]
+        vain = isinstance(pattern[place], HoldGap) and _divided(pattern, place) > _OFTEN
+        return vain, -errors[place][0]
 
     place = min(errors, key=rank)
     item = pattern[place]
