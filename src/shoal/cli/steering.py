@@ -48,7 +48,7 @@ def steer(
             metavar="SECONDS",
             help=(
                 "Search for at most this time for a proof of how much shorter a plan could be, and"
-                " for shorter plans. In polygons, --out also writes the proof, certificate.json."
+                " for shorter plans. In convex polygons and disks, --out also writes the proof, certificate.json."
                 ' Needs the extra "certify".'
             ),
         ),

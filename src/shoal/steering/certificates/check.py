@@ -510,7 +510,8 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
         low, high = ranges[2][0], ranges[3][1]
         inner = [(max(one, low), min(other, high)) for one, other in ranges]
         if all(one < other for one, other in inner):
-            found.append(_Hold(hold.particle, *inner, order=hold.order))
+            first_, last, least, most = inner
+            found.append(_Hold(hold.particle, first_, last, least, most, hold.order))
     return found
 
 

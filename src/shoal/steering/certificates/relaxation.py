@@ -55,6 +55,11 @@ class Hold(NamedTuple):
     most: Range
     order: int = 0
 
+    def range(self, name: str) -> Range:
+        """Return the range of a contact by its name."""
+        found: Range = getattr(self, name)
+        return found
+
     def way(self) -> list[str]:
         """Return the contacts that the run certainly has, in their order."""
         if self.order:
@@ -437,7 +442,7 @@ class Relaxation:
         if hold.single:
             return None
         found = {
-            name: self.walls.inward(*getattr(hold, name), named[name])
+            name: self.walls.inward(*hold.range(name), named[name])
             for name in ("first", "last", "least", "most")
             if name in named
         }
@@ -445,19 +450,19 @@ class Relaxation:
         depths = {
             name: depth
             for name, (_, depth) in found.items()
-            if getattr(hold, name)[1] - getattr(hold, name)[0] > 1
+            if hold.range(name)[1] - hold.range(name)[0] > 1
         }
         deepest = max(depths, key=lambda name: depths[name], default=None)
         total = against + sum(depths.values())
         if deepest is not None and depths[deepest] > against:
-            first, end = getattr(hold, deepest)
+            first, end = hold.range(deepest)
             return total, deepest, (first + end) // 2
         least, most, arc = hold.least, hold.most, hold.arc
         if arc.end - arc.first > self.walls.count // 3:  # most runs stay near their first contact
             near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
             margin = self.walls.count // len(self.walls.base)
             for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
-                first, end = getattr(hold, name)
+                first, end = hold.range(name)
                 if first < wall < end:
                     return total, name, wall
         if not hold.order and least[1] <= most[0]:
@@ -465,7 +470,7 @@ class Relaxation:
         if most[0] < least[1] < most[1]:
             return total, "most", least[1]
         name = "least" if least[1] - least[0] >= most[1] - most[0] else "most"
-        first, end = getattr(hold, name)
+        first, end = hold.range(name)
         return None if end - first == 1 else (total, name, (first + end) // 2)
 
     def program(self, pattern: Pattern) -> Program:
@@ -591,7 +596,7 @@ class Relaxation:
             after = goals[1] - goals[0] if final else vector(-extent, extent)
             named = {"first": first, "last": last, "change": sign * (after - before)}
             way = item.way()
-            named |= {name: contact(getattr(item, name)) for name in way[1:-1]}
+            named |= {name: contact(item.range(name)) for name in way[1:-1]}
             norms += [named[other] - named[one] for one, other in pairwise(way)]
             length_of(item.arc, sign * (after - before))
             inside(first + sign * before)
@@ -687,12 +692,11 @@ def gap_branching(
             whole = walls.run(rest)
             begins, ends = (whole, rest) if right else (rest, whole)
             hold = Hold(arc.particle, begins, ends, whole, whole)
-            pair = (hold, neighbour) if right else (neighbour, hold)
-            every_contact = gap.holds is None
-            if (
-                known or neighbour is None or relaxation.follows(*pair, every=every_contact)  # type: ignore[arg-type]
-            ):
-                choices.append(hold)
+            if not known and isinstance(neighbour, Hold):
+                pair = (hold, neighbour) if right else (neighbour, hold)
+                if not relaxation.follows(*pair, every=gap.holds is None):
+                    continue
+            choices.append(hold)
     return GapBranching(place, known, right, tuple(choices))
 
 
@@ -739,15 +743,17 @@ def halves(hold: Hold, how: HoldBranching) -> list[Hold]:
     """Return the holds into which a branching divides a hold."""
     if how.name == "order":
         return [hold._replace(order=1), hold._replace(order=-1)]
-    first, end = getattr(hold, how.name)
+    first, end = hold.range(how.name)
     found = []
     for part in ((first, how.wall), (how.wall, end)):
-        half = hold._replace(**{how.name: part})
+        parts: dict[str, Any] = {how.name: part}
+        half = hold._replace(**parts)
         low, high = half.least[0], half.most[1]
         ranges = [
             (max(one[0], low), min(one[1], high))
             for one in (half.first, half.last, half.least, half.most)
         ]
         if all(one < other for one, other in ranges):
-            found.append(Hold(hold.particle, *ranges, order=hold.order))
+            begins, ends, least, most = ranges
+            found.append(Hold(hold.particle, begins, ends, least, most, hold.order))
     return found

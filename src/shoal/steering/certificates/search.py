@@ -11,11 +11,11 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
-    GapBranching,
     Hold,
     HoldBranching,
     HoldGap,
     Pattern,
+    Range,
     Relaxation,
     branches,
     gap_branching,
@@ -60,18 +60,19 @@ class Node:
                     }
                 )
                 continue
-            if isinstance(node.how, HoldBranching):
-                how = node.how
+            how = node.how
+            assert how is not None
+            if isinstance(how, HoldBranching):
                 found.append({"place": how.place, "name": how.name, "wall": how.wall})
             else:
                 found.append(
                     {
-                        "place": node.how.place,
-                        "known": [list(arc) for arc in sorted(node.how.known)],
-                        "side": "last" if node.how.right else "first",
+                        "place": how.place,
+                        "known": [list(arc) for arc in sorted(how.known)],
+                        "side": "last" if how.right else "first",
                         "choices": [
-                            [hold.particle, *(hold.last if node.how.right else hold.first)]
-                            for hold in node.how.choices
+                            [hold.particle, *(hold.last if how.right else hold.first)]
+                            for hold in how.choices
                         ],
                     }
                 )
@@ -131,7 +132,11 @@ class PatternTree:
         node.parts = []
         for pattern in branches(self.relaxation, node.pattern, node.how):
             if len(pattern) > len(node.pattern):
-                part, ends = self._by_reach(pattern, node.how)
+                place = node.how.place + (node.how.right or bool(node.how.known))
+                hold = pattern[place]
+                assert isinstance(hold, Hold)
+                near = hold.last if node.how.right else hold.first
+                part, ends = self._by_reach(pattern, place, near)
             else:
                 part = self._node(pattern)
                 ends = [part]
@@ -139,50 +144,31 @@ class PatternTree:
             for one in ends:
                 self._push(one, node.least)
 
-    def _by_reach(self, pattern: Pattern, how: GapBranching) -> tuple[Node, list[Node]]:
+    def _by_reach(self, pattern: Pattern, place: int, near: Range) -> tuple[Node, list[Node]]:
         """Return the node of a new hold, divided by whether its run stays near its first (or last)
-        contact, and the nodes at the ends.
+        contact, which is with the walls ``near``, and the undivided nodes below it.
         """
-        place = how.place + (not how.right and bool(how.known)) + how.right
-        hold = pattern[place]
+        hold, walls = pattern[place], self.relaxation.walls
         assert isinstance(hold, Hold)
-        top: Node | None = None
-        walls = self.relaxation.walls
         margin = walls.count // len(walls.base)
-        near = hold.last if how.right else hold.first
-        ends: list[Node] = []
-        above: Node | None = None
-        for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
-            first, end = getattr(hold, name)
-            if not (walls.runs and first < wall < end):
-                continue
-            split = HoldBranching(place, name, wall)
-            node = Node(pattern, None, how=split, parts=[])
-            if above is not None and above.parts is not None:
-                above.parts.insert(1 if name == "most" else 0, node)
-            top = top or node
-            # least: far before the wall, near after it; most: near before the wall, far after it
-            parts = branches(self.relaxation, pattern, split)
-            far = self._node(parts[0 if name == "least" else 1])
-            node.parts = [far]
-            ends.append(far)
-            pattern = parts[1 if name == "least" else 0]
-            hold = pattern[place]
-            above = node
-        last = self._node(pattern)
-        ends.append(last)
-        if above is None or top is None:
-            return last, ends
-        assert above.parts is not None
-        assert isinstance(above.how, HoldBranching)
-        above.parts.insert(1 if above.how.name == "least" else 0, last)
-        return top, ends
+        for name, wall, close in (("least", near[0] - margin, 1), ("most", near[1] + margin, 0)):
+            first, end = hold.range(name)
+            if walls.runs and first < wall < end:
+                how = HoldBranching(place, name, wall)
+                halves = branches(self.relaxation, pattern, how)
+                far = self._node(halves[1 - close])
+                part, ends = self._by_reach(halves[close], place, near)
+                parts = [far, part] if close else [part, far]
+                return Node(pattern, None, how=how, parts=parts), [far, *ends]
+        node = self._node(pattern)
+        return node, [node]
 
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))
 
     def _push(self, node: Node, least: float = 0.0) -> None:
         """Add a node whose plans are at least as long as ``least``, as those of its parent."""
+        assert node.bound is not None
         node.least = max(node.bound.value, least)
         if node.open:
             self._made += 1
@@ -211,7 +197,10 @@ def _branching(
     left, right = pattern[:place][::-1], pattern[place + 1 :]
     last = len(left) > len(right)
     if item.holds is not None:
-        inner = [bool(side) and side[0].arc in item.holds for side in (left, right)]
+        inner = [
+            bool(side) and isinstance(side[0], Hold) and side[0].arc in item.holds
+            for side in (left, right)
+        ]
         last = inner[0] if inner[0] != inner[1] else last
         return gap_branching(relaxation, pattern, place, frozenset(), right=last)
     near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
