@@ -122,27 +122,28 @@ def certify(
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None)
     from shoal.steering.certificates.relaxation import Hold, Relaxation, round_directions
-    from shoal.steering.certificates.search import PatternTree
+    from shoal.steering.certificates.search import Search
 
     orders: Sequence[tuple[int, ...]] = (
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
     limit = episode.length
-    trees = [
-        PatternTree(Relaxation(place, start, goal[list(order)], problem.tolerance, limit))
+    searches = [
+        Search(Relaxation(place, start, goal[list(order)], problem.tolerance, limit))
         for order in orders
     ]
     begun = told = clock()
     while (now := clock()) - begun < seconds:
-        tree = min(trees, key=lambda one: one.least_open)
-        if tree.least_open * (1 + _ENOUGH) >= min(one.upper for one in trees):
+        search = min(searches, key=lambda one: one.best.lower)
+        least = search.best.lower
+        if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
             break
-        tree.step()
+        search.step(clock)
         if progress is not None and now - told > 1:
             told = now
-            progress(now - begun, min(one.lower for one in trees))
-    bound = max(min(one.lower for one in trees) * (1 - _SLACK), 0.0)
-    relaxation = trees[0].relaxation
+            progress(now - begun, least)
+    bound = max(min(one.best.lower for one in searches) * (1 - _SLACK), 0.0)
+    relaxation = searches[0].relaxation
     proof = {
         "kind": KIND,
         **_outline(problem),
@@ -156,15 +157,16 @@ def certify(
         "unit": relaxation.scale,
         "lower_bound": bound,
         "trees": [
-            {"order": [k + 1 for k in order], "proof": tree.root.proof(bound)}
-            for order, tree in zip(orders, trees, strict=True)
+            {"order": [k + 1 for k in order], "proof": search.best.root.proof(bound)}
+            for order, search in zip(orders, searches, strict=True)
         ],
     }
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, tree = min(zip(orders, trees, strict=True), key=lambda pair: pair[1].upper)
+    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
+    tree = search.shortest
     if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit and not place.round:
         holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
         walls = len(place.vertices)

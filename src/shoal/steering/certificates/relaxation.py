@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from math import frexp, inf
@@ -193,14 +193,16 @@ class Walls(Protocol):
         """Return normals (n, 2) and offsets (n,) of the flat walls."""
         ...
 
-    def run(self, between: Range) -> Range:
-        """Return the walls of all contacts of a hold that begins or ends in a range: with runs,
-        all walls, from half a turn before the middle of the range to half a turn after it.
+    def hold(self, particle: int, between: Range, *, right: bool) -> Hold:
+        """Return the hold that begins (or, from the right, ends) with a range of walls. If it is a
+        run, it may have all walls, from half a turn before the middle of the range on.
         """
-        if not self.runs:
-            return between
-        first = (between[0] + between[1]) // 2 - self.count // 2
-        return first, first + self.count
+        whole = between
+        if self.runs:
+            first = (between[0] + between[1]) // 2 - self.count // 2
+            whole = first, first + self.count
+        begins, ends = (whole, between) if right else (between, whole)
+        return Hold(particle, begins, ends, whole, whole)
 
     def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
         """Return the inward unit normal of the wall of an arc nearest a point, and the distance."""
@@ -689,15 +691,30 @@ def gap_branching(
     choices = []
     for arc in every:
         for rest in _without(arc, excluded, walls.count):
-            whole = walls.run(rest)
-            begins, ends = (whole, rest) if right else (rest, whole)
-            hold = Hold(arc.particle, begins, ends, whole, whole)
+            hold = walls.hold(arc.particle, rest, right=right)
             if not known and isinstance(neighbour, Hold):
                 pair = (hold, neighbour) if right else (neighbour, hold)
                 if not relaxation.follows(*pair, every=gap.holds is None):
                     continue
             choices.append(hold)
     return GapBranching(place, known, right, tuple(choices))
+
+
+def use_branchings(
+    relaxation: Relaxation, pattern: Pattern, place: int, *, right: bool
+) -> Iterator[GapBranching]:
+    """Yield branchings of a gap by whether it has contacts outside some arcs.
+
+    These arcs are all of the gap but one.
+    """
+    gap, walls = pattern[place], relaxation.walls
+    assert isinstance(gap, HoldGap)
+    every = gap.holds or frozenset(
+        Arc(*part, particle) for part in walls.base for particle in (0, 1)
+    )
+    for arc in sorted(every) if len(every) > 1 else []:
+        hold = walls.hold(arc.particle, arc[:2], right=right)
+        yield GapBranching(place, every - {arc}, right, (hold,))
 
 
 def _without(arc: Arc, excluded: Iterable[Arc], count: int) -> list[Range]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
+    GapBranching,
     Hold,
     HoldBranching,
     HoldGap,
@@ -19,8 +22,10 @@ from shoal.steering.certificates.relaxation import (
     Relaxation,
     branches,
     gap_branching,
+    use_branchings,
 )
 
+_USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -86,6 +91,9 @@ class PatternTree:
     Parameters
     ----------
     relaxation : Relaxation
+    by_use : bool
+        Whether to prefer to divide a gap by whether it has a hold somewhere, rather than by its
+        first hold. For some tasks, this is much better, for others much worse.
 
     Attributes
     ----------
@@ -94,7 +102,8 @@ class PatternTree:
         The shortest pattern without gaps so far; its bound is the infimum of its plans.
     """
 
-    def __init__(self, relaxation: Relaxation) -> None:
+    def __init__(self, relaxation: Relaxation, *, by_use: bool = False) -> None:
+        self.by_use = by_use
         self.relaxation = relaxation
         self.root = self._node((HoldGap(),))
         self.best: Node | None = None
@@ -129,6 +138,14 @@ class PatternTree:
             for one in node.parts:
                 self._push(one, node.least)
             return
+        by_use = None
+        if self.by_use:
+            by_use = self._by_use(node, node.how.place, right=node.how.right)
+        if by_use is not None:
+            node.how, node.parts = by_use
+            for one in node.parts:
+                self._push(one, node.least)
+            return
         node.parts = []
         for pattern in branches(self.relaxation, node.pattern, node.how):
             if len(pattern) > len(node.pattern):
@@ -143,6 +160,30 @@ class PatternTree:
             node.parts.append(part)
             for one in ends:
                 self._push(one, node.least)
+
+    def _by_use(
+        self, node: Node, place: int, *, right: bool
+    ) -> tuple[GapBranching, list[Node]] | None:
+        """Return the best division of a gap by whether it has contacts outside some arcs, with the
+        nodes of its parts; None if no such division raises the bound enough.
+        """
+        best: tuple[float, GapBranching, list[Node]] | None = None
+        most = _USEFUL * (self.upper - node.least)
+        for how in use_branchings(self.relaxation, node.pattern, place, right=right):
+            parts: list[Node] = []
+            least, greatest = inf, 0.0
+            for pattern in branches(self.relaxation, node.pattern, how):
+                part = self._node(pattern)
+                assert part.bound is not None
+                rise = max(part.bound.value - node.least, 0.0)
+                least, greatest = min(least, rise), max(greatest, rise)
+                parts.append(part)
+                if least + 0.1 * (self.upper - node.least) < most:
+                    break
+            else:
+                if least + 0.1 * greatest > most:
+                    most, best = least + 0.1 * greatest, (least, how, parts)
+        return None if best is None else best[1:]
 
     def _by_reach(self, pattern: Pattern, place: int, near: Range) -> tuple[Node, list[Node]]:
         """Return the node of a new hold, divided by whether its run stays near its first (or last)
@@ -225,3 +266,33 @@ def _divided(pattern: Pattern, place: int) -> int:
                 break
             found += 1
     return found
+
+
+class Search:
+    """The searches for the bound of one assignment of goals to particles.
+
+    With few flat walls, these are two, each with half of the time; otherwise one.
+    """
+
+    def __init__(self, relaxation: Relaxation) -> None:
+        self.relaxation = relaxation
+        ways = (False,) if relaxation.walls.runs else (False, True)
+        self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in ways]
+        self._spent = [0.0] * len(ways)
+
+    @property
+    def best(self) -> PatternTree:
+        """The tree with the greatest bound."""
+        return max(self._trees, key=lambda tree: tree.lower)
+
+    @property
+    def shortest(self) -> PatternTree:
+        """The tree with the shortest plan."""
+        return min(self._trees, key=lambda tree: tree.upper)
+
+    def step(self, clock: Callable[[], float]) -> None:
+        """Go on with the tree that had less time."""
+        number = min(range(len(self._trees)), key=lambda k: self._spent[k])
+        begun = clock()
+        self._trees[number].step()
+        self._spent[number] += clock() - begun
