@@ -225,11 +225,13 @@ class _Task:
                 raise _WrongError("the multiplier of a constraint is negative")
             _add(total, _numbered(program.rows, index)(), -slack)
         for index, *given in leaf["cones"]:
-            x, y = (_multiple(part) for part in given)
-            length, vector = _numbered(program.cones, index)
+            factors = [_multiple(part) for part in given]
+            length, vectors = _numbered(program.cones, index)
             # t >= |v| and n >= |z| mean n t - z . v >= 0
-            _add(total, length, -_root(x * x + y * y) * self.whole)
-            for factor, part in ((x, vector[0]), (y, vector[1])):
+            size = _root(sum(factor * factor for factor in factors))
+            _add(total, length, -size * self.whole)
+            # fewer parts of z than of v, or more, are 0
+            for factor, part in zip(factors, vectors, strict=False):
                 _add(total, part, factor * self.whole)
         value = total.pop(_ONE, 0)
         for key, number in total.items():
@@ -345,8 +347,10 @@ class _Program:
         self.bounds: list[Pair] = []
         self.norms: list[Vector] = []
         self.rows: list[Callable[[], dict[int, int]]] = []
-        self.cones: list[tuple[dict[int, int], Vector]] = []
+        self.cones: list[tuple[dict[int, int], tuple[dict[int, int], ...]]] = []
         self.costs: list[int] = []
+        (x, y), (other_x, other_y) = task.start
+        self.walked = {_ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2)}
         self._build(pattern)
 
     def _vector(self, low: Pair, high: Pair) -> Vector:
@@ -399,6 +403,42 @@ class _Program:
             self.cones.append(({_ONE: walls.radius}, point))
         return point
 
+    def _at_least(self, change: Vector) -> int:
+        """Return a variable that is at least the norm of a vector and part of the length."""
+        self.bounds.append((0, self.task.limit))
+        length = len(self.bounds) - 1
+        self.costs.append(length)
+        self.cones.append(({length: 1}, change))
+        return length
+
+    def _travel(self, change: Vector) -> None:
+        """Count free translations; around a disk, remember the sum of their lengths."""
+        if self.task.walls.radius:
+            self.walked[self._at_least(change)] = 1
+        else:
+            self.norms.append(change)
+
+    def _spread(self, apart: Vector) -> None:
+        """Add the law of growth in a disk: |apart|² <= 2 r (|difference at the start| + walked).
+
+        Let a particle touch the wall at c, h = -c . D / r be the depth of the other one, and D the
+        vector to it. It is in the disk: |c + D|² <= r², so |D|² <= 2 r h. An adjustment does not
+        raise h. A translation of length t to the next contact of either particle raises h by at
+        most t: with p the angle between D and the normal, h = |D| cos p and |D| <= 2 r cos p. The
+        next contact has an angle q. If q < p, the contact moves by at least 2 r sin((p - q) / 2),
+        and |D| (cos q - cos p) = 2 |D| sin((p + q) / 2) sin((p - q) / 2) <= t, because
+        |D| sin((p + q) / 2) <= 2 r cos((p + q) / 2) sin((p + q) / 2) <= r. At the first contact,
+        h <= |D|, and D is that of the start.
+        """
+        radius = self.task.walls.radius
+        if radius:
+            # |v|² <= a b as |(2 v, a - b)| <= a + b
+            doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
+            least, most = dict(self.walked), dict(self.walked)
+            least[_ONE] -= 2 * radius
+            most[_ONE] += 2 * radius
+            self.cones.append((most, (*doubled, least)))
+
     def _adjusts(self, first: int, end: int, change: Vector) -> None:
         """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
         walls = self.task.walls
@@ -407,10 +447,7 @@ class _Program:
             self.norms.append(change)
             self.rows.append(lambda: _along(axis, change, -1))
             return
-        self.bounds.append((0, self.task.limit))
-        length = len(self.bounds) - 1
-        self.costs.append(length)
-        self.cones.append(({length: 1}, change))
+        length = self._at_least(change)
 
         def row() -> dict[int, int]:
             return _along(axis, change, -1) | {length: sine}
@@ -435,7 +472,7 @@ class _Program:
             final = number == len(pattern) - 1
             if not isinstance(item, _Hold):
                 free = self._around(far)
-                norms.append(free)
+                self._travel(free)
                 reached = [_plus(place, free) for place in places]
                 for first, end, particle in (
                     [(0, 0, 0), (0, 0, 1)] if item is None else sorted(item)
@@ -448,6 +485,7 @@ class _Program:
                     reached[1 - particle] = _plus(reached[1 - particle], change)
                 if not final:
                     before = self._around(task.extent)
+                self._spread(_minus(goals[1], goals[0]) if final else before)
                 continue
             first_contact, last_contact = self._contact(item.first), self._contact(item.last)
 
@@ -456,19 +494,25 @@ class _Program:
 
             if reached is None:
                 before = _minus(places[1], places[0])
-                norms.append(_minus(first_contact, places[item.particle]))
+                way = _minus(first_contact, places[item.particle])
+                if number:
+                    self._travel(way)
+                else:
+                    norms.append(way)
             else:
                 now = [first_contact, other(first_contact, before)]
                 for one, there in zip(reached, now[:: 1 - 2 * item.particle], strict=True):
                     self._equal(one, there)
                 reached = None
             after = _minus(goals[1], goals[0]) if final else self._around(task.extent)
-            way = [
+            touched = [
                 first_contact,
                 *(self._contact(between) for between in _between(item)),
                 last_contact,
             ]
-            norms += [_minus(second, first) for first, second in pairwise(way)]
+            for one, another in pairwise(touched):
+                self._travel(_minus(another, one))
+            self._spread(after)
             change = other(({}, {}), _minus(after, before))
             self._adjusts(item.least[0], item.most[1], change)
             self._inside(other(first_contact, before))
@@ -515,6 +559,69 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
     return found
 
 
+_PIECES = 256  # of the least distance, in the law of growth
+_BITS = 240  # of cosines and angles
+_HALVES = 20  # of an angle
+
+
+def _growth(task: _Task) -> Fraction:
+    """Return a bound for a disk from the law of growth, where a plan cannot be a translation.
+
+    Let d be the least |D| of a plan, D the vector between the particles. The sum of the adjustments
+    is at least as long as a path of D from the start to the goal that stays outside the disk of
+    radius d: two tangents and an arc. From then on, the translations are at least as long as
+    |D at the goal|² / 2 r - d, by the law of growth. Each piece of the interval of d has the path
+    of its lower and the translations of its upper end.
+
+    A goal within the tolerance changes D by less than 3 tolerances.
+    """
+    walls, slack = task.walls, 3 * task.tolerance
+    if not walls.radius:
+        raise _WrongError("the law of growth is for disks")
+    ends = [(two[0] - one[0], two[1] - one[1]) for one, two in (task.start, task.goal)]
+    start, goal = (isqrt(_dot(end, end)) for end in ends)
+    apart = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+    straight = isqrt(_dot(apart, apart)) - slack
+    if straight <= 0:
+        raise _WrongError("the law of growth is not for a translation")
+    one, low = 1 << _BITS, max(goal - slack, 0)
+    turn = _angle(_dot(*ends) * one, start * goal)[0] if start and goal else 0
+    most, least = min(start, goal + slack) + 1, None  # no plan has a greater d
+    for piece in range(_PIECES):
+        inner = most * piece // _PIECES - slack
+        outer = most * (piece + 1) // _PIECES + 1
+        way = straight
+        if 0 < inner < min(start, goal):
+            between = turn - sum(_angle(inner * one, end)[1] for end in (start, goal))
+            if between > 0:
+                tangents = sum(isqrt(end * end - inner * inner) for end in (start, goal))
+                way = max(way, tangents + inner * between // one - slack)
+        way += max(low * low // (2 * walls.radius) - outer, 0)
+        least = way if least is None else min(least, way)
+    assert least is not None
+    return Fraction(least, task.whole) * task.unit
+
+
+def _angle(part: int, whole: int) -> Pair:
+    """Return the angle with the cosine part / whole / 2**_BITS, rounded down and up; times 2**_BITS.
+
+    The chord c of an angle is sqrt(2 - 2 cos), that of half of it sqrt(2 - sqrt(4 - c²)). A small
+    angle a is between its chord 2 sin(a / 2) and c (1 + c² / 20).
+    """
+    one = 1 << _BITS
+    found = []
+    for cosine, up in ((-(-part // whole), 0), (part // whole, 1)):
+        square = 2 * one - 2 * max(min(cosine, one), -one)  # of the chord
+        for _ in range(_HALVES):
+            inner = (4 * one - square) * one
+            square = 2 * one - (isqrt(inner) if up else _root(inner))
+        chord = _root(square * one) if up else isqrt(square * one)
+        if up:
+            chord += chord * square // (20 * one) + 1
+        found.append(chord << _HALVES)
+    return found[0], found[1]
+
+
 def _leaves(
     task: _Task, proof: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[list[Item], Mapping[str, Any]]]:
@@ -530,6 +637,15 @@ def _leaves(
             stack += task.parts(pattern, node)[::-1]
     if stack:
         raise _WrongError(f"{len(stack)} cases are missing")
+
+
+def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
+    """Yield the bound of each leaf of a proof."""
+    if proof == "growth":
+        yield _growth(task)
+        return
+    for pattern, leaf in _leaves(task, proof):
+        yield task.value(pattern, leaf)
 
 
 def check_certificate(certificate: Mapping[str, Any]) -> Verification:
@@ -553,8 +669,7 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         count = 0
         for tree in certificate["trees"]:
             task = _Task(certificate, tree["order"])
-            for pattern, leaf in _leaves(task, tree["proof"]):
-                value = task.value(pattern, leaf)
+            for value in _values(task, tree["proof"]):
                 count += 1
                 if value < bound:
                     raise _WrongError(

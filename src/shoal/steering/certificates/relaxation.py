@@ -98,7 +98,7 @@ gaps is a hold."""
 @dataclass(frozen=True)
 class Bound:
     """A lower bound of a pattern, with the multipliers of norms, float64 (n, 2), of constraints,
-    float64 (m,), and of cones, float64 (k, 2), that prove it.
+    float64 (m,), and of cones, float64 (k, 3), that prove it.
 
     ``errors`` has, for each place of the pattern that can be divided, how much might be lost there,
     as a length, and for a hold also what to divide, and where.
@@ -123,8 +123,8 @@ class Program:
     costs : ndarray of float64, shape (variables,)
     rows : ndarray of float64, shape (m, variables + 1)
         Expressions that are at least 0.
-    cones : ndarray of float64, shape (k, 3, variables + 1)
-        The first expression is at least the norm of the other two.
+    cones : ndarray of float64, shape (k, 4, variables + 1)
+        The first expression is at least the norm of the other three.
     low, high : ndarray of float64, shape (variables,)
     contacts : list of tuple
         For each hold: place in the pattern, and its contacts and adjustments by name.
@@ -147,7 +147,7 @@ class Program:
         total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
         total[:-1] += self.costs
         if len(turns):
-            total -= np.hypot(*turns.T) @ self.cones[:, 0]
+            total -= np.linalg.norm(turns, axis=1) @ self.cones[:, 0]
             total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
         rest = total[:-1]
         value = float(total[-1] + np.minimum(rest * self.low, rest * self.high).sum())
@@ -382,7 +382,7 @@ class Relaxation:
         clarabel = self._clarabel
         # the variables of the program, then the length of each norm
         linear = len(rows) + 2 * count
-        system = np.zeros((linear + 3 * size + 3 * cones, count + size + 1))
+        system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
         system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
         box = system[len(rows) : linear]
         box[:count, :count], box[:count, -1] = np.eye(count), -low
@@ -390,7 +390,7 @@ class Relaxation:
         lengths = system[linear : linear + 3 * size].reshape(size, 3, -1)
         lengths[:, 0, count:-1] = np.eye(size)
         lengths[:, 1:, :count], lengths[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
-        turned = system[linear + 3 * size :].reshape(cones, 3, count + size + 1)
+        turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
         turned[:, :, :count], turned[:, :, -1] = program.cones[:, :, :-1], program.cones[:, :, -1]
         solution = clarabel.DefaultSolver(
             csc_matrix((count + size, count + size)),
@@ -399,7 +399,8 @@ class Relaxation:
             system[:, -1],
             [
                 clarabel.NonnegativeConeT(linear),
-                *(clarabel.SecondOrderConeT(3) for _ in range(size + cones)),
+                *(clarabel.SecondOrderConeT(3) for _ in range(size)),
+                *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
             ],
             self._settings,
         ).solve()
@@ -407,8 +408,9 @@ class Relaxation:
         if not np.isfinite(dual).all():
             dual = np.zeros_like(dual)
         slacks = np.maximum(dual[: len(rows)], 0.0)
-        vectors = -dual[linear:].reshape(size + cones, 3)[:, 1:]
-        vectors, turns = vectors[:size], vectors[size:]
+        split = linear + 3 * size
+        vectors = -dual[linear:split].reshape(size, 3)[:, 1:]
+        turns = -dual[split:].reshape(cones, 4)[:, 1:]
         if "Infeasible" in str(solution.status):
             vectors = np.zeros_like(vectors)
             worth = program.worth(vectors, slacks, turns)
@@ -479,9 +481,9 @@ class Relaxation:
         """Return the convex program of a pattern."""
         walls = self.walls
         far = 4 + sum(
-            4 + 2 * (2 if item.holds is None else 2 * len(item.holds))
+            5 + 2 * (2 if item.holds is None else 2 * len(item.holds))
             if isinstance(item, HoldGap)
-            else 11
+            else 15
             for item in pattern
         )
         low, high, costs = np.zeros(far), np.zeros(far), np.zeros(far)
@@ -489,6 +491,9 @@ class Relaxation:
         norms: list[Floats] = []
         rows: list[Floats] = []
         cones: list[Floats] = []
+        # the radius, and an upper bound of the depth of the other particle at a contact
+        radius, walked = np.zeros((1, far + 1)), np.zeros((1, far + 1))
+        radius[0, -1], walked[0, -1] = walls.radius, np.hypot(*(self.start[1] - self.start[0]))
         contacts, gaps = [], []
 
         def vector(least: Floats, most: Floats) -> Floats:
@@ -504,6 +509,35 @@ class Relaxation:
             new[:, -1] = value
             return new
 
+        def cone(least: Floats, *vector: Floats) -> None:
+            """Add the condition that an expression is at least the norm of others."""
+            new = np.zeros((4, far + 1))
+            new[0] = least
+            new[1 : 1 + sum(len(part) for part in vector)] = np.concatenate(vector)
+            cones.append(new)
+
+        def at_least(change: Floats) -> Floats:
+            """Return a variable that is at least the norm of a vector and part of the length."""
+            nonlocal used
+            length = np.zeros((1, far + 1))
+            length[0, used], high[used], costs[used] = 1, self.limit, 1
+            used += 1
+            cone(length, change)
+            return length
+
+        def travel(change: Floats) -> None:
+            """Count the length of free translations; at a round wall, remember their sum."""
+            if walls.radius:
+                walked[0] += at_least(change)[0]
+            else:
+                norms.append(change)
+
+        def spread(apart: Floats) -> None:
+            """Add the law of growth: |apart|² <= 2 r (|difference at the start| + walked)."""
+            if walls.radius:
+                # |v|² <= a b as |(2 v, a - b)| <= a + b
+                cone(walked + 2 * radius, 2 * apart, walked - 2 * radius)
+
         def length_of(arc: Arc, change: Floats) -> None:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
@@ -514,10 +548,7 @@ class Relaxation:
                 norms.append(change)
                 rows.append(-axis[None] @ change)
                 return
-            length = np.zeros((1, far + 1))
-            length[0, used], high[used], costs[used] = 1, self.limit, 1
-            used += 1
-            cones.append(np.concatenate([length, change]))
+            length = at_least(change)
             rows.append(sine * length - axis[None] @ change)
 
         def inside(point: Floats) -> None:
@@ -527,9 +558,7 @@ class Relaxation:
                 depth[:, -1] -= offsets
                 rows.append(depth)
             if walls.radius:
-                radius = np.zeros((1, far + 1))
-                radius[0, -1] = walls.radius
-                cones.append(np.concatenate([radius, point]))
+                cone(radius, point)
 
         def contact(between: Range) -> Floats:
             nonlocal used
@@ -545,9 +574,7 @@ class Relaxation:
             depth[:, -1] -= offsets
             rows.append(depth)
             if walls.radius:
-                radius = np.zeros((1, far + 1))
-                radius[0, -1] = walls.radius
-                cones.append(np.concatenate([radius, point]))
+                cone(radius, point)
             return point
 
         reach, extent = np.full(2, self.limit), walls.high - walls.low
@@ -563,7 +590,7 @@ class Relaxation:
             if isinstance(item, HoldGap):
                 begun = len(norms), used
                 free = vector(-reach, reach)
-                norms.append(free)
+                travel(free)
                 gap = [places[0] + free, places[1] + free]
                 if item.holds is None:
                     for particle in (0, 1):
@@ -584,13 +611,17 @@ class Relaxation:
                 )
                 if not final:
                     before = vector(-extent, extent)
+                spread(goals[1] - goals[0] if final else before)
                 continue
             particle = item.particle
             sign = 1.0 if particle == 0 else -1.0
             first, last = contact(item.first), contact(item.last)
             if gap is None:
                 before = places[1] - places[0]
-                norms.append(first - places[particle])
+                if number:
+                    travel(first - places[particle])
+                else:
+                    norms.append(first - places[particle])
             else:
                 now = [first, first + before] if particle == 0 else [first - before, first]
                 rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
@@ -599,7 +630,9 @@ class Relaxation:
             named = {"first": first, "last": last, "change": sign * (after - before)}
             way = item.way()
             named |= {name: contact(item.range(name)) for name in way[1:-1]}
-            norms += [named[other] - named[one] for one, other in pairwise(way)]
+            for one, other in pairwise(way):
+                travel(named[other] - named[one])
+            spread(after)
             length_of(item.arc, sign * (after - before))
             inside(first + sign * before)
             inside(last + sign * after)
@@ -614,7 +647,7 @@ class Relaxation:
             np.stack(norms)[:, :, keep],
             costs[:used],
             np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1)),
-            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 3, used + 1)),
+            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
             low[:used],
             high[:used],
             [
