@@ -123,7 +123,9 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
     assert summary["verdict"] == "differs"
     assert {*summary["claims"][0]} == {"what", "printed", "ours", "criterion", "verdict"}
     assert summary["sweeps"][0]["trials"] == 20
-    again = reproduce("m-fig6", tmp_path, quick=True, trials=2, workers=0)  # more are stored: they are used
+    again = reproduce(
+        "m-fig6", tmp_path, quick=True, trials=2, workers=0
+    )  # more are stored: they are used
     assert again.outcome.sentence == result.outcome.sentence
     with Store(tmp_path / "results.sqlite") as store:
         assert store.status("m-fig6").total == 20

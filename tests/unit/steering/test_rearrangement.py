@@ -11,7 +11,7 @@ import pytest
 
 from shoal.core.errors import InvalidInputError
 from shoal.steering import ContactWorld, disk, polygon, regular_polygon
-from shoal.steering.rearrangement import (
+from shoal.steering.planners.rearrangement import (
     corner_room,
     is_reachable_without_friction,
     rearrange,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from math import inf, log
 
@@ -55,6 +56,11 @@ def confirmed_share(places: int) -> float:
     return told / pairs
 
 
+def _curve(label: str, x: Sequence[float], y: Sequence[float]) -> Curve:
+    exact = np.array(y, dtype=np.float64)
+    return Curve(label, np.array(x, dtype=np.float64), exact, exact, exact)
+
+
 def _bicriterion(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     most = 5 if settings.quick else 8
     sizes = [1, 3, 10, 30, 100, 300] + [1000, 3000, 10000] * (not settings.quick)
@@ -101,24 +107,16 @@ def _bicriterion(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Out
             unlike="the paper has no such game; the search over all policies is exact",
         ),
     )
-    x = np.array(cells, dtype=np.float64)
     curves = [
-        Curve(
-            f"lower bound for any policy, {n} particle{'s' * (n > 1)}", x, *([np.array(values)] * 3)
-        )
+        _curve(f"lower bound for any policy, {n} particle{'s' * (n > 1)}", cells, values)
         for n, values in swarms.items()
     ]
-    curves.append(
-        Curve(
-            "log D / log log D: one dimension",
-            x[1:],
-            *([np.array([log(m) / log(log(m)) for m in cells[1:]])] * 3),
-        )
-    )
+    law = [log(m) / log(log(m)) for m in cells[1:]]
+    curves.append(_curve("log D / log log D: one dimension", cells[1:], law))
     for every in ("adaptive", "doubling"):
         own = [(4 * k + 3, scans / KNOWING) for k, kind, _, scans in played if kind == every]
-        at, ratio = np.array(own, dtype=np.float64).T
-        curves.append(Curve(f"closest-frontier, {every} scans", at, ratio, ratio, ratio))
+        at, ratio = zip(*own, strict=True)
+        curves.append(_curve(f"closest-frontier, {every} scans", at, ratio))
     labels = Labels(
         "Scans to map a comb",
         "cells",

@@ -23,8 +23,8 @@ from shoal.papers.recipe import (
     trials_of,
     trials_table,
 )
-from shoal.steering import ContactWorld, ConvexWorkspace, open_workspace, polygon, regular_polygon
-from shoal.steering.rearrangement import (
+from shoal.steering import ContactWorld, ConvexWorkspace, polygon, regular_polygon
+from shoal.steering.planners.rearrangement import (
     corner_room,
     is_reachable_without_friction,
     rearrange,
@@ -35,7 +35,7 @@ from shoal.views.steering.figures import colour_of, draw_workspace
 
 ROOM = 1e-3  # the least that `rearrange` accepts
 WORKSPACES = {
-    "square": open_workspace("square"),
+    "square": polygon([(0, 0), (1, 0), (1, 1), (0, 1)]),
     "parallelogram": polygon([(0, 0), (1, 0.2), (1.3, 0.9), (0.3, 0.7)]),
     "triangle": regular_polygon(3),
     "pentagon": regular_polygon(5),

@@ -55,7 +55,7 @@ _LEAST_ROOM = 1e-3  # of the walls at a corner; the number of moves grows with i
 class _Corner(NamedTuple):
     """A corner of a polygon with the coordinates along its walls, from 0 to 1 on each wall."""
 
-    index: int
+    vertex: int
     origin: Points  # (2,)
     axes: Points  # (2, 2): rows along the walls t = 0 and s = 0
     normals: Points  # (walls, 2)
@@ -63,8 +63,8 @@ class _Corner(NamedTuple):
 
     def coordinates(self, points: Points) -> Points:
         """Return the coordinates (s, t) of points, shape (n, 2)."""
-        coordinates: Points = np.linalg.solve(self.axes.T, (points - self.origin).T).T
-        return coordinates
+        coordinates = np.linalg.solve(self.axes.T, (points - self.origin).T).T
+        return np.asarray(coordinates, dtype=np.float64)
 
     def room(self, coordinates: Points) -> float:
         """Return by how much the bounding parallelogram of particles may grow along both walls
@@ -107,7 +107,7 @@ class _Shift(NamedTuple):
     @property
     def wall(self) -> int:
         """Index of the wall, as that of its first vertex."""
-        return (self.corner.index - self.axis) % len(self.corner.normals)
+        return (self.corner.vertex - self.axis) % len(self.corner.normals)
 
     def applied(self, coordinates: Points) -> Points:
         """Return the coordinates after the shift."""
