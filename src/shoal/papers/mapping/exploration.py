@@ -284,6 +284,15 @@ def _draw_region(axes: Axes, region: Region, path: list[Cell]) -> None:
 # Hamiltonian paths
 
 
+def _hamiltonian_path(region: Region, path: list[Cell]) -> list[Cell] | None:
+    """Return a path that goes on from ``path`` through all other cells once, or None."""
+    if len(path) == len(region):
+        return path
+    following = (there for there in _beside(path[-1]) if there in region and there not in path)
+    longer = (_hamiltonian_path(region, [*path, there]) for there in following)
+    return next((found for found in longer if found), None)
+
+
 def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     most = 5 if settings.quick else 7
     rows = []
@@ -319,7 +328,7 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
     for axes, (yes, (_, region, start)) in zip(
         figure.subplots(1, 2), sorted(drawn.items()), strict=True
     ):
-        _draw_region(axes, region, [start])
+        _draw_region(axes, region, _hamiltonian_path(region, [start]) or [start])
         set_title(axes, "a Hamiltonian path" if yes else "no Hamiltonian path")
         axes.annotate(
             f"{len(region) - 1} moves {'' if yes else 'do not '}cover it",
