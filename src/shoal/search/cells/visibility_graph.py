@@ -18,9 +18,6 @@ _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 _ALONG = 1e-9  # sine of the largest angle between collinear lines
 
 
-_AT_ONCE = 100_000  # number of segments tested in one call
-
-
 # number of points of a path among which `pulled` looks for the farthest visible point
 _LOOK_AHEAD = 64
 
@@ -41,14 +38,7 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
     starts, ends : ndarray of float64, shape (n, 2)
         Start and end of each segment in metres. Each start must lie inside the region.
     """
-    import shapely
-
-    clear = np.empty(len(starts), dtype=np.bool_)
-    for low in range(0, len(starts), _AT_ONCE):
-        part = slice(low, low + _AT_ONCE)
-        lines = shapely.linestrings(np.stack([starts[part], ends[part]], axis=1))
-        clear[part] = ~shapely.intersects(region.border, lines)
-    return clear
+    return ~region.border.is_met(starts, ends)
 
 
 class VisibilityGraph:

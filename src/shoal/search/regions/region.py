@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.regions.border import Border
 from shoal.search.regions.outline import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -150,17 +151,13 @@ class SearchRegion:
         return grown
 
     @cached_property
-    def border(self) -> Any:
-        """The border of `reach` as a prepared Shapely geometry.
+    def border(self) -> Border:
+        """The border of `reach`.
 
         A segment that starts inside the region and does not meet the border of `reach` lies inside
         the region.
         """
-        import shapely
-
-        border = shapely.boundary(self.reach)
-        shapely.prepare(border)
-        return border
+        return Border(self.reach)
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return, for each point, whether it lies inside ``free``, or outside by at most half of
