@@ -224,6 +224,14 @@ class VisibilityGraph:
         return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
 
 
+def visibility_graph(region: SearchRegion) -> VisibilityGraph:
+    """Return the visibility graph of a region, which all plans for the region share."""
+    if "graph" not in region.for_paths:
+        region.for_paths["graph"] = VisibilityGraph(region)
+    graph: VisibilityGraph = region.for_paths["graph"]
+    return graph
+
+
 def _chain(came: NDArray[np.int64], node: int) -> list[int]:
     way = [node]
     while came[way[-1]] != _START:

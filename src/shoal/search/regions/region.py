@@ -151,13 +151,23 @@ class SearchRegion:
         return grown
 
     @cached_property
+    def for_paths(self) -> dict[str, Any]:
+        """Cache of what depends on ``free`` and ``bends`` alone. A region of which robots see less
+        shares it.
+        """
+        return {}
+
+    @property
     def border(self) -> Border:
         """The border of `reach`.
 
         A segment that starts inside the region and does not meet the border of `reach` lies inside
         the region.
         """
-        return Border(self.reach)
+        if "border" not in self.for_paths:
+            self.for_paths["border"] = Border(self.reach)
+        border: Border = self.for_paths["border"]
+        return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return, for each point, whether it lies inside ``free``, or outside by at most half of
