@@ -166,7 +166,7 @@ class _Linker:
         for name, address in runtime.items():
             binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
         # Numba's own function imports the whole of Numba, at the first array that a kernel returns
-        binding.add_symbol("numba_unpickle", ctypes.cast(_unpickle, ctypes.c_void_p).value)
+        binding.add_symbol("numba_unpickle", ctypes.cast(_unpickle_from_c, ctypes.c_void_p).value)
         for name, error in vars(builtins).items():
             if isinstance(error, type) and issubclass(error, BaseException):
                 binding.add_symbol(f"PyExc_{name}", id(error))
@@ -197,7 +197,6 @@ class _Linker:
 _constants: dict[int, Any] = {}  # by their addresses in machine code, which is never unloaded
 
 
-@ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
 def _unpickle(address: int, length: int, _: int) -> Any:
     """Return the pickled constant at an address of machine code, such as the class of an array that
     a kernel returns.
@@ -205,6 +204,11 @@ def _unpickle(address: int, length: int, _: int) -> Any:
     if address not in _constants:
         _constants[address] = pickle.loads(ctypes.string_at(address, length))
     return _constants[address]
+
+
+_unpickle_from_c = ctypes.PYFUNCTYPE(
+    ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
+)(_unpickle)
 
 
 @cache

@@ -168,6 +168,7 @@ _TRIED = 4  # number of orientations that are planned in full
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_CORNER = 5.0  # number of cells inside the region that take as long as one corner of its border
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -372,7 +373,7 @@ def best_grid_tour(
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions for fewer pairs.
+    lowest estimated cost, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -390,7 +391,11 @@ def best_grid_tour(
         Arguments of `grid_tour`.
     """
     turn = turn_cost or TURN
-    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
+    import shapely
+
+    # cells on the border take longer than cells inside, and a corner makes a cell of the border
+    work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
+    tried = max(1, min(_TRIED, int(_WORK / work)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
     grids = [
         cells_of(region, size, angle=direction, offset=(0.0, offset))

@@ -56,7 +56,7 @@ class Border:
         found = np.empty(len(starts), dtype=np.int8)
         bins = self._first, self._members, self._shape, self._corner, self._size
         look(self._lines, *bins, *map(np.ascontiguousarray, (starts, ends)), found)
-        met = found != CLEAR
+        met: NDArray[np.bool_] = found != CLEAR
         doubtful = np.flatnonzero(found == DOUBTFUL)
         if len(doubtful):
             segments = np.stack([starts[doubtful], ends[doubtful]], axis=1)
