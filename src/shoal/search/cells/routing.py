@@ -23,6 +23,7 @@ from shoal.search.cells.visibility_graph import (
     length_of,
     merge_collinear,
     pulled,
+    visibility_graph,
 )
 from shoal.search.regions.margin import coarse, grown, without_margin
 from shoal.search.regions.outline import Points, check_plane_points, text_of
@@ -515,7 +516,7 @@ class RegionPaths:
 
     @cached_property
     def _corners(self) -> VisibilityGraph:
-        return VisibilityGraph(self.grid.region)
+        return visibility_graph(self.grid.region)
 
     def _part(self, point: Points) -> int:
         import shapely

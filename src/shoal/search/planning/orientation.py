@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.core.geometry import angles_of
+from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.cells.clipping import rotated_shape
-from shoal.search.cells.grid import cells_of
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -168,6 +168,7 @@ _TRIED = 4  # number of orientations that are planned in full
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_CORNER = 5.0  # number of cells inside the region that take as long as one corner of its border
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -254,8 +255,28 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    turn = turn_cost or TURN
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
+    return _through(
+        grid,
+        tour,
+        turn_cost=turn_cost,
+        stepwise=stepwise,
+        transit=transit,
+        along_rows=along_rows,
+    )
+
+
+def _through(
+    grid: CellGrid,
+    tour: str,
+    *,
+    turn_cost: float,
+    stepwise: bool,
+    transit: bool,
+    along_rows: bool | None,
+) -> GridTour:
+    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
+    turn = turn_cost or TURN
     cell_tour = make_tour(_maker(tour, along_rows), grid.mask)
     if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn)
@@ -352,7 +373,7 @@ def best_grid_tour(
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions for fewer pairs.
+    lowest estimated cost, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -370,21 +391,26 @@ def best_grid_tour(
         Arguments of `grid_tour`.
     """
     turn = turn_cost or TURN
-    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
+    import shapely
+
+    # cells on the border take longer than cells inside, and a corner makes a cell of the border
+    work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
+    tried = max(1, min(_TRIED, int(_WORK / work)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    grids = [
+        cells_of(region, size, angle=direction, offset=(0.0, offset))
+        for direction, offset in orientations[:tried]
+    ]
     grid_tours = [
-        grid_tour(
-            region,
-            size,
+        _through(
+            grid,
             tour,
-            angle=direction,
-            offset=offset,
             turn_cost=turn,
             stepwise=stepwise,
             transit=transit,
             along_rows=along_rows,
         )
-        for (direction, offset), tour in product(orientations[:tried], tours)
+        for grid, tour in product(grids, tours)
     ]
     ranked = sorted(
         ((candidate, candidate.once_round(turn, turn_cost * size)) for candidate in grid_tours),
@@ -422,7 +448,12 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round
     of a tour.
     """
-    simple = area.simplify(size / 4)
+    import shapely
+
+    # Ring by ring, which takes a time in proportion to their corners. A hole is a polygon too: a
+    # line passes from inside to outside at each crossing, whatever ring it crosses.
+    rings = shapely.get_rings(shapely.get_parts(area))
+    simple = shapely.multipolygons(shapely.polygons(shapely.simplify(rings, size / 4)))
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
     for angle in sorted(angles):
@@ -483,10 +514,18 @@ def _chords(
         shapely.get_rings(shapely.get_parts(area)), return_index=True
     )
     begins, ends = points[:-1][ring[1:] == ring[:-1]], points[1:][ring[1:] == ring[:-1]]
-    line, edge = np.nonzero((begins[:, 1] <= y[:, None]) != (ends[:, 1] <= y[:, None]))
+    # each side is met by the lines from its lower end, without those at its upper end
+    order = np.argsort(y, kind="stable")
+    low, high = np.sort([begins[:, 1], ends[:, 1]], axis=0)
+    first, last = (np.searchsorted(y[order], side) for side in (low, high))
+    edge = np.repeat(np.arange(len(begins)), last - first)
+    line = order[
+        np.arange(len(edge)) + np.repeat(first - partial_sums(last - first)[:-1], last - first)
+    ]
     (x, high), (far, low) = begins[edge].T, ends[edge].T
     crossed = x + (y[line] - high) * (far - x) / (low - high)
-    crossed = crossed[np.lexsort((crossed, line))]
+    order = np.lexsort((crossed, line))
+    line, crossed = line[order], crossed[order]
     counts = np.bincount(line, minlength=len(y))
     first = np.cumsum(counts) - counts
     signs = np.where((np.arange(len(line)) - first[line]) % 2, 1.0, -1.0)
