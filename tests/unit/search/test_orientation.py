@@ -230,7 +230,7 @@ def test_no_exchange_of_runs_is_left(seed):
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(n), rng.integers(0, 2, n)
     before = length_of_runs(ends, order, backwards[order])
-    run_order.shorten(ends, order, backwards, 300)
+    run_order.shorten(ends, order, backwards, 0.0, 300)
     after = length_of_runs(ends, order, backwards[order])
     assert sorted(order) == list(range(n))
     assert after <= before + 1e-9
@@ -247,7 +247,7 @@ def test_random_exchanges_shorten_what_no_exchange_does():
     ends = rng.integers(0, 12, (24, 2, 2)).astype(float)
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(24), rng.integers(0, 2, 24)
-    run_order.shorten(ends, order, backwards, 300)
+    run_order.shorten(ends, order, backwards, 0.0, 300)
     assert length_of_runs(ends, order, backwards[order]) < 30
 
 

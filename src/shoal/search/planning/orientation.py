@@ -34,7 +34,12 @@ from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
-from shoal.search.tours.rows import BoustrophedonTour, CombTour, SpanningTreeTour
+from shoal.search.tours.rows import (
+    BoustrophedonTour,
+    CombTour,
+    SpanningTreeTour,
+    StripsTour,
+)
 
 _COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
 _WIDE = 10_000  # the same limit for robots with wide footprints
@@ -161,6 +166,12 @@ _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
 }
 """Tours that can run along or across the rows of cells."""
 
+_STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
+    "boustrophedon": BoustrophedonTour,
+    "strips": StripsTour,
+}
+"""Tours of long straight rows, whose order depends on the cost of a turn."""
+
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
@@ -256,16 +267,18 @@ def grid_tour(
     """
     turn = turn_cost or TURN
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
-    cell_tour = make_tour(_maker(tour, along_rows), grid.mask)
-    if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
+    cell_tour = make_tour(_maker(tour, along_rows, turn), grid.mask)
+    if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
-def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
+def _maker(name: str, along_rows: bool | None, turn: float) -> str | TourMaker:
     """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run
-    along or across the rows.
+    along or across the rows, or for turns that cost ``turn`` cells.
     """
+    if name in _STRAIGHT:
+        return _STRAIGHT[name](turn)
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 

@@ -49,7 +49,7 @@ AUTO_TOUR = "spanning-tree"
 shortest in every region.
 """
 
-AUTO_TOURS = ("boustrophedon", "spanning-tree")
+AUTO_TOURS = ("boustrophedon", "strips", "spanning-tree")
 """The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the
 rows.
 """
