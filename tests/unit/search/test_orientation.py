@@ -34,6 +34,7 @@ from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.planning.plan import plan_at_margin
+from shoal.search.problem import AUTO_TOURS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.tours.rows import CombTour
@@ -288,7 +289,7 @@ def test_search_at_an_angle(tmp_path):
     )
     assert episode.status.done
     assert episode.coverage.covered_fraction == 1.0
-    assert episode.report()["tour"] in ("boustrophedon", "spanning-tree")
+    assert episode.report()["tour"] in AUTO_TOURS
     turned_by = shoal.run("rectangle:200x90", robots=2, footprint=15, angle=30, seed=1)
     turned_by.save(tmp_path / "search.json")
     assert shoal.load(tmp_path / "search.json").verify()
@@ -309,10 +310,7 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
     )
     chosen = plan_search(SearchProblem(earth, robots=2, footprint=20), seed=1)
     assert chosen.grid.angle == pytest.approx(38.0)
-    assert {one.tour for one in chosen.compared if one.allocation is None} == {
-        "boustrophedon",
-        "spanning-tree",
-    }
+    assert {one.tour for one in chosen.compared if one.allocation is None} == {*AUTO_TOURS}
     level = [
         SearchProblem(plane, robots=2, footprint=20),
         SearchProblem(earth, robots=2, footprint=20, angle=0),

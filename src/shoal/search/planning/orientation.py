@@ -31,6 +31,7 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
+from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
@@ -155,11 +156,6 @@ def time_with_sorties(
     return latest
 
 
-TURN = 0.85
-"""Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
-in no time.
-"""
-
 _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
     "spanning-tree": SpanningTreeTour,
     "comb": CombTour,
@@ -228,7 +224,7 @@ def grid_tour(
     *,
     angle: float,
     offset: float = 0.0,
-    turn_cost: float = 0.0,
+    turn_cost: float = TURN_PRICES["time"],
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
@@ -248,7 +244,7 @@ def grid_tour(
     offset : float
         Shift of the rows of cells across their direction, as a fraction of the row width.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells.
     stepwise : bool
         Whether robots move only from a cell to a neighbouring cell. Such robots see each cell from
         a viewpoint inside the cell.
@@ -265,11 +261,10 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    turn = turn_cost or TURN
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
-    cell_tour = make_tour(_maker(tour, along_rows, turn), grid.mask)
+    cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
     if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
-        grid = along_tour(grid, cell_tour.cells, turn)
+        grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
@@ -355,6 +350,7 @@ def best_grid_tour(
     tours: Sequence[str],
     *,
     turn_cost: float,
+    reach: float = 0.0,
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
@@ -375,16 +371,17 @@ def best_grid_tour(
     tours : sequence of str
         Names of the tours to compare.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells; see `SearchProblem.turn_price`.
+    reach : float
+        The argument of `turn_shares` in metres: 0 if each turn costs as much, however gentle.
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
     """
-    turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
     grid_tours = [
         grid_tour(
             region,
@@ -392,7 +389,7 @@ def best_grid_tour(
             tour,
             angle=direction,
             offset=offset,
-            turn_cost=turn,
+            turn_cost=turn_cost,
             stepwise=stepwise,
             transit=transit,
             along_rows=along_rows,
@@ -400,7 +397,7 @@ def best_grid_tour(
         for (direction, offset), tour in product(orientations[:tried], tours)
     ]
     ranked = sorted(
-        ((candidate, candidate.once_round(turn, turn_cost * size)) for candidate in grid_tours),
+        ((candidate, candidate.once_round(turn_cost, reach)) for candidate in grid_tours),
         key=lambda one: one[1],
     )
     best = ranked[0][0]
@@ -426,7 +423,7 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
 
     The arguments are those of `best_grid_tour`.
     """
-    estimated = _estimated(region.area, size, turn_cost or TURN)
+    estimated = _estimated(region.area, size, turn_cost)
     best = list(dict.fromkeys(angle for angle, _ in estimated))[:_NEXT_BEST]
     return list(dict.fromkeys([*best, *_ALL_AROUND]))
 
@@ -463,9 +460,10 @@ def _long_sides(area: Any) -> list[float]:
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost, in cells, of driving along all rows of cells.
 
-    The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and
-    two turns for each row. A transfer between two rows costs one row width, or more where the
-    border slants.
+    The estimate is the sum of four terms: the lengths of all rows, the transfers between rows, two
+    turns for each row, and a bend at each end of a row where the border slants by less than 45
+    degrees to the row. A transfer between two rows costs one row width, or more where the border
+    slants.
     """
     _, low, _, high = area.bounds
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
@@ -479,8 +477,10 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
+    bends = (slants > 1.0).sum(axis=1)
+    turns = 2.0 * runs.max(axis=(1, 2)) + bends
     return float(
-        (lengths + links + runs.max(axis=(1, 2)) * (1.0 + 2.0 * turn)).sum() * count / looked_at
+        (lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at
     )
 
 
