@@ -132,7 +132,7 @@ def strips_at(area: Any, size: float, angle: float) -> np.ndarray:
     )
     turn = np.radians(angle)
     matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    return lines @ matrix
+    return np.asarray(lines @ matrix)
 
 
 def in_turn(lines: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ def cost(way: np.ndarray, turn: float) -> float:
 def strip_plan(area: Any, size: float, homes: np.ndarray, turn: float) -> list[np.ndarray]:
     """Return the ways of the robots in the fastest plan."""
     ways, best, found = Ways(area), np.inf, []
-    ranked = []
+    ranked: list[tuple[float, int, np.ndarray]] = []
     for angle in range(180):
         lines = strips_at(area, size, angle)
         for start in (homes[0], lines[0, 0], lines[0, 1], lines[-1, 0], lines[-1, 1]):
@@ -267,13 +267,13 @@ def main() -> None:
         "| region | robots | tour | grid | time | turns | of strips | length | short legs | seen |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
-    ratios = []
+    found_ratios = []
     for name, area, size in outlines(options.regions)[options.first :]:
         for robots in (int(word) for word in options.robots.split(",")):
             found, ours, theirs, region = compare(name, area, size, robots, options.turn, **fields)
             (our, their), seen, outside, plan = found
             ratio = np.array(our[:3]) / np.array(their[:3])
-            ratios.append(ratio)
+            found_ratios.append(ratio)
             print(
                 f"| {name} | {robots} | {plan.tour.name} | {plan.grid.angle:.1f} | {ratio[0]:.3f} |"
                 f" {our[1]} | {their[1]} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
@@ -284,7 +284,7 @@ def main() -> None:
                 options.pictures.mkdir(parents=True, exist_ok=True)
                 titles = [f"{name}: {one[0]:.0f} s, {one[1]} turns" for one in (our, their)]
                 draw(options.pictures / f"{name}-{robots}.png", region, [ours, theirs], titles)
-    ratios = np.array(ratios)
+    ratios = np.array(found_ratios)
     mean = np.exp(np.log(ratios).mean(axis=0))
     print(
         f"\ngeometric means: {mean[0]:.3f} times the time (worst {ratios[:, 0].max():.3f}),"

@@ -175,6 +175,7 @@ _TRIED = 4  # number of orientations that are planned in full
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_BENT = 0.3  # bends at the end of a row where the border slants by less than 45 degrees to the row
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -461,8 +462,8 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost, in cells, of driving along all rows of cells.
 
     The estimate is the sum of four terms: the lengths of all rows, the transfers between rows, two
-    turns for each row, and a bend at each end of a row where the border slants by less than 45
-    degrees to the row. A transfer between two rows costs one row width, or more where the border
+    turns for each row, and `_BENT` bends at each end of a row where the border slants by less than
+    45 degrees to the row. A transfer between two rows costs one row width, or more where the border
     slants.
     """
     _, low, _, high = area.bounds
@@ -477,11 +478,9 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
-    bends = (slants > 1.0).sum(axis=1)
+    bends = _BENT * (slants > 1.0).sum(axis=1)
     turns = 2.0 * runs.max(axis=(1, 2)) + bends
-    return float(
-        (lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at
-    )
+    return float((lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at)
 
 
 def _chords(
