@@ -111,7 +111,8 @@ class StripsTour(TourByOrder):
                     [np.linspace(row, last_row, count), np.linspace(col, last_col, count)], axis=1
                 )
             )
-        return np.rint(np.concatenate(ways)).astype(np.int64)
+        cells: NDArray[np.int64] = np.rint(np.concatenate(ways)).astype(np.int64)
+        return cells
 
 
 def _nearest_next(strips: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
