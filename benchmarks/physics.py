@@ -1,19 +1,24 @@
-"""Mapping on physical plants: python -m benchmarks.physics [--seeds N] [--eye-seeds N]
+"""Mapping on physical plants: python -m benchmarks.physics [--seeds N] [--eye-seeds N] [--store FILE]
 
-A first drive of each plant with generous rates shows its errors. All other drives are told half of
-them, while the camera shows one ghost a picture. One row of a table for each map, kind of plant and
+Three first drives of each plant with generous rates show its errors. All other drives are told half
+of them, while the camera shows one ghost a picture. One row of a table for each map, kind of plant and
 radius: the share of cells classified rightly, walls called free, moves over those of the grid with
 the noise that is told and over those of the exact grid (same policy, same starts; under the rule
 merge as well, because particles that are small for their cells share them), drives that an
 alarm ended and drives with another alarm than that of a rate, and how much faster than the plant's
-own clock it runs (CPU time). The last lines compute the field of a pulling coil and of a pair of
+own clock it runs (CPU time). With --store, the file keeps what came of each drive: a run that was
+interrupted goes on, and one with more seeds adds to it. The last lines compute the field of a pulling coil and of a pair of
 Helmholtz coils, from which the usual values come.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from scipy.special import ellipe, ellipk
@@ -31,6 +36,7 @@ MAPS = (("vessels:300", 20), ("vessels:1000", 100), ("eye", 300))
 RADII = (0.35, 0.15)
 GHOSTS = 1.0  # a picture
 MOST = 4000  # moves
+FIRST = (1000, 1001, 1002)  # seeds of the drives that show the errors
 HEADER = (
     "| map, particles | kind | radius | told slip, misplace | right (least) | walls called free |"
     " moves | over the grid's told | over the exact grid's, rules block and merge | ended by an alarm | other alarms |"
@@ -38,7 +44,7 @@ HEADER = (
 )
 
 
-def measure(seeds: dict[str, int], kinds: list[str]) -> None:
+def measure(seeds: dict[str, int], kinds: list[str], kept: Results) -> None:
     """Print a row for each map, kind and radius."""
     print(HEADER + "\n" + "|---" * (HEADER.count("|") - 1) + "|", flush=True)
     for name, particles in MAPS:
@@ -46,16 +52,44 @@ def measure(seeds: dict[str, int], kinds: list[str]) -> None:
             continue
         vessel = eye() if name == "eye" else open_map(name)
         starts = [_start(vessel, particles, seed) for seed in range(seeds[name])]
+
+        def moves_on_grid(rule: str, seed: int, vessel=vessel, starts=starts) -> dict[str, float]:  # type: ignore[no-untyped-def]
+            return {"moves": _drive(SimulatedRig(vessel, starts[seed], rule=rule), {}).moves}
+
         exact = {
-            rule: float(
-                np.mean([_drive(SimulatedRig(vessel, at, rule=rule), {}).moves for at in starts])
-            )
+            rule: np.mean(
+                [
+                    kept.of([name, rule, seed], partial(moves_on_grid, rule, seed))["moves"]
+                    for seed in range(len(starts))
+                ]
+            ).item()
             for rule in ("block", "merge")
         }
         for kind in kinds:
             for radius in RADII:
-                row = _row(vessel, starts, kind, radius, exact)
+                row = _row(name, vessel, starts, kind, radius, exact, kept)
                 print(f"| `{name}`, {particles} | {kind} | {radius} | {row} |", flush=True)
+
+
+class Results:
+    """What came of each drive, by its name, in a file of JSON lines if there is one."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path, self.known = path, dict[str, dict[str, float]]()
+        if path is not None and path.exists():
+            for line in path.read_text().splitlines():
+                key, values = json.loads(line)
+                self.known[json.dumps(key)] = values
+
+    def of(self, key: list[object], drive: Callable[[], dict[str, float]]) -> dict[str, float]:
+        """Return what came of a drive, which is driven if nobody has yet."""
+        name = json.dumps(key)
+        if name not in self.known:
+            self.known[name] = drive()
+            if self.path is not None:
+                with self.path.open("a") as file:
+                    file.write(json.dumps([key, self.known[name]]) + "\n")
+        return self.known[name]
 
 
 def eye() -> GridWorkspace:
@@ -64,40 +98,59 @@ def eye() -> GridWorkspace:
 
 
 def _row(
+    name: str,
     vessel: GridWorkspace,
     starts: list[np.ndarray],
     kind: str,
     radius: float,
     exact: dict[str, float],
+    kept: Results,
 ) -> str:
-    def plant(seed: int) -> PhysicsRig:
+    def plant(seed: int, start: int) -> PhysicsRig:
         properties = PlantProperties.of(kind, radius=radius, ghosts=GHOSTS)
-        return PhysicsRig(vessel, starts[seed % len(starts)], properties, noise_rng(seed))
+        return PhysicsRig(vessel, starts[start], properties, noise_rng(seed))
 
-    rates = _drive(plant(len(starts)), TOLD).rates
-    told = {name: round(rates[name].observed / 2, 3) for name in ("slip", "misplace")}
-    on_grid = [
-        _drive(NoisyRig(vessel, start, Noise(**told), noise_rng(seed)), told).moves
-        for seed, start in enumerate(starts)
-    ]
-    right, false_free, moves, ended, others = [], 0, [], 0, 0
-    clock = spent = 0.0
-    for seed, start in enumerate(starts):
-        rig = plant(seed)
+    def first(seed: int) -> dict[str, float]:
+        rates = _drive(plant(seed, seed % len(starts)), TOLD).rates
+        return {what: rates[what].observed for what in ("slip", "misplace")}
+
+    seen = [kept.of([name, kind, radius, "first", seed], partial(first, seed)) for seed in FIRST]
+    told = {
+        what: round(float(np.mean([one[what] for one in seen])) / 2, 3)
+        for what in ("slip", "misplace")
+    }
+
+    def on_grid(seed: int) -> dict[str, float]:
+        rig = NoisyRig(vessel, starts[seed], Noise(**told), noise_rng(seed))
+        return {"moves": _drive(rig, told).moves}
+
+    def on_plant(seed: int) -> dict[str, float]:
+        rig = plant(seed, seed)
         pushing = _timed(rig)
         result = _drive(rig, told)
-        errors = MapErrors.of(vessel, start, result.belief)
-        right.append(errors.right)
-        false_free += errors.false_free
-        ended += result.status == "alarm"
-        others += any(alarm.kind != "rates" for alarm in result.alarms)
-        moves.append(result.moves)
-        clock, spent = clock + rig.plant.clock, spent + pushing[0]
-    n, mean = len(starts), float(np.mean(moves))
+        errors = MapErrors.of(vessel, starts[seed], result.belief)
+        return {
+            "right": errors.right,
+            "false_free": errors.false_free,
+            "ended": result.status == "alarm",
+            "others": any(alarm.kind != "rates" for alarm in result.alarms),
+            "moves": result.moves,
+            "clock": rig.plant.clock,
+            "spent": pushing[0],
+        }
+
+    n, about = len(starts), [name, kind, radius]
+    grid = [
+        kept.of([*about, "grid", told, seed], partial(on_grid, seed))["moves"] for seed in range(n)
+    ]
+    rows = [kept.of([*about, "plant", told, seed], partial(on_plant, seed)) for seed in range(n)]
+    of = {what: np.array([row[what] for row in rows], dtype=float) for what in rows[0]}
+    ended, mean = int(of["ended"].sum()), of["moves"].mean()
     return (
-        f"{told['slip']}, {told['misplace']} | {np.mean(right):.4f} ({min(right):.4f}) | {false_free}"
-        f" | {mean:.0f} | {mean / np.mean(on_grid):.2f} | {mean / exact['block']:.2f}, {mean / exact['merge']:.2f} | {ended} of {n} |"
-        f" {others - ended} of {n} | {clock / spent:.0f}"
+        f"{told['slip']}, {told['misplace']} | {of['right'].mean():.4f} ({of['right'].min():.4f}) |"
+        f" {of['false_free'].sum():.0f} | {mean:.0f} | {mean / np.mean(grid):.2f} |"
+        f" {mean / exact['block']:.2f}, {mean / exact['merge']:.2f} | {ended} of {n} |"
+        f" {int(of['others'].sum()) - ended} of {n} | {of['clock'].sum() / of['spent'].sum():.0f}"
     )
 
 
@@ -167,10 +220,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--eye-seeds", type=int, help="for the largest map; as --seeds if missing")
     parser.add_argument("--kinds", default=",".join(USUAL))
+    parser.add_argument("--only", help="one of the maps")
+    parser.add_argument("--store", type=Path, help="JSON lines of all drives")
     given = parser.parse_args()
-    seeds = {name: given.seeds for name, _ in MAPS}
-    seeds["eye"] = given.seeds if given.eye_seeds is None else given.eye_seeds
-    measure(seeds, given.kinds.split(","))
+    seeds = {name: given.seeds * (given.only in (None, name)) for name, _ in MAPS}
+    if given.eye_seeds is not None and seeds["eye"]:
+        seeds["eye"] = given.eye_seeds
+    measure(seeds, given.kinds.split(","), Results(given.store))
     weakest, strongest, angle = pulling_field()
     print(
         f"a pulling coil at 6.7 widths of the view: {weakest:.2f} to {strongest:.2f} of the gradient"

@@ -6,7 +6,8 @@ camera that sends its pictures as MJPEG over HTTP. It needs the extras physics a
     shoal drive --actuator coils:puller.toml --sensor "opencv:..." ...
 
 In puller.toml stands connection = "serial:/tmp/coils", and the bench prints the name of its camera.
-docs/how-to/coils.md goes through it.
+docs/how-to/coils.md goes through it. The signal SIGUSR1 pulls the cable of the coils for --pause
+seconds, and SIGUSR2 that of the camera. With --count FILE, the bench writes down each pulse.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from __future__ import annotations
 import argparse
 import os
 import select
+import signal
 import threading
 import time
 import tty
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from math import atan2, cos, degrees, hypot, radians, sin
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -45,6 +48,8 @@ class Bench:
         about = PlantProperties.of("pull", delay=0, settle=0, **properties)
         self.plant = Plant(vessel, points, about, np.random.default_rng(seed))
         self.duty, self.lines, self.picture = (0.0, 0.0, 0.0, 0.0), 0, b""
+        self.count = lambda pulse: None  # told of each pulse
+        self.pulled, self.blind = False, -1.0  # the cable of the coils; when the camera sees again
         rows, cols = vessel.shape
         self.blank = np.full((rows * SCALE + 2 * MARGIN, cols * SCALE + 2 * MARGIN), 20, np.uint8)
         free = np.kron(vessel.free, np.ones((SCALE, SCALE), dtype=bool))
@@ -71,6 +76,8 @@ class Bench:
             duty = ()
         if words[:1] != ["SET"] or len(duty) != 4 or not all(0 <= one <= 255 for one in duty):
             return f"ERR {line[:40]}\n"
+        if any(duty) and not any(self.duty):
+            self.count(f"{self.plant.clock:.3f} {' '.join(words[1:])}")
         self.duty = duty
         return "OK\n"
 
@@ -97,22 +104,49 @@ class Bench:
         picture = cv2.warpAffine(picture, self.view, self.size, borderValue=20)
         self.picture = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
 
-    def run(self, terminal):
-        """Read lines from the pseudo-terminal, and answer them."""
-        came, began, drawn = b"", time.monotonic(), -1.0
+    def run(self, path, pause):
+        """Read lines from a pseudo-terminal of this name, and answer them."""
+        came, began, drawn, terminal = b"", time.monotonic(), -1.0, None
+        plugged = began  # when the cable of the coils is there
         while self.running:
-            if select.select([terminal], [], [], STEP)[0]:
+            now = time.monotonic()
+            if self.pulled and terminal is not None:
+                terminal, came = close_terminal(terminal, path), b""
+                self.pulled, plugged = False, now + pause
+            if terminal is None and now >= plugged:
+                terminal = open_terminal(path)
+            if terminal is None:
+                time.sleep(STEP)
+            elif select.select(terminal[:1], [], [], STEP)[0]:
                 with suppress(OSError):
-                    came += os.read(terminal, 4096)
+                    came += os.read(terminal[0], 4096)
             ahead = time.monotonic() - began - self.plant.clock
             if ahead > 0:
                 self.act(ahead)
             while b"\n" in came:
                 line, _, came = came.partition(b"\n")
-                os.write(terminal, self.take(line.decode(errors="replace")).encode())
+                os.write(terminal[0], self.take(line.decode(errors="replace")).encode())
             if self.plant.clock - drawn >= 1 / self.plant.apparatus.frame_rate:
                 drawn = self.plant.clock
                 self.draw()
+
+
+def open_terminal(path):
+    """Open a pseudo-terminal with a name, and return its two ends."""
+    ends = os.openpty()
+    for end in ends:
+        tty.setraw(end)
+    with suppress(FileNotFoundError):
+        os.unlink(path)
+    os.symlink(os.ttyname(ends[1]), path)
+    return ends
+
+
+def close_terminal(ends, path):
+    """Close both ends, and remove the name."""
+    os.unlink(path)
+    for end in ends:
+        os.close(end)
 
 
 def serve(bench, port):
@@ -120,12 +154,14 @@ def serve(bench, port):
 
     class Camera(BaseHTTPRequestHandler):
         def do_GET(self):
+            if time.monotonic() < bench.blind:
+                return
             self.send_response(200)
             self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
             self.end_headers()
             sent = b""
             with suppress(OSError):
-                while True:
+                while time.monotonic() >= bench.blind:
                     if bench.picture is not sent:
                         sent = bench.picture
                         self.wfile.write(b"--frame\r\nContent-Type: image/jpeg\r\n")
@@ -153,17 +189,18 @@ def main():
     parser.add_argument("--friction", type=float, default=0.2, help="between particles and walls")
     parser.add_argument("--pty", required=True, help="name of the pseudo-terminal of the coils")
     parser.add_argument("--port", type=int, default=8090, help="of the camera")
+    parser.add_argument("--count", type=Path, help="file with a line for each pulse")
+    parser.add_argument("--pause", type=float, default=2.0, help="seconds without a cable")
     options = parser.parse_args()
     vessel = open_map(options.map)
     properties = {"radius": options.radius, "friction": options.friction}
     bench = Bench(vessel, options.particles, options.seed, **properties)
     bench.look(options.turn, options.shear, options.mirror)
-    terminal, other = os.openpty()
-    tty.setraw(terminal)
-    tty.setraw(other)
-    with suppress(FileNotFoundError):
-        os.unlink(options.pty)
-    os.symlink(os.ttyname(other), options.pty)
+    book = None if options.count is None else options.count.open("a", buffering=1)
+    bench.count = lambda pulse: print(pulse, file=book) if book else None
+    signal.signal(signal.SIGUSR1, lambda *_: setattr(bench, "pulled", True))
+    blinded = lambda *_: setattr(bench, "blind", time.monotonic() + options.pause)  # noqa: E731
+    signal.signal(signal.SIGUSR2, blinded)
     serve(bench, options.port)
     print(f"coils:  serial:{options.pty}")
     print(
@@ -171,9 +208,10 @@ def main():
         flush=True,
     )
     try:
-        bench.run(terminal)
+        bench.run(options.pty, options.pause)
     except KeyboardInterrupt:
-        os.unlink(options.pty)
+        with suppress(FileNotFoundError):
+            os.unlink(options.pty)
 
 
 if __name__ == "__main__":

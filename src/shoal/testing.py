@@ -810,6 +810,7 @@ def check_radio(one: Radio, other: Radio, *, tries: int = 50, seconds: float = 0
         assert sender.most >= SHORTEST, (
             f"{name}: expected messages of {SHORTEST} bytes or more, got {sender.most}"
         )
+        assert sender.rate > 0, f"{name}: expected a rate above 0, got {sender.rate!r}"
         assert sender.fault == "", f"{name}: expected no fault, got {sender.fault!r}"
         for size in (1, SHORTEST, min(sender.most, 1200)):
             message = bytes(range(256)) * 5

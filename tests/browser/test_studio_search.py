@@ -372,3 +372,34 @@ def test_what_is_wrong_is_said_beside_the_region(page: Page, studio: Studio) -> 
         has_text="launch: expected one point for all, or 2, one per robot, got 3",
     ).wait_for()
     assert page.locator(".plane .land").get_attribute("d")
+
+
+def test_a_search_of_robots_is_watched(page: Page, studio: Studio) -> None:
+    import socket
+    import time
+
+    from shoal.robots.tasks import read_task, write_task
+    from shoal.search.protocol.messages import Beacon, Heartbeat, Sender
+    from shoal.search.run import run
+
+    write_task(run(SearchProblem("rectangle:60x40", robots=2, footprint=20), seed=1), studio.folder)
+    task = read_task(studio.folder)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mouth:
+        mouth.bind(("127.0.0.1", 0))
+        ear = ("127.0.0.1", mouth.getsockname()[1] % 20000 + 40000)
+        opened(page, studio)
+        tab(page, "Watch")
+        page.get_by_label("Task file in the folder").fill("task.json")
+        page.get_by_label("Radio").fill(f"udp:127.0.0.1:{ear[1]},127.0.0.1:9")
+        page.get_by_role("button", name="Watch", exact=True).click()
+        page.get_by_text("0 % of 6 cells searched").wait_for()
+        about = task.scenario.starts[0], task.scenario.rates[0], "searching"
+        beacon = Beacon(1, (Heartbeat(1, 5, *about, place=3),), ((1, 0b111),))
+        for message in Sender(1, task.key).messages(beacon, time.time_ns() // 1_000_000):
+            mouth.sendto(message, ear)
+        page.get_by_text("50.0 % of 6 cells searched").wait_for()
+        row = page.locator("table:visible tbody tr").first
+        assert row.inner_text().split("\t")[:2] == ["1", "searching"]
+        assert page.locator("svg.watched rect[fill='#7cc48d']").count() == 3
+        page.get_by_role("button", name="Stop watching").click()
+        page.get_by_role("button", name="Watch", exact=True).wait_for()

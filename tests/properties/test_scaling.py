@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import ndimage
@@ -152,14 +152,21 @@ def test_enlarging_repeats_cells():
     assert np.array_equal(scale_cells(scale_cells(free, 3), 1 / 3), free)
 
 
+BETWEEN_TWO = np.zeros((6, 6), dtype=bool)  # either corner of the contact touches a third part
+BETWEEN_TWO[[1, 2, 3, 4], [4, 2, 3, 1]] = True
+
+
 @given(free=arrays.arrays(np.bool_, arrays.array_shapes(min_dims=2, max_dims=3, max_side=9)))
-def test_joined_contacts_connect_exactly_what_touches(free):
+@example(free=BETWEEN_TWO)
+def test_joined_contacts_connect_what_touches_and_nothing_far_apart(free):
     joined = join_diagonals(free)
     assert diagonal_contacts(joined) == 0
     assert not (free & ~joined).any()
-    touching, count = ndimage.label(free, np.ones((3,) * free.ndim))
+    around = np.ones((3,) * free.ndim)
+    touching, count = ndimage.label(free, around)
     after, number = parts(joined)
-    assert number == count
+    # cells with at most two cells between them may be connected by the corners of others
+    assert ndimage.label(ndimage.binary_dilation(free, around), around)[1] <= number <= count
     assert all(len(set(after[touching == part].tolist())) == 1 for part in range(1, count + 1))
 
 

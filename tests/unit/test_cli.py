@@ -62,6 +62,8 @@ def test_every_command_takes_a_seed_and_help_shows_it_only_if_it_has_an_effect(c
     without = {
         "schedule",
         "tour",
+        "robot",
+        "rehearse",
         *(name for name in COMMANDS if name.startswith("missions ")),
         *(name for name in COMMANDS if name.startswith("sweep ") and name != "sweep run"),
     }

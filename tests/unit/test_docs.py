@@ -130,7 +130,8 @@ def test_examples_of_help_run():
     ten seconds.
 
     That of studio serves until somebody ends it: tests/browser/test_studio.py runs it. Those of
-    missions start, watch and flown need vehicles: tests/unit/robots flies some.
+    missions start, watch and flown, and those of robot and rehearse, need vehicles or a prepared
+    search: tests/unit/robots has some.
     """
     # what replay's example replays
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0
@@ -144,6 +145,8 @@ def test_examples_of_help_run():
         if name not in (
             "demo",
             "studio",
+            "robot",
+            "rehearse",
             *(f"missions {verb}" for verb in ("start", "watch", "flown")),
         ):
             assert run_in_short(example) == 0, example

@@ -25,7 +25,7 @@ LONGEST = 3000  # characters
 LARGE = {
     "NDArray|Points|Mask|Grey|Words|Any": np.zeros((40, 50)),
     "str": "one\ntwo " * 100,
-    "tuple|Sequence|list|Iterable": tuple(range(1000)),
+    r"tuple(?!\[[^.]*\])|Sequence|list|Iterable": tuple(range(1000)),  # a pair of numbers is short
     "dict|Mapping": {number: np.zeros((9, 9)) for number in range(1000)},
 }
 

@@ -38,6 +38,8 @@ COMMANDS = {
     "reach": _Entry("steering", "reach", "REACH_EXAMPLE"),
     "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),
     "tour": _Entry("search.tour", "tour", "TOUR_EXAMPLE"),
+    "robot": _Entry("search.robot", "robot", "ROBOT_EXAMPLE"),
+    "rehearse": _Entry("search.rehearsing", "rehearse", "REHEARSE_EXAMPLE"),
     "missions check": _Entry("search.missions", "check", "CHECK_EXAMPLE"),
     "missions upload": _Entry("search.robots", "upload", "UPLOAD_EXAMPLE"),
     "missions start": _Entry("search.robots", "start", "START_EXAMPLE"),

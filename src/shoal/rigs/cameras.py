@@ -389,6 +389,10 @@ class MicroManagerSource:
             self.core.stopSequenceAcquisition()
         if self._made:
             self.core.unloadAllDevices()
+            # A core tells its events in a thread of its own, and aborts the program if Python ends
+            # meanwhile. pymmcore-plus hides the method that ends the thread.
+            base = next(one for one in type(self.core).__mro__ if one.__name__ == "CMMCore")
+            base.registerCallback(self.core, None)  # type: ignore[attr-defined]
 
 
 def _core_of(config: str) -> Any:

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, count_text
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import interruption_held
 from shoal.rigs.actuation import Actuation, read_actuation
@@ -26,6 +26,7 @@ CONVERTED = ("milliseconds", "microseconds", "angle_rad", "tilt_rad", "axis_rad"
 REOPENING = 3.0  # seconds for which a lost line is opened again to turn the field off
 PAUSE = 0.05  # seconds between two attempts
 PINGS = 4  # messages to the keep-alive process in the silence that it allows
+LATE = 1.25  # share of the time asked for, from which on a pulse counts as too long
 SLACK = 0.5  # seconds beyond the longest pulse after which the keep-alive process steps in
 
 
@@ -106,6 +107,9 @@ class CoilActuator:
     last : dict
         The values of the last push by name, and "on": how long the field was on by our clock, in
         seconds.
+    late : float or None
+        How long the field was on at the last push, in seconds, if our clock ended the pulse more
+        than a quarter too late, because this computer was busy.
 
     Raises
     ------
@@ -123,6 +127,8 @@ class CoilActuator:
         self.longest = about.limits.pulse
         self.temperature: float | None = None
         self.last: dict[str, float] = {}
+        self.late: float | None = None
+        self._all_late: list[tuple[float, float]] = []  # seconds, and those asked for
         self._number, self._most = 0, about.largest_number
         self._stopped = self._closed = False
         self._ended, self._pause = -1e9, 0.0  # of the last pulse, and how long the coils must cool
@@ -224,7 +230,10 @@ class CoilActuator:
                     self._turn_off(failure)
             finally:
                 self._pusher, self._ended = 0, time.monotonic()
-                self.last["on"] = self._ended - began
+                self.last["on"] = on = self._ended - began
+                self.late = on if not self.actuation.device.timed and on > LATE * seconds else None
+                if self.late is not None:
+                    self._all_late.append((on, seconds))
                 share = self.actuation.limits.duty_cycle
                 self._pause = 0.0 if share is None else self.last["on"] * (1 / share - 1)
         time.sleep(self.actuation.form.pulse.settle)
@@ -234,6 +243,19 @@ class CoilActuator:
         """What was commanded and measured at the last push, by name; each value in one unit."""
         found = self.last | ({} if self.temperature is None else {"temperature": self.temperature})
         return {name: round(value, 6) for name, value in found.items() if name not in CONVERTED}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the pulses so far, in sentences."""
+        if not self._all_late:
+            return ()
+        on, seconds = max(self._all_late)
+        pulses = count_text(len(self._all_late), "pulse")
+        return (
+            f"{self.name}: {pulses} lasted more than a quarter too long, the longest {on:.2g} s instead"
+            f" of {seconds:.2g} s, because this computer was busy: particles may have gone two cells"
+            " far. A controller that ends pulses itself (timed) would not mind",
+        )
 
     def _pulse(self, angle: float, seconds: float, packet: bytes) -> None:
         """Turn the field on and keep it on, until the time is over or the device says so."""

@@ -104,7 +104,8 @@ class Drive(WithTrace):
         Number of target cells, and how many of them scans surely showed particles in. None for a
         mapping.
     notes : tuple of str
-        What the drive did of its own accord, such as to go on with noise, in sentences.
+        What the drive did of its own accord, such as to go on with noise, and what the rig's
+        attribute ``notes`` says, in sentences.
     seconds_per_command, seconds_per_scan : float or None
         Mean time that the rig took for a command and for a scan, in seconds. None if there was
         none, and for replays.
@@ -969,11 +970,10 @@ class _Driver:
         is not complete.
         """
         swarm = self.swarm
-        if status is Status.STALLED and not swarm.moved:
-            self.alarms.append(self._nothing_moved())
-            return Status.ALARM
         if status is Status.STALLED and swarm.unvisited and not swarm.belief.frontier:
-            return Status.ALARM  # the known map is wrong, as the alarm says
+            if not swarm.moved:
+                self.alarms.append(self._nothing_moved())
+            return Status.ALARM  # else the known map is wrong, as the alarm says
         if not self.goal.mapping and status is Status.COMPLETE:
             return status  # scans showed particles in all target cells, whatever moved them
         if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
@@ -1037,7 +1037,7 @@ class _Driver:
             task=self.problem.task_name,
             targets=n_targets,
             visited=None if n_targets is None else n_targets - left,
-            notes=tuple(self.notes),
+            notes=(*self.notes, *getattr(self.rig, "notes", ())),
             seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
             seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
             **about,

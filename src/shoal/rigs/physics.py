@@ -62,6 +62,8 @@ class PlantProperties:
         which a command leads pulls the particles by a gradient.
     radius : float
         Radius of the particles in cells. A value of at most .5 fits through every passage.
+    own_radius : float
+        Standard deviation of the relative radius of each particle, constant. No radius exceeds .5.
     pulse : float
         Time that the field is on for one command, in seconds.
     length : float
@@ -122,6 +124,7 @@ class PlantProperties:
 
     kind: Kind = "roll"
     radius: float = 0.35
+    own_radius: float = 0.0
     pulse: float = 0.083
     length: float = 1.0
     settle: float = 0.1
@@ -219,6 +222,7 @@ class PlantProperties:
 
 RANGES: dict[str, tuple[float, float]] = {
     "radius": (0.02, 0.5),
+    "own_radius": (0.0, 0.5),
     "pulse": (1e-4, 60.0),
     "length": (1e-3, 100.0),
     "settle": (0.0, 60.0),
@@ -293,7 +297,7 @@ class Plant:
         Angle between command and motion, in degrees.
     coil_gains : ndarray of float64, shape (2, 2)
         Gain of the coils towards negative and positive values of x and of y.
-    own_gains : ndarray of float64, shape (n,)
+    own_gains, radii : ndarray of float64, shape (n,)
 
     Raises
     ------
@@ -341,7 +345,8 @@ class Plant:
         self.own_gains = np.clip(rng.normal(1, apparatus.own_gain, n), 0.1, None)
         self._flow = np.array([apparatus.flow_x, apparatus.flow_y])
         self._fastest = float(np.linalg.norm(self._flow))
-        self._longest = STEP * apparatus.radius / max(float(np.abs(self._flow).max()), 1.0)
+        self.radii = self._draw_radii(n)
+        self._longest = STEP * self._smallest / max(float(np.abs(self._flow).max()), 1.0)
         # the engine: without gravity; only the velocities that forces cause stay
         self._space, self._everything = pymunk.Space(), pymunk.ShapeFilter()
         self._space.collision_slop, self._space.iterations = SLOP, 20
@@ -359,8 +364,8 @@ class Plant:
             wall.friction = apparatus.friction / between
             self._space.add(wall)
         self._bodies: list[Any] = []
-        for point in start:
-            self._add(point)
+        for point, radius in zip(start, self.radii.tolist(), strict=True):
+            self._add(point, radius)
         # all bodies at once: those that move, in the order in which they were added, and the walls'
         self._exchange, self._batch = pymunk.batch, pymunk.batch.Buffer()
         self._given, self._forces = pymunk.batch.Buffer(), np.zeros((n + 1, 2))
@@ -368,13 +373,24 @@ class Plant:
         self._check_free(start)
         self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
 
-    def _add(self, point: Points) -> None:
+    def _draw_radii(self, n: int) -> Points:
+        usual, spread = self.apparatus.radius, self.apparatus.own_radius
+        least, most = (RANGES["radius"][0], RANGES["radius"][1])
+        if not spread:
+            return np.full(n, usual)
+        return np.clip(usual * self._rng.normal(1, spread, n), least, most)
+
+    @property
+    def _smallest(self) -> float:
+        return float(self.radii.min())
+
+    def _add(self, point: Points, radius: float) -> None:
         import pymunk
 
         body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
         body.position = (float(point[0]), float(point[1]))
         body.velocity = (self.apparatus.flow_x, self.apparatus.flow_y)
-        disk = pymunk.Circle(body, self.apparatus.radius)
+        disk = pymunk.Circle(body, radius)
         disk.friction = BETWEEN**0.5  # the engine multiplies the coefficients of two bodies
         self._space.add(body, disk)
         self._bodies.append(body)
@@ -382,9 +398,11 @@ class Plant:
     def enter(self, point: ArrayLike) -> bool:
         """Let a particle come in at a point, and return whether there was room for it."""
         at = np.array(point, dtype=np.float64)
-        if (np.linalg.norm(self.points - at, axis=1) < 2 * self.apparatus.radius).any():
+        radius = self._draw_radii(1)
+        if (np.linalg.norm(self.points - at, axis=1) < self.radii + radius).any():
             return False
-        self._add(at)
+        self._add(at, radius.item())
+        self.radii = np.append(self.radii, radius)
         gain = float(self._rng.normal(1, self.apparatus.own_gain))
         self.own_gains = np.append(self.own_gains, max(gain, 0.1))
         self._forces = np.zeros((len(self.own_gains) + 1, 2))
@@ -393,10 +411,10 @@ class Plant:
         return True
 
     def _check_free(self, points: Points) -> None:
-        for at, point in enumerate(points):
+        for at, (point, radius) in enumerate(zip(points, self.radii.tolist(), strict=True)):
             hits = self._space.point_query(
                 (float(point[0]), float(point[1])),
-                self.apparatus.radius - 2 * SLOP,
+                radius - 2 * SLOP,
                 self._everything,
             )
             cell = self.cells_of(points[at : at + 1])[0]
@@ -405,7 +423,7 @@ class Plant:
                 x, y = point.round(3).tolist()
                 raise InvalidInputError(
                     "physics: expected particles that touch neither walls nor each other, got one"
-                    f" of radius {self.apparatus.radius:g} at ({x:g}, {y:g})"
+                    f" of radius {radius:g} at ({x:g}, {y:g})"
                 )
 
     @property
@@ -444,7 +462,7 @@ class Plant:
         command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
         most = speed * about.strongest * float(self.coil_gains.max() * self.own_gains.max())
         most += about.attraction + float(np.linalg.norm(self._flow)) + abs(about.spin) * speed
-        steps = max(1, ceil(seconds * most / (STEP * about.radius)))
+        steps = max(1, ceil(seconds * most / (STEP * self._smallest)))
         self._fastest = most
         self.field_on, self._longest = True, max(seconds / steps, 1e-9)
         for _ in range(steps):
@@ -524,7 +542,7 @@ class Plant:
 
     def _rolling(self, points: Points, speed: float) -> Points:
         """Return the velocities with which spinning particles roll along walls."""
-        touches = self._gaps(points) < self.apparatus.radius + TOUCHING
+        touches = self._gaps(points) < self.radii[:, None] + TOUCHING
         # with the wall -x on the right, the motion leads to -y, and so on around
         along = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0]])
         velocities: Points = self.apparatus.spin * speed * (touches.astype(np.float64) @ along)
@@ -533,19 +551,20 @@ class Plant:
     def _attraction(self, points: Points, command: Points) -> Points:
         """Return the velocities by which magnetic dipoles attract each other.
 
-        With the distance d in diameters and the angle t between the line of the two centres and the
+        With the distance d in mean diameters and the angle t between the line of the two centres and the
         field, aligned dipoles cause the radial velocity (1 - 3 cos(t)^2) / (2 d^4), times that of
         two touching particles in line, and the tangential one -sin(2 t) / (2 d^4). In a field that
         rotates in the plane the mean is radial, -1 / d^4 times half of 1/2.
         """
         from scipy.spatial import KDTree
 
-        diameter = 2 * self.apparatus.radius
-        pairs = KDTree(points).query_pairs(REACH * diameter, output_type="ndarray")
+        far = REACH * 2 * float(self.radii.max())
+        pairs = KDTree(points).query_pairs(far, output_type="ndarray")
         velocities = np.zeros_like(points)
         if not len(pairs):
             return velocities
         line = points[pairs[:, 1]] - points[pairs[:, 0]]
+        diameter = self.radii[pairs].sum(axis=1)
         distance = np.maximum(np.linalg.norm(line, axis=1), diameter)
         line /= distance[:, None]
         fall = self.apparatus.attraction * (diameter / distance) ** 4
@@ -566,7 +585,7 @@ class Plant:
         """Hold the particles that touch a wall and are too slow to leave it or to slide."""
         about = self.apparatus
         least = about.adhesion * about.length / about.pulse
-        touches = (self._gaps(points) < about.radius + TOUCHING).any(axis=1)
+        touches = (self._gaps(points) < self.radii[:, None] + TOUCHING).any(axis=1)
         velocities[touches & (np.linalg.norm(velocities, axis=1) < least)] = 0.0
 
     def _gaps(self, points: Points) -> Points:
@@ -588,7 +607,7 @@ class Plant:
         for at in np.flatnonzero(speeds > self._fastest).tolist():
             body = self._bodies[at]
             body.velocity *= self._fastest / speeds[at]
-        points, least = self.points, (1 - WEDGED) * self.apparatus.radius
+        points, least = self.points, (1 - WEDGED) * self.radii[:, None]
         back = np.maximum(0.0, least - self._gaps(points))
         for at in np.flatnonzero(back.any(axis=1)).tolist():
             x, y = points[at] + back[at, ::2] - back[at, 1::2]
@@ -608,10 +627,12 @@ class Plant:
         points = next(
             (seen for taken, seen in reversed(self._seen) if taken <= time + 1e-9), self._seen[0][1]
         )
-        points = points[rng.random(len(points)) >= about.miss]
-        twice = points[rng.random(len(points)) < about.double]
+        shown = rng.random(len(points)) >= about.miss
+        points, radii = points[shown], self.radii[: len(points)][shown]
+        doubled = rng.random(len(points)) < about.double
+        twice = points[doubled]
         turn = rng.uniform(0, 2 * np.pi, len(twice))
-        twice = twice + about.radius * np.column_stack([np.cos(turn), np.sin(turn)])
+        twice = twice + radii[doubled, None] * np.column_stack([np.cos(turn), np.sin(turn)])
         ghosts = rng.uniform(0, 1, (int(rng.poisson(about.ghosts)), 2)) * self._size
         points = _blurred(points, about.blur / about.pixels)
         points = np.vstack([points, twice, ghosts])

@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_number
+from shoal.core.checks import check_choice, check_number, count_text, shape_text
 from shoal.core.errors import InvalidInputError, RigError, describe_error
 from shoal.core.registry import Registry, configured
 from shoal.rigs.cameras import CAMERAS, open_camera
@@ -206,6 +206,7 @@ class BenchRig:
         self._stale = -1  # number of the last picture before the last push
         self._ended = -np.inf  # when the last push had ended
         self._stopped = False
+        self._looks = self._outside = 0  # pictures, and points outside the grid in all of them
         self._unseen = trim is not None  # no picture since the last pulse
 
     def push(self, angle: float, seconds: float) -> None:
@@ -235,12 +236,25 @@ class BenchRig:
         if self._unseen:  # each pulse is learnt from by itself
             self.look()
         self.push(*self.trim.pulse(command))
+        if (late := getattr(self.actuator, "late", None)) is not None:
+            self.trim.lasted(late)
         self._unseen = True
 
     @property
     def values(self) -> dict[str, float]:
         """What was commanded and measured at the last push, by name, if the actuator says so."""
         return dict(getattr(self.actuator, "values", {}))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the pulses and pictures so far, in sentences."""
+        notes = tuple(getattr(self.actuator, "notes", ()))
+        if self._outside:
+            spots = count_text(self._outside, "spot")
+            notes += (
+                f"{self.sensor.name}: {spots} outside the grid left out, in {count_text(self._looks, 'picture')}",
+            )
+        return notes
 
     def look(self) -> Frame:
         """Return the first picture of the particles at rest after the last push. Its points are in
@@ -270,9 +284,30 @@ class BenchRig:
         return Frame(cells, frame.time, frame.number)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the sensor sees particles (int64, shape (k, ndim))."""
-        points = self.look().points
-        return np.unique(np.floor(points + 0.5).astype(np.int64), axis=0)
+        """Return the cell of each particle that the sensor sees (int64, shape (k, ndim)), in the
+        order of the cells. Several particles can be in one cell.
+
+        A camera may see more than the grid. What it sees beyond the rim of the grid is left out,
+        unless it is most of what it sees.
+
+        Raises
+        ------
+        RigError
+            As `look` does, or if most points are outside the grid.
+        """
+        cells = np.floor(self.look().points + 0.5).astype(np.int64)
+        cells = cells[np.lexsort(cells.T[::-1])]
+        inside = ((cells >= -1) & (cells <= np.array(self.shape))).all(axis=1)
+        outside = cells[~inside]
+        if len(outside) > inside.sum():
+            raise RigError(
+                f"{self.sensor.name}: expected particles in the {shape_text(self.shape)} of the grid,"
+                f" got {len(outside)} of {len(cells)} outside, such as in {tuple(outside[0].tolist())}:"
+                " the calibration is wrong, or the vessel was moved"
+            )
+        self._looks += 1
+        self._outside += len(outside)
+        return cells[inside]
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

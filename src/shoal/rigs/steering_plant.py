@@ -25,6 +25,7 @@ POINT = 0.004  # relative to the size: radius of particles that stand for points
 STEP = 0.2  # of its radius that a particle may move between two looks for contacts
 CORNERS = 256  # straight pieces of a round wall
 IGNORED = ("ghosts", "miss", "double", "blur", "attraction", "spin", "flow_x", "flow_y")
+IGNORED += ("own_radius",)
 
 
 class SteeringPlant:

@@ -71,6 +71,11 @@ class PulseTrim:
         self._sent.append((command, angle, seconds))
         return angle, seconds
 
+    def lasted(self, seconds: float) -> None:
+        """Take over that the last pulse was not as long as `pulse` has said, but so many seconds."""
+        command, angle, _ = self._sent[-1]
+        self._sent[-1] = (command, angle, seconds)
+
     def see(self, cells: Points) -> None:
         """Learn from the picture after the last pulse: float (row, column) of the particles."""
         after = np.column_stack([cells[:, 1], -cells[:, 0]])

@@ -41,6 +41,7 @@ here, such as 0 (generic), is no vehicle or does not say what it is.
 """
 _WARNING = 4  # MAV_SEVERITY: smaller numbers are worse
 _DATAGRAM = 65535
+_POLL = 0.02  # seconds between two looks at an uneven clock
 _MOST_WAITING = 4096  # messages that nobody has asked for
 
 Address = Any
@@ -127,6 +128,35 @@ class UdpLink:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+class FastLink:
+    """A link on which time passes faster, as in a rehearsal.
+
+    Parameters
+    ----------
+    link : VehicleLink
+    speed_up : float
+        Number of seconds that pass on this link in a second.
+    clock : callable, optional
+        Function that returns the time in seconds, if it passes unevenly.
+    """
+
+    def __init__(
+        self, link: VehicleLink, speed_up: float, clock: Callable[[], float] | None = None
+    ) -> None:
+        self._link, self._speed_up, self._clock = link, speed_up, clock
+        self.name, self.at_once = link.name, link.at_once
+        self.send, self.close = link.send, link.close
+
+    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
+        """Return what came within ``timeout`` fast seconds, or less if their clock is uneven."""
+        seconds = timeout / self._speed_up
+        return self._link.receive(seconds if self._clock is None else min(seconds, _POLL))
+
+    def now(self) -> float:
+        """Return the fast time in seconds."""
+        return self._link.now() * self._speed_up if self._clock is None else self._clock()
 
 
 class StreamLink:
@@ -343,6 +373,8 @@ class Station:
         Whether `listen` raises a `LinkError` from now on; another thread may set it.
     twice : dict of int to set
         System ids that several addresses use at the same time, with these addresses.
+    stations : dict of int to float
+        Other ground stations heard, by system id, with the time at which each was heard last.
     """
 
     def __init__(
@@ -359,6 +391,7 @@ class Station:
         self.dialect = dialect()
         self.vehicles: dict[int, HeardVehicle] = {}
         self.twice: dict[int, set[Address]] = {}
+        self.stations: dict[int, float] = {}
         self._mav = self.dialect.MAVLink(None, *STATION)
         self._parsers: dict[Address, Any] = {}
         self._places: dict[int, dict[Address, float]] = {}
@@ -382,6 +415,10 @@ class Station:
     def now(self) -> float:
         """Return the time in seconds, on the link's clock."""
         return self.link.now()
+
+    def take_system(self, system: int) -> None:
+        """Take another system id than that of ground stations by default."""
+        self._mav.srcSystem = system
 
     def send(self, vehicle: HeardVehicle | None, message: Any) -> None:
         """Send a message to a vehicle's address, or to all who are known."""
@@ -442,7 +479,9 @@ class Station:
             return
         system, component = message.get_srcSystem(), message.get_srcComponent()
         now = self.now()
-        if kind == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT and system:
+        if kind == "HEARTBEAT" and message.type == GROUND_STATION:
+            self.stations[system] = now
+        elif kind == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT and system:
             known = self.vehicles.get(system)
             if known is None or (
                 component == AUTOPILOT_COMPONENT != known.component
@@ -459,7 +498,7 @@ class Station:
         if vehicle is None or component != vehicle.component:
             return
         to = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
-        if to[0] not in (0, STATION[0]) or to[1] not in (0, STATION[1]):
+        if to[0] not in (0, self._mav.srcSystem) or to[1] not in (0, self._mav.srcComponent):
             return  # to another ground station
         vehicle.heard += 1
         vehicle.heard_at = now

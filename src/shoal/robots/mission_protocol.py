@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.missions.formats.items import (
     GIMBAL,
@@ -57,10 +58,6 @@ _SHORTEST, _LONGEST = 0.1, 1.5  # seconds between two repeats
 _MOST = 65535  # items that a count can say
 
 
-Params = tuple[float, float, float, float]
-"""The parameters 1 to 4 of an item."""
-
-
 class MissionItem(NamedTuple):
     """An item as it is on the air: latitude and longitude in 1e-7 degrees.
 
@@ -69,7 +66,7 @@ class MissionItem(NamedTuple):
 
     frame: int
     command: int
-    params: Params
+    params: tuple[float, float, float, float]
     x: int
     y: int
     z: float
@@ -570,3 +567,34 @@ def _same(ours: float, theirs: float, most: float) -> bool:
 
 def _both_nan(ours: float, theirs: float) -> bool:
     return math.isnan(ours) and math.isnan(theirs)
+
+
+def fence_areas(
+    items: Sequence[MissionItem], to_metres: Callable[[float, float], NDArray[np.float64]]
+) -> list[tuple[Any, bool]]:
+    """Return the areas of a fence in metres, and whether a vehicle must be inside of each.
+
+    Parameters
+    ----------
+    items : sequence of MissionItem
+    to_metres : callable
+        Function that returns the place of a longitude and latitude in degrees.
+    """
+    import shapely
+
+    inside: list[Any] = []
+    outside: list[Any] = []
+    corners: list[MissionItem] = []
+    for item in items:
+        if item.command in FENCE_CIRCLES:
+            middle = shapely.Point(to_metres(item.y / 1e7, item.x / 1e7))
+            circle = middle.buffer(item.params[0])
+            (inside if item.command == FENCE_CIRCLES[0] else outside).append(circle)
+            continue
+        corners.append(item)
+        if len(corners) == item.params[0]:
+            ring = [to_metres(one.y / 1e7, one.x / 1e7) for one in corners]
+            polygon = shapely.Polygon(ring)
+            (inside if item.command == FENCE_CORNERS[0] else outside).append(polygon)
+            corners = []
+    return [(shapely.union_all(inside), True)] * bool(inside) + [(one, False) for one in outside]

@@ -9,6 +9,7 @@ clock and no socket: `SimulatedLink` connects vehicles to a station on simulated
 from __future__ import annotations
 
 import math
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -32,13 +33,12 @@ from shoal.robots.mavlink import (
 )
 from shoal.robots.mission_protocol import (
     FENCE,
-    FENCE_CIRCLES,
-    FENCE_CORNERS,
     MISSION,
     MISSION_TYPES,
     RALLY,
     UNSET,
     MissionItem,
+    fence_areas,
 )
 from shoal.search.regions.projection import LocalFrame
 
@@ -52,7 +52,13 @@ _ACCEPTED, _REFUSED_NOW, _DENIED, _UNKNOWN, _FAILED = 0, 1, 2, 3, 4
 _ERROR, _UNSUPPORTED, _OUT_OF_ORDER = 1, 3, 13
 _REPEAT, _GIVE_UP = 0.25, 5.0  # seconds of an upload
 _STEP = 0.05  # seconds of a step of the motion
-_SETPOINT = 3.0  # seconds for which a guided set-point holds
+_BRAKE = 0.7  # share of the acceleration with which it brakes
+_SETPOINT = 1.0  # seconds without set-points after which PX4 leaves the offboard mode
+_TIMEOUT = 5.0  # seconds without heartbeats of its station after which ArduPilot acts
+_BLIND = 10.0  # seconds without a position after which an autopilot lands
+_HOVER = 30.0  # metres above home at which PX4 waits if it is not to land
+_STATION = 255  # system id of ArduPilot's station by default
+_REAL32, _INT32 = 9, 6  # MAV_PARAM_TYPE
 _ON_GROUND, _IN_AIR = 1, 2  # MAV_LANDED_STATE
 _PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 
@@ -150,6 +156,13 @@ class SimulatedVehicle:
     station_timeout : float, optional
         Seconds without a heartbeat of a ground station after which it returns. By default, it
         flies on.
+    parameters : mapping of str to float
+        The autopilot's parameters, integers and floats apart. The vehicle does what they say of a
+        lost station (FS_GCS_ENABLE, FS_GCS_TIMEOUT and SYSID_MYGCS; NAV_DLL_ACT and COM_DL_LOSS_T),
+        of set-points that end (COM_OBL_RC_ACT, COM_OF_LOSS_T), of the fence (FENCE_ENABLE,
+        FENCE_ACTION and FENCE_TYPE; GF_ACTION), and of the return (RTL_ALT and RTL_ALT_FINAL;
+        RTL_RETURN_ALT and RTL_LAND_DELAY). Without parameters, it returns when it breaches a fence,
+        and when PX4 gets no set-points.
 
     Attributes
     ----------
@@ -163,6 +176,12 @@ class SimulatedVehicle:
         Number of the item that it flies, as the autopilot counts.
     breaches : int
         Number of breaches of the fence.
+    silent, lost_position : bool
+        Whether the vehicle says nothing any more, or has no position any more. Without a position,
+        it refuses all modes but landing, and lands by itself after a while.
+    track : list of tuple
+        Time, position (three values), and whether it was in its guided mode, at each step of an
+        armed vehicle and at its end.
     """
 
     def __init__(
@@ -180,7 +199,10 @@ class SimulatedVehicle:
         low_battery: float = 0.15,
         refuses_to_arm: str = "",
         station_timeout: float | None = None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
+        self.parameters = dict(parameters or {})
+        self.silent = self.lost_position = False
         self.system, self.kind = system, kind
         self.autopilot = {name.lower(): number for number, name in AUTOPILOTS.items()}[autopilot]
         self.home, self.elevation = home, elevation
@@ -188,6 +210,7 @@ class SimulatedVehicle:
         self.speed, self.acceleration = speed, acceleration
         self.battery, self.low_battery, self.charge = battery, low_battery, 1.0
         self.refuses_to_arm, self.station_timeout = refuses_to_arm, station_timeout
+        self.track: list[tuple[float, float, float, float, bool]] = []
         self.frame = LocalFrame(*home)
         self.stored: dict[str, list[MissionItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self.position, self.velocity = np.zeros(3), np.zeros(3)
@@ -206,6 +229,8 @@ class SimulatedVehicle:
         self._now, self._moved_at = 0.0, 0.0
         self._sent_at = {1.0: -math.inf, 0.2: -math.inf}
         self._station_at: float | None = None
+        self._stations: dict[int, float] = {}
+        self._station_lost, self._lost_at, self._above_home = False, math.inf, False
         self._guided: tuple[NDArray[np.float64], float] | None = None
         self._cruise = speed
         self._metres: dict[tuple[float, float], tuple[float, float]] = {}
@@ -230,7 +255,7 @@ class SimulatedVehicle:
         self._report()
         out = [*self._out]
         self._out.clear()
-        return out if self._now >= self._silent_until else []
+        return out if self._now >= self._silent_until and not self.silent else []
 
     def _send(self, message: Any) -> None:
         self._out.append(bytes(message.pack(self._mav)))
@@ -240,7 +265,7 @@ class SimulatedVehicle:
         name = message.get_type()
         source = message.get_srcSystem(), message.get_srcComponent()
         if name == "HEARTBEAT" and message.autopilot == 8:
-            self._station_at = self._now
+            self._station_at = self._stations[source[0]] = self._now
             return
         if getattr(message, "target_system", self.system) not in (0, self.system):
             return
@@ -466,6 +491,13 @@ class SimulatedVehicle:
         if upload is not None and upload.partner == partner and message.type == 15:
             self._upload = None  # cancelled
 
+    def forget_time(self) -> None:
+        """Begin at time 0 again, as after the power was off."""
+        self._now = self._moved_at = 0.0
+        self._sent_at = dict.fromkeys(self._sent_at, -math.inf)
+        self._station_at, self._stations, self._station_lost = None, {}, False
+        self._later, self._upload = [], None
+
     # -- commands -------------------------------------------------------------------------------
 
     def _take_command_long(self, message: Any, partner: tuple[int, int]) -> None:
@@ -493,10 +525,16 @@ class SimulatedVehicle:
             result = self._set_mode(modes.MISSION) if self.armed else _REFUSED_NOW
         elif command == _SET_CURRENT:
             self._set_current(int(params[0]))
+        elif command == TAKE_OFF:
+            if self.armed and self.mode == modes.GUIDED:
+                self._guided = np.array([*self.position[:2], params[6]]), math.inf
+            else:
+                result = _DENIED
         elif command in (RETURN, LAND):
             result = self._set_mode(modes.RETURN if command == RETURN else modes.LAND)
         elif command == _REPOSITION:
-            self._guided = (self._local(places[1], places[0], params[6]), math.inf)
+            if not self.lost_position:
+                self._guided = (self._local(places[1], places[0], params[6]), math.inf)
             result = self._set_mode(modes.GUIDED)
         elif command not in (_REQUEST_MESSAGE, 511):
             result = _UNKNOWN
@@ -526,6 +564,11 @@ class SimulatedVehicle:
         return _ACCEPTED
 
     def _set_mode(self, mode: str) -> int:
+        blind = self.lost_position and mode in (modes.MISSION, modes.GUIDED, modes.RETURN)
+        # PX4 changes to offboard only while set-points come
+        led = self.autopilot != PX4 or mode != modes.GUIDED or self._is_led
+        if blind or not led:
+            return _REFUSED_NOW if self.autopilot == PX4 else _FAILED
         if mode == modes.MISSION:
             if not self.stored[MISSION]:
                 self._say("Mission rejected: no mission")
@@ -547,8 +590,36 @@ class SimulatedVehicle:
         self._set_current(message.seq)
 
     def _take_set_position_target_global_int(self, message: Any, _partner: tuple[int, int]) -> None:
+        if self.autopilot == ARDUPILOT and (self.mode != modes.GUIDED or self.on_ground):
+            return  # ArduPilot takes set-points in the guided mode alone, and takes off by command
         target = self._local(message.lon_int / 1e7, message.lat_int / 1e7, message.alt)
-        self._guided = (target, self._now + _SETPOINT)
+        # ArduPilot flies to the last position however old it is
+        holds = self.parameters.get("COM_OF_LOSS_T", _SETPOINT)
+        self._guided = target, self._now + holds if self.autopilot == PX4 else math.inf
+
+    @property
+    def _is_led(self) -> bool:
+        return self._guided is not None and self._now <= self._guided[1]
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the vehicle flies, and is on the ground."""
+        return self.kind != "rover" and bool(self.position[2] <= 0.3)
+
+    def _take_param_request_read(self, message: Any, _partner: tuple[int, int]) -> None:
+        name = message.param_id.rstrip("\0")
+        if name not in self.parameters:
+            return
+        value = self.parameters[name]
+        kind = _INT32 if isinstance(value, int) else _REAL32
+        if kind == _INT32 and self.autopilot == PX4:  # the bytes of the integer as those of a float
+            value = struct.unpack("<f", struct.pack("<i", value))[0]
+        number = [*self.parameters].index(name)
+        self._send(
+            self._dialect.MAVLink_param_value_message(
+                name.encode(), value, kind, len(self.parameters), number
+            )
+        )
 
     def _say(self, text: str, severity: int = 3) -> None:
         self._send(self._dialect.MAVLink_statustext_message(severity, text.encode()[:50]))
@@ -561,6 +632,24 @@ class SimulatedVehicle:
             x, y = self.frame.to_metres(np.array([place]))[0]
             self._metres[place] = float(x), float(y)
         return np.array([*self._metres[place], height])
+
+    @property
+    def return_height(self) -> float:
+        """Height above home in metres to which the vehicle climbs before it returns."""
+        if self.kind == "rover":
+            return 0.0
+        told = self.parameters
+        if self.autopilot == PX4:
+            return told.get("RTL_RETURN_ALT", 0.0)
+        return told.get("RTL_ALT_M", told.get("RTL_ALT", 0.0) / 100)
+
+    @property
+    def hover_height(self) -> float:
+        """Height above home in metres at which the vehicle waits after its return; 0 if it lands."""
+        told = self.parameters
+        if self.autopilot == PX4:
+            return _HOVER if told.get("RTL_LAND_DELAY", 0) < 0 else 0.0
+        return told.get("RTL_ALT_FINAL_M", told.get("RTL_ALT_FINAL", 0.0) / 100)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -581,13 +670,16 @@ class SimulatedVehicle:
             if ends is not None and np.linalg.norm(target - self.position) < ends:
                 self._reach()
             self.charge = max(0.0, self.charge - _STEP / self.battery)
+            x, y, up = self.position.tolist()
+            self.track.append((self._moved_at, x, y, up, self.mode == modes.GUIDED))
 
     def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""
         way = target - self.position
         distance = float(np.linalg.norm(way))
-        # v = sqrt(2 a d) stops at the target
-        speed = min(self._cruise, math.sqrt(2 * self.acceleration * distance), distance / _STEP)
+        # v = sqrt(2 a d) stops at the target; the rest of the acceleration corrects the direction
+        brake = _BRAKE * self.acceleration
+        speed = min(self._cruise, math.sqrt(2 * brake * distance), distance / _STEP)
         wanted = way / distance * speed if distance > 1e-9 else np.zeros(3)
         change = wanted - self.velocity
         size = float(np.linalg.norm(change))
@@ -602,15 +694,21 @@ class SimulatedVehicle:
             return self._mission_target()
         if self.mode == modes.GUIDED and self._guided is not None:
             target, until = self._guided
-            if self._now <= until:
+            if self._moved_at <= until:
                 return target, None
             self._guided = None
             if self.autopilot == PX4:  # set-points have ended
                 self._say("Offboard control lost")
-                self.mode = modes.RETURN
+                self._fall_back({3: modes.RETURN, 4: modes.LAND}, "COM_OBL_RC_ACT", 3)
+        self._above_home = self._above_home and self.mode == modes.RETURN
         if self.mode == modes.RETURN:
-            if np.linalg.norm(self.position[:2]) > 1.0:
-                return np.array([0.0, 0.0, self.position[2]]), None
+            self._above_home |= bool(np.linalg.norm(self.position[:2]) <= 1.0)
+            up = max(self.return_height, float(self.position[2]))
+            if not self._above_home:
+                across = self.position[:2] if self.position[2] < up - 0.5 else np.zeros(2)
+                return np.array([*across, up]), None
+            if self.hover_height > 0:
+                return np.array([0.0, 0.0, self.hover_height]), None
             return np.zeros(3), 0.2
         if self.mode == modes.LAND:
             return np.array([*self.position[:2], 0.0]), 0.2
@@ -658,52 +756,76 @@ class SimulatedVehicle:
         self.armed = False
 
     def _check_failsafes(self) -> None:
+        self._check_position()
         if self.mode in (modes.RETURN, modes.LAND):
             return
-        lost = (
-            self.station_timeout is not None
-            and self._station_at is not None
-            and self._now - self._station_at > self.station_timeout
-        )
-        if self.charge <= self.low_battery or lost:
-            self._say("Ground station lost: return" if lost else "Low battery: return", 4)
+        if self.charge <= self.low_battery:
+            self._say("Low battery: return", 4)
             self.mode = modes.RETURN
+        self._check_station()
         inside = self._inside_fence()
         if not inside and not self.breached:
             self.breaches += 1
-            self._say("Geofence breached: return", 2)
-            self.mode = modes.RETURN
+            self._say("Geofence breached", 2)
+            if self.autopilot == PX4:
+                self._fall_back({2: modes.HOLD, 3: modes.RETURN, 5: modes.LAND}, "GF_ACTION", 3)
+            else:
+                self._fall_back(
+                    {0: self.mode, 2: modes.LAND, 4: modes.LAND}, "FENCE_ACTION", 1, modes.RETURN
+                )
         self.breached = not inside
 
+    def _fall_back(
+        self, actions: Mapping[int, str], parameter: str, usual: int, other: str = modes.HOLD
+    ) -> None:
+        """Change to the mode that a parameter says, or to another one if it says none of these."""
+        self.mode = actions.get(int(self.parameters.get(parameter, usual)), other)
+        if self.mode == modes.HOLD and parameter == "GF_ACTION":
+            self._guided = None
+
+    def _check_position(self) -> None:
+        """Land a while after the position was lost."""
+        if not self.lost_position:
+            self._lost_at = math.inf
+        elif self._lost_at == math.inf:
+            self._lost_at = self._moved_at
+        elif self._moved_at - self._lost_at > _BLIND and self.mode != modes.LAND:
+            self._say("Position lost: land", 2)
+            self.mode = modes.LAND
+
+    def _check_station(self) -> None:
+        """Act once when the heartbeats of the station have ended that was heard before."""
+        told, heard, timeout = self.parameters, self._station_at, self.station_timeout
+        actions, parameter, usual, other = dict[int, str](), "", 0, modes.RETURN
+        if timeout is None and self.autopilot == PX4 and told.get("NAV_DLL_ACT"):
+            timeout = told.get("COM_DL_LOSS_T", 2 * _TIMEOUT)
+            actions = {1: modes.HOLD, 2: modes.RETURN, 3: modes.LAND}
+            parameter, other = "NAV_DLL_ACT", modes.HOLD
+        elif timeout is None and self.autopilot == ARDUPILOT and told.get("FS_GCS_ENABLE"):
+            timeout = told.get("FS_GCS_TIMEOUT", _TIMEOUT)
+            heard = self._stations.get(int(told.get("SYSID_MYGCS", _STATION)))
+            actions = {5: modes.LAND, 7: modes.LAND}
+            parameter = "FS_GCS_ENABLE"
+        lost = timeout is not None and heard is not None and self._moved_at - heard > timeout
+        if lost and not self._station_lost:
+            self._say("Ground station lost", 4)
+            self._fall_back(actions, parameter, usual, other)
+        self._station_lost = lost
+
     def _inside_fence(self) -> bool:
-        if not self.stored[FENCE]:
+        told = self.parameters
+        if not self.stored[FENCE] or not (
+            told.get("FENCE_ENABLE", 1) and int(told.get("FENCE_TYPE", 4)) & 4
+        ):
             return True
         from shapely import Point
 
         if self._fence_areas is None:
-            self._fence_areas = self._areas()
+            self._fence_areas = fence_areas(
+                self.stored[FENCE], lambda x, y: self._local(x, y, 0.0)[:2]
+            )
         place = Point(self.position[:2])
         return all(area.covers(place) == inside for area, inside in self._fence_areas)
-
-    def _areas(self) -> list[tuple[Any, bool]]:
-        """Return the polygons of the fence in metres, and whether the vehicle must be inside."""
-        from shapely import Point, Polygon, union_all
-
-        inside: list[Any] = []
-        outside: list[Any] = []
-        corners: list[MissionItem] = []
-        for item in self.stored[FENCE]:
-            if item.command in FENCE_CIRCLES:
-                middle = self._local(item.y / 1e7, item.x / 1e7, 0.0)[:2]
-                circle = Point(middle).buffer(item.params[0])
-                (inside if item.command == FENCE_CIRCLES[0] else outside).append(circle)
-                continue
-            corners.append(item)
-            if len(corners) == item.params[0]:
-                ring = [self._local(one.y / 1e7, one.x / 1e7, 0.0)[:2] for one in corners]
-                (inside if item.command == FENCE_CORNERS[0] else outside).append(Polygon(ring))
-                corners = []
-        return [(union_all(inside), True)] * bool(inside) + [(one, False) for one in outside]
 
     # -- telemetry ------------------------------------------------------------------------------
 
@@ -739,6 +861,11 @@ class SimulatedVehicle:
                     0,
                 )
             )
+            self._send(
+                make.MAVLink_gps_raw_int_message(
+                    0, 1 if self.lost_position else 3, 0, 0, 0, 65535, 65535, 65535, 65535, 255
+                )
+            )
             state = _IN_AIR if self.position[2] > 0.3 else _ON_GROUND
             self._send(make.MAVLink_extended_sys_state_message(0, state))
             self._send(make.MAVLink_mission_current_message(self.current))
@@ -746,7 +873,8 @@ class SimulatedVehicle:
                 self._send(
                     make.MAVLink_fence_status_message(int(self.breached), self.breaches, 0, 0)
                 )
-        if self._now - self._sent_at[0.2] >= 0.2:
+        told = self.autopilot == ARDUPILOT or not self.lost_position  # ArduPilot goes on guessing
+        if self._now - self._sent_at[0.2] >= 0.2 and told:
             self._sent_at[0.2] = self._now
             longitude, latitude = self.place
             up = round(1000 * self.position[2])

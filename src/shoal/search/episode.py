@@ -459,7 +459,7 @@ class SearchEpisode(Episode):
             "format": FORMAT,
             "kind": "search",
             "versions": dict(self.versions),
-            "problem": self._self_contained().to_dict(),
+            "problem": self.self_contained().to_dict(),
             "seed": self.seed,
             "seconds": self.seconds,
             "simulated": self.simulated,
@@ -468,7 +468,7 @@ class SearchEpisode(Episode):
         }
         write_json(target, data, indent=None)
 
-    def _self_contained(self) -> SearchProblem:
+    def self_contained(self) -> SearchProblem:
         """Return the problem with the contents of files in place of the file names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}

@@ -64,7 +64,9 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     scenario = scenario_of(problem, plan, seed)
     simulated = _is_simulated(problem, plan)
     if problem.live is not None:
-        scenario, trace = live_trace(scenario, live=problem.live, key=key)
+        scenario, trace = live_trace(
+            scenario, live=problem.live, key=key, makespan=plan.allocation.makespan
+        )
     elif simulated:
         trace = simulated_trace(plan, scenario)
     else:

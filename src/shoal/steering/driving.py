@@ -36,7 +36,13 @@ from shoal.steering.workspaces.region import Region
 LOOKS = 3  # at the start, which show the error of the camera
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
-LEVELS = (0.2, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
+LEVELS = (
+    0.05,
+    0.2,
+    0.5,
+    0.8,
+    0.95,
+)  # quantiles of the friction, with which plans are tried in turn
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
 SCENARIOS = 16  # of errors, in which plans are compared
@@ -536,11 +542,12 @@ class _Loop(_Session):
     """One run of the closed loop of the policy robust."""
 
     planless = progress = forced = 0
-    least_missing = inf
+    least_missing = shortest = inf  # length of the shortest plan so far
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
         self.steps: list[_Step] = []  # what is left of the plan
+        self._tables: dict[tuple[float, ...], kernels.Differences] = {}
 
     def _choose_goals(self) -> None:
         """Choose the order of interchangeable goals with the shorter plan."""
@@ -553,7 +560,8 @@ class _Loop(_Session):
 
     def _check_end(self) -> None:
         tolerance, moves = self.problem.tolerance, len(self.inputs)
-        if self.error <= tolerance:
+        # a look that shows them just inside may err
+        if self.error <= max(tolerance - 2 * self.deviation, 0.5 * tolerance):
             text = f"after {moves} moves a look shows all particles within {self.error:.3g} of"
             raise _Ended(Status.ARRIVED, f"{text} their goals")
         slips = self.friction.slips
@@ -614,15 +622,14 @@ class _Loop(_Session):
         pressings = [
             self._pressing(min(tan(atan(friction) * 0.97), STEEPEST)) for friction in levels
         ]
-        rest = self._rest(pressings)
-        if rest is None:
-            rest = self._rest_of_cycle(pressings)
-        if rest is not None and len(rest) <= FEW:
-            return rest
-        self.forced = 0
         for rounds in (FAST, SLOW):
             for pressing in pressings:
-                search = PressingSearch(self.world, pressing, self.rng)
+                rest = self._rest(pressing)
+                if rest is not None and len(rest) <= FEW:
+                    return rest
+                search = PressingSearch(self.world, pressing, self.rng, self._tables)
+                if rounds == SLOW and search.presses_left(state, self.goal) == kernels.FAR:
+                    continue
                 plans = search.plans(
                     state,
                     self.goal,
@@ -635,31 +642,31 @@ class _Loop(_Session):
                 if not plans and rounds == FAST and rest is None:
                     plans = self._chain(state, pressing.friction, left)
                 if plans:
+                    self.forced = 0
                     best = self._surest(search, plans)
                     return best if rest is None or len(best) < len(rest) - 1 else rest
+                if rest is None and rounds == FAST and pressing is pressings[0]:
+                    rest = self._rest_of_cycle(pressing)
                 if rest is not None:
                     return rest
         return None
 
-    def _rest(self, pressings: list[Any]) -> Points | None:
+    def _rest(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
-        for pressing in pressings if self.steps else ():
-            state, moves = self.state, []
-            world = kernels.with_friction(self.kernel_world, pressing.friction)
-            last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
-            spare, vector = np.empty(2), np.empty(2)
-            for k, step in enumerate(self.steps):
-                move = self._move_of(step, state, k == last, k == len(self.steps) - 1)
-                kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
-                moves.append(move)
-            if (
-                float(np.linalg.norm(state - self.goal, axis=1).max())
-                <= 0.8 * self.problem.tolerance
-            ):
-                return np.array(moves)
-        return None
+        if not self.steps:
+            return None
+        state, moves = self.state, []
+        world = kernels.with_friction(self.kernel_world, pressing.friction)
+        last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
+        spare, vector = np.empty(2), np.empty(2)
+        for k, step in enumerate(self.steps):
+            move = self._move_of(step, state, k == last, k == len(self.steps) - 1)
+            kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
+            moves.append(move)
+        missed = float(np.linalg.norm(state - self.goal, axis=1).max())
+        return np.array(moves) if missed <= 0.8 * self.problem.tolerance else None
 
-    def _rest_of_cycle(self, pressings: list[Any]) -> Points | None:
+    def _rest_of_cycle(self, pressing: Any) -> Points | None:
         """Return the rest of the present contact and adjustment, or None after it.
 
         Near the limit of what friction allows, errors make the rest of a plan miss the goals, and
@@ -668,7 +675,7 @@ class _Loop(_Session):
         step = self.steps[0] if self.steps else None
         if step is None or step.kind == MOVE or self.forced >= FORCED:
             return None
-        state, normal, friction = self.state, np.zeros(2), pressings[-1].friction
+        state, normal, friction = self.state, np.zeros(2), pressing.friction
         move = self._move_of(step, state, False, False)
         wall = kernels.nearest_wall(state[step.held], self.kernel_world, normal)
         if step.kind != TOUCH and wall > 1e-9 * self.size:
@@ -800,6 +807,8 @@ class _Loop(_Session):
             self.planless = 0
             if not self.forced:
                 self.steps = self._steps_of(plan)
+                if len(plan) < self.shortest:
+                    self.shortest, self.progress = len(plan), len(self.inputs)
             move = self._careful(plan[0])
             if move is plan[0] or np.array_equal(move, plan[0]):
                 del self.steps[0]  # else the next input goes on to the same target

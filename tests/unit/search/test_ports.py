@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+from math import inf
 from random import Random
 
 import pytest
@@ -39,7 +40,7 @@ def point(task, number=1):
 class DeafRadio:
     """A radio that keeps what is sent, and hears nothing."""
 
-    most, fault = 1200, ""
+    most, rate, fault = 1200, inf, ""
 
     def __init__(self):
         self.messages = []

@@ -119,8 +119,10 @@ import numpy as np
 from shoal.steering import region
 from shoal.steering.contact.world import RegionWorld
 from shoal.steering.planners.bounds import Bounds
+from shoal.steering.planners import pressing
 from shoal.steering.planners.pressing import PressingSearch, pressing_of
 
+pressing.CELLS = 10
 yard = region([(0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 1)])
 bounds = Bounds(1.0, 0.02, 0.01)
 search = PressingSearch(

@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import socket
 from contextlib import closing
 
 import pytest
@@ -16,12 +17,23 @@ from tests.unit.studio.test_guard import Served
 import shoal
 from shoal.core.errors import ShoalError
 from shoal.parts import problem_type
+from shoal.robots.tasks import write_task
+from shoal.search import SearchProblem
+from shoal.search.run import run
 from shoal.studio import guard as guard_module
 from shoal.studio.answers import QUESTIONS, answer
 from shoal.studio.application import Studio, application_of
 from shoal.studio.processes import StudioError
 from shoal.studio.work import JOBS
 from shoal.swarm import SwarmProblem
+
+
+def free_port():
+    """Return a port of the loopback interface that is free at the moment."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
 
 SWARM = {"kind": "swarm", "map": "line:9", "particles": 2}
 STEERING = {
@@ -54,6 +66,11 @@ GOOD = {
     "simulate": {k: PLACED[k] for k in ("problem", "drawing", "seed")},
     "draw": {"problem": SEARCH, "drawing": DRAWING},
     "earth": {"frame": [8.5, 47.4]},
+    "watch": {
+        "task": "task.json",
+        "radio": f"udp:127.0.0.1:{free_port()},127.0.0.1:9",
+        "places": True,
+    },
     "papers": {},
     "lab-forms": {},
     "sweeps": {},
@@ -136,6 +153,7 @@ def studio(tmp_path_factory):
     ImageDraw.Draw(picture).line([(5, 20), (55, 22)], fill=70, width=5)
     picture.save(folder / "a.png")
     (folder / "a.sqlite").write_bytes(b"no store")
+    write_task(run(SearchProblem("square:40", robots=2, footprint=20), seed=1), folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         made = Studio(folder)
@@ -143,6 +161,7 @@ def studio(tmp_path_factory):
         patch.setattr(made.queue, "go_on", lambda: None)  # jobs are accepted, and not begun
         yield made
         made.queue.store.close()
+        answer(made.folder, "watch", GOOD["watch"] | {"ends": True})
 
 
 def ask(studio, method, path, body=b"", kind=b"application/json", query=b""):

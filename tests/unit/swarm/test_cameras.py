@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -385,6 +388,32 @@ class PlantCamera(SimpleCameraDevice):
 """
 
 
+STILL_CAMERA = """
+import time
+import numpy as np
+from pymmcore_plus.experimental.unicore import SimpleCameraDevice
+
+
+class StillCamera(SimpleCameraDevice):
+    def get_exposure(self):
+        return 10.0
+
+    def set_exposure(self, exposure):
+        pass
+
+    def sensor_shape(self):
+        return 20, 20
+
+    def dtype(self):
+        return np.uint8
+
+    def snap(self, buffer):
+        time.sleep(0.01)
+        buffer[:] = 0
+        return {}
+"""
+
+
 def test_a_python_camera_of_micro_manager_renders_a_plant(tmp_path, monkeypatch):
     unicore = pytest.importorskip("pymmcore_plus.experimental.unicore", exc_type=ImportError)
     (tmp_path / "plant_camera.py").write_text(CAMERA)
@@ -405,3 +434,27 @@ def test_a_python_camera_of_micro_manager_renders_a_plant(tmp_path, monkeypatch)
             assert tie_by_map(sensor.picture(), VESSEL.free).residual < 0.1
         finally:
             sensor.close()
+
+
+def test_a_program_with_a_python_camera_of_micro_manager_ends_well(tmp_path):
+    pytest.importorskip("pymmcore_plus.experimental.unicore", exc_type=ImportError)
+    (tmp_path / "still_camera.py").write_text(STILL_CAMERA)
+    file = tmp_path / "still.cfg"
+    file.write_text(
+        "#py pyDevice,Camera,still_camera,StillCamera\nProperty,Core,Initialize,1\n"
+        "#py Property,Core,Camera,Camera\n"
+    )
+    # the threads of several cores: one of them alone rarely meets a Python that ends
+    program = (
+        "from shoal.rigs.ports import open_sensor\n"
+        f"sensors = [open_sensor('pymmcore:{file}') for _ in range(6)]\n"
+        "for sensor in sensors: sensor.close()"
+    )
+    paths = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")

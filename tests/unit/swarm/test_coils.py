@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+import itertools
 import json
 import os
 import signal
@@ -24,8 +25,12 @@ from shoal import GridWorkspace, InvalidInputError
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
 from shoal.rigs.actuation import read_actuation
+from shoal.rigs.calibration import Responses
 from shoal.rigs.coils import CoilActuator
 from shoal.rigs.packets import Packet, Splitter, Template, cobs_packet, crc8
+from shoal.rigs.ports import BenchRig, CellCalibration
+from shoal.rigs.rig import Frame
+from shoal.rigs.trim import PulseTrim
 from shoal.testing import check_actuator
 
 pytest.importorskip("serial")
@@ -362,6 +367,39 @@ def test_without_an_answer_the_field_is_on_for_as_long_as_asked(tmp_path, line):
         actuator.close()
 
 
+def test_pulses_that_a_busy_computer_makes_too_long_are_told(tmp_path, monkeypatch):
+    class Sensor:
+        name, shape = "points", (3, 3)
+        numbers = itertools.count()
+
+        def observe(self):
+            return Frame(np.array([[1.0, 1.0]]), time.monotonic(), next(self.numbers))
+
+        def close(self):
+            pass
+
+    line = Terminal()
+    with Controller(line, lines(lambda line: None)):
+        actuator = coils(tmp_path, line)
+        trim = PulseTrim(Responses.stated(actuator.pulses))
+        rig = BenchRig(actuator, Sensor(), CellCalibration(), trim=trim)
+        rig.observe()
+        turn_off = actuator._turn_off
+        monkeypatch.setattr(actuator, "_turn_off", lambda *one: (time.sleep(0.3), turn_off(*one)))
+        rig.send("r")
+        assert actuator.late >= 0.3
+        assert "1 pulse lasted more than a quarter too long, the longest 0.3" in rig.notes[0]
+        # what did not move by as much as 0.3 s would have moved it was held, and teaches nothing
+        rig.observe()
+        assert trim.responses == Responses.stated(actuator.pulses)
+        monkeypatch.undo()
+        monkeypatch.setattr(actuator, "_all_late", [])
+        rig.push(0.0, 0.3)
+        assert actuator.late is None
+        assert rig.notes == ()
+        actuator.close()
+
+
 def test_the_frequency_of_a_turning_field_can_be_changed(tmp_path):
     line = Server()
     text = {"packets": "text", "off": {"text": OFF}, "timed": False, "connection": line.address}
@@ -644,6 +682,7 @@ def test_coils_with_a_keep_alive_process_keep_the_rules(tmp_path):
 
 DRIVE = """
 import sys, time
+from shoal.rigs.calibration import Responses
 from shoal.rigs.coils import CoilActuator
 actuator = CoilActuator(sys.argv[1])
 print("open", flush=True)
@@ -719,11 +758,14 @@ def test_the_bench_of_the_examples_moves_a_plant(tmp_path):
     spec.loader.exec_module(example)
     bench = example.Bench(GridWorkspace(np.ones((9, 9))), 1, 4, own_gain=0, coil_gain=0)
     before = bench.plant.points
-    line = Terminal()
-    running = threading.Thread(target=bench.run, args=(line.fd,))
+    pulses, link = [], tmp_path / "coils"
+    bench.count = pulses.append
+    running = threading.Thread(target=bench.run, args=(str(link), 0.1))
     running.start()
+    while not link.exists():
+        time.sleep(0.01)
     data = tomllib.loads((ROOT / "examples/actuation/four_coil_puller.toml").read_text())
-    data["device"] |= {"connection": line.address, "ready": 0.0}
+    data["device"] |= {"connection": f"serial:{link}", "ready": 0.0}
     for reply in ("reply", "off_reply"):
         data["device"][reply]["within"] = 20.0  # this computer may be busy
     del data["device"]["keep_alive"]
@@ -737,10 +779,16 @@ def test_the_bench_of_the_examples_moves_a_plant(tmp_path):
         assert ahead > 0.3  # as strong as the field is there, in real time
         assert abs(aside) < 0.3 * ahead
         before = bench.plant.points
+    bench.pulled = True  # the cable of the coils
+    while bench.pulled or link.exists():
+        time.sleep(0.01)
+    while not link.exists():
+        time.sleep(0.01)
+    actuator.push(180.0, 0.083)  # over the new line
     actuator.close()
     bench.running = False
     running.join()
-    line.close()
+    assert [pulse.split(" ", 1)[1] for pulse in pulses] == ["180 0 0 0", "0 180 0 0", "0 0 180 0"]
     assert bench.duty == (0.0, 0.0, 0.0, 0.0)
     bench.draw()
     assert bench.picture.startswith(b"\xff\xd8")  # JPEG

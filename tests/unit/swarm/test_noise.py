@@ -18,7 +18,7 @@ from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.state import Belief
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.kernels.noise import UNKNOWN
-from shoal.swarm.noise import Noise, NoisyBelief, inner_of
+from shoal.swarm.noise import LOSS, Noise, NoisyBelief, inner_of
 from shoal.swarm.policies import View, make_policy
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
@@ -422,3 +422,52 @@ def test_command(tmp_path, capsys):
     assert "slip: expected a number from 0 to 0.5, got 0.7" in capsys.readouterr().err
     assert shoal(["map", "line:5", "-n", "1", "--confidence", "0.9"]) == 2
     assert "together with noise" in capsys.readouterr().err
+
+
+def believed(cells, start, *, loss):
+    """Return a belief of a corridor, and a function that shows it a command and a scan."""
+    layout = GridLayout((1, cells))
+    noise = Noise(slip=0.01, misplace=0.01, miss=0.01)
+    belief = NoisyBelief((1, cells), Board.of_cells(layout, [(0, start)]), noise, loss=loss)
+
+    def show(command, *columns):
+        belief.update(command, Board.of_cells(layout, [(0, column) for column in columns]))
+
+    return belief, show
+
+
+def test_a_jammed_particle_makes_no_wall_of_a_cell_on_a_rig_that_many_have_passed():
+    for loss, stays_free in ((LOSS, True), (0.0, False)):  # of a rig, of a simulation
+        belief, show = believed(4, 1, loss=loss)
+        for _ in range(12):
+            show("r", 2)
+            show("l", 1)
+        assert belief.belief.open.mask[1, 3]
+        for _ in range(6):
+            show("r", 1)
+        assert belief.belief.open.mask[1, 3] == stays_free
+    # many particles that stay make a wall of it all the same, if the map was wrong
+    belief, show = believed(4, 1, loss=LOSS)
+    for _ in range(12):
+        show("r", 2)
+        show("l", 1)
+    for _ in range(40):
+        show("r", 1)
+    assert belief.belief.obstacles.mask[1, 3]
+
+
+def test_a_particle_that_moves_by_two_cells_on_a_rig_is_not_lost():
+    belief, show = believed(7, 1, loss=LOSS)
+    for column in (2, 3, 4):
+        show("r", column)
+    for column in (3, 2, 1):
+        show("l", column)
+    show("r", 3)  # by two cells
+    assert belief.occupied.cells.tolist() == [[0, 3]]
+    show("r", 4)
+    # a ghost two cells ahead of a particle that is seen is none
+    show("l", 3)
+    show("r", 4, 5)
+    assert belief.occupied.cells.tolist() == [[0, 4]]
+    show("l", 1, 3)
+    assert belief.occupied.cells.tolist() == [[0, 3]]

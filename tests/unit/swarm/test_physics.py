@@ -65,6 +65,22 @@ def test_particles_stay_in_the_vessel_and_apart(kind):
         assert apart.min() > 0.9 * 2 * rig.plant.apparatus.radius
 
 
+def test_particles_of_different_size_touch_where_their_rims_meet():
+    lane = GridWorkspace([[1] * 6])
+    two = plant([(0.5, 0.5), (3.5, 0.5)], lane, radius=0.3, own_radius=0.3, seed=4)
+    near, far = two.radii.tolist()
+    assert abs(near - far) > 0.05
+    assert (two.radii <= 0.5).all()
+    push(two, 0.0, 8)
+    first, second = two.points[:, 0].tolist()
+    assert 6 - second == pytest.approx(far, abs=0.02)  # at the wall
+    assert second - first == pytest.approx(near + far, abs=0.04)
+    assert two.enter((0.5, 0.5))
+    assert len(two.radii) == len(two.points) == 3
+    same = plant([(0.5, 0.5), (3.5, 0.5)], lane, radius=0.3)
+    assert same.radii.tolist() == [0.3, 0.3]
+
+
 def test_a_seed_repeats_everything():
     def run(seed):
         rig = PhysicsRig(ROOM, [(1, 1), (4, 5)], PlantProperties.of("pull", ghosts=1), _rng(seed))

@@ -236,6 +236,39 @@ def test_points_become_cells_whose_centres_are_whole_numbers():
     assert turned.to_cells(np.array([[30.0, 5.0]])).tolist() == [[0.0, 2.0]]
 
 
+def test_particles_that_share_a_cell_are_both_listed():
+    # discs that are small for their cells
+    apparatus = PlantProperties(radius=0.2)
+    ports = plant_ports(((2.3, 0.5), (0.3, 2.4), (0.75, 2.6)), apparatus)
+    assert BenchRig(ports, ports).observe().tolist() == [[0, 0], [0, 0], [2, 2]]
+
+
+def test_what_a_camera_sees_outside_the_grid_is_left_out_and_told():
+    class Dust(Grid):
+        """A camera that sees a spot beside the grid."""
+
+        spots = ((-4.0, 2.0),)
+
+        def observe(self):
+            frame = super().observe()
+            return Frame(np.vstack([frame.points, self.spots]), frame.time, frame.number)
+
+    dust = Dust()
+    result = drive(BenchRig(dust, dust), exact=True)
+    assert result.status == "complete"
+    assert result.compared(ROOM) == {"false_free": 0, "false_obstacles": 0}
+    looks = result.scans
+    assert result.notes == (
+        f"{dust.name}: {looks} spots outside the grid left out, in {looks} pictures",
+    )
+    dust = Dust()
+    dust.spots = ((-4.0, 2.0), (-4.0, 3.0), (5.0, 9.0))
+    with pytest.raises(
+        RigError, match=r"got 3 of 5 outside, such as in \(-4, 2\): the calibration is"
+    ):
+        BenchRig(dust, dust).observe()
+
+
 def test_a_push_is_seen_in_a_picture_that_was_taken_after_it():
     camera = Sensor()
     rig = BenchRig(Actuator(), camera, CellCalibration(), shape=(9, 9), latency=0.02)

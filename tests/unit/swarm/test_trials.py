@@ -41,6 +41,42 @@ def test_trials_of_a_simulation(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["moves"] == moves[1]
 
 
+def test_trials_go_on(tmp_path, capsys):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    words = [*SMALL, "--seed", "5", "--json"]
+    assert shoal([*words, "--trials", "4", "--out", str(whole)]) == 0
+    expected = json.loads(capsys.readouterr().out)
+    assert shoal([*words, "--trials", "2", "--out", str(out)]) == 0
+    capsys.readouterr()
+    # the second one was interrupted, and the rest never begun
+    log = out / "trial-002" / "log.jsonl"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:20]))
+    first = (out / "trial-001" / "log.jsonl").read_bytes()
+    assert shoal(["drive", "--resume", str(out), "--trials", "4", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    compared = ("trial", "seed", "status", "success", "moves", "scans", "free_cells")
+    for mine, other in zip(result["each"], expected["each"], strict=True):
+        assert [mine[name] for name in compared] == [other[name] for name in compared]
+    assert (out / "trial-001" / "log.jsonl").read_bytes() == first
+    assert len(list(csv.DictReader((out / "trials.csv").read_text().splitlines()))) == 4
+    for number in range(1, 5):
+        assert [one.name for one in (out / f"trial-{number:03d}").glob("log*")] == ["log.jsonl"]
+
+
+def test_trials_that_cannot_go_on(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert shoal([*SMALL, "--trials", "2", "--seed", "5", "--out", str(out)]) == 0
+    capsys.readouterr()
+    for words, why in (
+        (["--resume", str(tmp_path), "--trials", "2"], "in which no trial was begun"),
+        (["--resume", str(out), "--trials", "2", "--seed", "6"], "seed: expected 5 as in"),
+        (["--resume", str(out)], "expected a log, got a folder"),
+        (["--resume", str(out), "--trials", "2", "--out", "there"], "where the trials go on"),
+    ):
+        assert shoal(["drive", *words]) == 2
+        assert why in capsys.readouterr().err.lower().replace("\n", " ")
+
+
 def test_a_trial_that_fails_counts(tmp_path, capsys):
     assert shoal([*SMALL, "--trials", "2", "--max-moves", "5"]) == 1
     said = capsys.readouterr()

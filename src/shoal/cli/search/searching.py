@@ -41,6 +41,17 @@ def search(
             ),
         ),
     ] = None,
+    prepare: Annotated[
+        Path | None,
+        typer.Option(
+            "--prepare",
+            metavar="FOLDER",
+            help=(
+                "Folder for what robots in the field need: the signed task with its key for shoal"
+                " robot, and the missions to fall back on, in the folder missions."
+            ),
+        ),
+    ] = None,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -62,16 +73,20 @@ def search(
     """
     from shoal.search.run import run
 
-    if missions is None and options.given:
+    if missions is None and prepare is None and options.given:
         name = next(name for name in options.declarations() if name in options.given)
         value = options.declarations()[name].text(getattr(options, name))
         raise InvalidInputError(
-            f"{options.declarations()[name].flag}: expected --missions DIR together with it, got"
+            f"{options.declarations()[name].flag}: expected --missions DIR or --prepare FOLDER together with it, got"
             f" {value} alone"
         )
     problem.check_at_place()
     check_outputs(out, film)
-    planned = None if missions is None else _mission_set(problem, options, seed=seed)
+    if prepare is not None:
+        check_folder(prepare)
+    planned = None
+    if missions is not None or (prepare is not None and problem.place.frame is not None):
+        planned = _mission_set(problem, options, seed=seed)
     with (
         nullcontext()
         if problem.live is None
@@ -79,6 +94,8 @@ def search(
     ):
         episode = run(problem, seed=seed) if planned is None else planned.run()
     written = [] if planned is None or missions is None else _write(planned, missions)
+    if prepare is not None:
+        written += _prepare(episode, planned, prepare)
     finish(episode, written, out, film, json_=json_, missions=planned)
 
 
@@ -109,6 +126,16 @@ def _mission_set(problem: SearchProblem, options: MissionOptions, *, seed: int) 
     from shoal.missions import MissionSet
 
     return MissionSet.from_problem(problem, options, seed=seed)
+
+
+def _prepare(episode: SearchEpisode, missions: MissionSet | None, folder: Path) -> list[Path]:
+    """Write the task of the robots, and the missions to fall back on if the region has a place on
+    Earth.
+    """
+    from shoal.robots.tasks import MISSIONS, write_task
+
+    written = write_task(episode, folder)
+    return written if missions is None else [*written, *_write(missions, folder / MISSIONS)]
 
 
 def _write(missions: MissionSet, folder: Path) -> list[Path]:

@@ -219,6 +219,7 @@ def drive(
             help=(
                 "Go on with the drive of a log that was interrupted. All other options are those of"
                 " the log. The log is continued, or copied to the file of --log and continued there."
+                " With --trials: the folder of several drives, of which the rest are driven."
             ),
         ),
     ] = None,
@@ -301,7 +302,7 @@ def drive(
     a rig.
     """
     from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
-    from shoal.cli.swarm.trials import run_trials
+    from shoal.cli.swarm.trials import begun_trials, run_trials
     from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
@@ -345,7 +346,16 @@ def drive(
         return
     check_outputs(out, film)
     past = None
-    if resume is not None:
+    if resume is not None and trials > 1:
+        first = read_log(begun_trials(resume)[1])
+        missing = _missing(ctx, first) or {}
+        if missing := {name: missing[name] for name in missing if name not in ("out", "film")}:
+            _run_again(ctx, missing)
+            return
+        if out is not None and out.resolve() != resume.resolve():
+            raise InvalidInputError(f"out: expected {resume}, where the trials go on, got {out}")
+        out = resume
+    elif resume is not None:
         past = read_log(resume)
         if (missing := _missing(ctx, past)) is not None:
             _run_again(ctx, missing)
@@ -358,9 +368,11 @@ def drive(
     check_integer(trials, what="trials", least=1)
     rig, devices = _named(rig, actuator, sensor)
     if trials > 1:
-        _check_trials(log=log, resume=resume, calibrate=calibrate)
+        _check_trials(log=log, calibrate=calibrate)
         about: dict[str, Any] = {"out": out, "film": film, "json_": json_, "seed": seed}
         about |= {"between": between, "local": _is_local(rig)}
+        if resume is not None:
+            about["ended"] = lambda log: _ended(log, map_name)
         if not run_trials(lambda changed: _run_again(ctx, changed), ctx, trials, **about):
             raise typer.Exit(1)
         return
@@ -659,6 +671,24 @@ def _show_finished(
     outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
     about: dict[str, Any] = {"seed": past.seed, "spacing": past.spacing, "truth": truth}
     _report(result, past, log=past.path, verified=verified, **about, **outputs)
+
+
+def _ended(log: Path, map_name: str | None) -> tuple[Drive, dict[str, Any]] | None:
+    """Return the result of the drive of a log that was not interrupted, and what `shoal drive` prints
+    of it, or None.
+    """
+    from shoal.rigs.driving import replay_log
+    from shoal.rigs.log import read_log
+    from shoal.swarm.maps.files import open_map
+
+    past = read_log(log)
+    if past.ended is None or past.ended["status"] == Status.INTERRUPTED:
+        return None
+    truth = None if map_name is None else open_map(map_name)
+    result, _ = replay_log(past)
+    result = replace(result, status=Status(past.ended["status"]))
+    about = summary(result, past, truth, seed=past.seed, spacing=past.spacing)
+    return result, about | {"seconds": round(past.lasted, 4)}
 
 
 def _command_to_go_on(log: Path, options: dict[str, Any]) -> str:

@@ -145,12 +145,16 @@ def run_trials(
     out: Path | None,
     film: list[Path] | None,
     json_: bool,
+    ended: Callable[[Path], tuple[Drive, dict[str, Any]] | None] | None = None,
 ) -> bool:
     """Run several drives after one another, of which trial k has the seed ``seed`` + k - 1, and
     report them. Return whether all succeeded.
 
     Between two drives, a simulated rig is made anew, and the command ``between`` resets a real rig.
     Without a command, the user resets it and presses Enter.
+
+    If ``ended`` is given, trials that were begun in the folder ``out`` are not driven again: of a
+    log, the function returns the result of its drive, or None if it was interrupted and goes on.
 
     Raises
     ------
@@ -163,11 +167,16 @@ def run_trials(
             "trials: expected --between COMMAND, which resets the rig, or a terminal on which"
             " somebody presses Enter after that, got neither"
         )
+    begun = {} if ended is None or out is None else begun_trials(out)
     found = ctx.obj = Trials()
     failure: BaseException | None = None
     for number in range(1, trials + 1):
         try:
-            if number > 1:
+            log = begun.get(number)
+            if log is not None and ended is not None and (result := ended(log)) is not None:
+                found.take(*result)
+                continue
+            if number > 1 and log is None:
                 _reset(words, number, trials, local=local)
             folder = None if out is None else out / f"trial-{number:03d}"
             run(
@@ -177,6 +186,7 @@ def run_trials(
                     "seed": seed + number - 1,
                     "out": folder,
                     "film": film if number == 1 else None,
+                    "resume": log,
                 }
             )
         except BaseException as error:
@@ -195,6 +205,25 @@ def run_trials(
     if failure is not None:
         raise failure
     return all(row["success"] for row in found.rows)
+
+
+def begun_trials(folder: Path) -> dict[int, Path]:
+    """Return the log of each trial that was begun in a folder, by the number of the trial.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if there is no first trial.
+    """
+    # of several drives into the folder of one trial, the last one counts
+    logs = sorted(folder.glob("trial-*/log*.jsonl"), key=lambda log: (len(log.name), log.name))
+    begun = {int(log.parent.name.removeprefix("trial-")): log for log in logs}
+    if 1 not in begun:
+        raise InvalidInputError(
+            f"resume: expected the folder of --out of several --trials, got {folder}, in which no"
+            " trial was begun"
+        )
+    return begun
 
 
 def _command(between: str | None) -> list[str]:

@@ -65,7 +65,7 @@ _ROUND, _LAST_ROUND = 16, 4
 _LEAST, _MOST = 8, 1000  # minimum and maximum number of intervals of known facts per beacon
 # minimum number of other robots' heartbeats per beacon; for more than 24 other robots, a beacon has
 # a quarter
-_RELAYED = 6
+RELAYED = 6
 _NEWS = 2.0  # beacon periods until the news of the last searched cell has arrived
 _AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot
 # cells: cost of the way from the centre of a cell to an obstacle in the next cell, and back
@@ -299,7 +299,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     )
     beacon = Beacon(
         robot.number,
-        (_own_heartbeat(robot, time), *_relayed(robot)),
+        (_own_heartbeat(robot, time), *relayed(robot)),
         _news(robot.searched, before[0], window),
         findings,
         _news(robot.closed, before[2], window),
@@ -356,12 +356,12 @@ def _own_heartbeat(robot: Robot, time: float) -> Heartbeat:
     )
 
 
-def _relayed(robot: Robot) -> list[Heartbeat]:
+def relayed(robot: Robot) -> list[Heartbeat]:
     """Return the heartbeats of some other robots. Successive beacons relay the heartbeats of all
     other robots in turn.
     """
     others = sorted(robot.peers)
-    count = max(_RELAYED, ceil(len(others) / 4))
+    count = max(RELAYED, ceil(len(others) / 4))
     first = robot.count * count % max(len(others), 1) if count < len(others) else 0
     return [robot.peers[number].heartbeat for number in (others[first:] + others[:first])[:count]]
 

@@ -28,6 +28,8 @@ STEEPEST = 6.0  # tangent of the largest angle between a random push and the nor
 # in tolerances: missing change of the difference with which the goals may be reached, because each
 # particle ends half of it from its goal
 WIDE = 1.8
+FAR = 60  # presses: more than this count as none
+PRESS = 0.12  # relative to the size: what a press adds to the estimated distance from the goals
 HELD = 1e-9  # relative to the size: motion of a particle that counts as held
 
 
@@ -43,6 +45,13 @@ class Pressing(NamedTuple):
     apart: float  # least distance between the particles
     worse: float = 0.2
     """Probability of keeping a state that is not more promising than its parent."""
+
+
+class Differences(NamedTuple):
+    """How many presses lead from a difference of the particles to that of the goals."""
+
+    presses: NDArray[np.int32]  # (cells, cells): by both parts of the difference; FAR: none known
+    cell: float  # side of a cell; the difference (0, 0) is in the middle of the table
 
 
 class Nodes(NamedTuple):
@@ -420,6 +429,92 @@ def manoeuvre(state, goal, pressing, world, rng, moves):
 
 
 @kernel
+def is_inside(x, y, edges, circle):
+    """Return whether a point is inside the workspace, walls included as far as rounding allows."""
+    if circle[2] > 0:
+        away = sqrt((x - circle[0]) ** 2 + (y - circle[1]) ** 2)
+        return away <= circle[2] * (1 + HELD)
+    ends, inside = edges.ends, False
+    for edge in range(ends.shape[0]):
+        a, b, c, d = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
+        if (b > y) != (d > y) and x < a + (y - b) * (c - a) / (d - b):
+            inside = not inside
+    if inside:
+        return True
+    least = HELD * edges.size
+    for edge in range(ends.shape[0]):
+        a, b, length = ends[edge, 0], ends[edge, 1], edges.lengths[edge]
+        along = (x - a) * (ends[edge, 2] - a) + (y - b) * (ends[edge, 3] - b)
+        along = min(max(along / (length * length), 0.0), 1.0)
+        x_off = x - a - along * (ends[edge, 2] - a)
+        y_off = y - b - along * (ends[edge, 3] - b)
+        if x_off * x_off + y_off * y_off <= least * least:
+            return True
+    return False
+
+
+@kernel
+def count_presses(goal_x, goal_y, friction, slopes, places, normals, edges, circle, differences):
+    """Write to a table how many presses lead from each difference Δ of the particles to the
+    difference of the goals, by a breadth-first search backwards from there.
+
+    A wall with the inward normal N and the tangent T holds a particle at each of ``places`` (float64,
+    shape (places, 2)) while the other moves by a (-N + s T) with ``|s| <= μ``, which changes Δ by as
+    much, with the sign of the particle that moves. ``slopes`` is the number of values of s, and the
+    length a grows by one cell at a time as long as the other particle is inside.
+    """
+    table, cell = differences.presses, differences.cell
+    n = table.shape[0]
+    table[:] = FAR
+    queue = np.empty((n * n, 2))
+    row, column = int(goal_x / cell + n / 2), int(goal_y / cell + n / 2)
+    if not (0 <= row < n and 0 <= column < n):
+        return
+    queue[0, 0], queue[0, 1] = goal_x, goal_y
+    table[row, column] = 0
+    head, tail = 0, 1
+    while head < tail:
+        x, y = queue[head, 0], queue[head, 1]
+        count = table[int(x / cell + n / 2), int(y / cell + n / 2)] + 1
+        head += 1
+        if count >= FAR:
+            return
+        for place in range(places.shape[0]):
+            for sign in (-1.0, 1.0):
+                wall_x, wall_y = places[place, 0], places[place, 1]
+                if not is_inside(wall_x + sign * x, wall_y + sign * y, edges, circle):
+                    continue
+                for k in range(slopes):
+                    slope = friction * (2.0 * k / (slopes - 1) - 1.0)
+                    step_x = normals[place, 0] - slope * normals[place, 1]
+                    step_y = normals[place, 1] + slope * normals[place, 0]
+                    size = cell / sqrt(1 + slope * slope)
+                    far_x, far_y = x, y
+                    for _ in range(2 * n):  # backwards: away from the wall
+                        far_x += sign * size * step_x
+                        far_y += sign * size * step_y
+                        if not is_inside(
+                            wall_x + sign * far_x, wall_y + sign * far_y, edges, circle
+                        ):
+                            break
+                        row, column = int(far_x / cell + n / 2), int(far_y / cell + n / 2)
+                        if 0 <= row < n and 0 <= column < n and table[row, column] == FAR:
+                            table[row, column] = count
+                            queue[tail, 0], queue[tail, 1] = far_x, far_y
+                            tail += 1
+
+
+@kernel
+def presses_left(state, differences):
+    """Return the number of presses from the difference of the particles to that of the goals."""
+    table, cell = differences.presses, differences.cell
+    n = table.shape[0]
+    row = int((state[1, 0] - state[0, 0]) / cell + n / 2)
+    column = int((state[1, 1] - state[0, 1]) / cell + n / 2)
+    return table[min(max(row, 0), n - 1), min(max(column, 0), n - 1)]
+
+
+@kernel
 def promise(node, nodes):
     return nodes.keys[node] + 0.15 * np.log2(1.0 + nodes.tries[node])
 
@@ -435,7 +530,7 @@ def finish(state, goal, tolerance, pressing, world, moves, count):
 
 
 @kernel
-def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, rng, last):
+def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, differences, rng, last):
     """Grow a search tree in place by at most ``rounds`` manoeuvres, until a plan is found.
 
     Return the number of nodes, the number of manoeuvres left, and the number of moves in ``last``
@@ -458,7 +553,7 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, rng, last
         x, y = missing(state, goal, pressing)
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
-        key = away / size + 0.03 * depth
+        key = away / size + 0.03 * depth + PRESS * presses_left(state, differences)
         if key >= nodes.keys[node] and rng.random() > pressing.worse and away > WIDE * tolerance:
             continue
         copy(state, states[total])

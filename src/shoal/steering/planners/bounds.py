@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import atan, hypot, inf, pi, radians, tan
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
@@ -47,7 +46,7 @@ class Bounds:
         return tan(max(widest, 0.0))
 
     def scenarios(
-        self, count: int, moves: int, rng: Generator
+        self, count: int, moves: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Draw errors of moves (count, moves, 2), of the gains of both particles (count, 2, 2), and
         coefficients of friction (count,), of which half are the least one. The first scenario has

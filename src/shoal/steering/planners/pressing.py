@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import hypot, inf
+from math import ceil, hypot, inf
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.steering.contact.world import RegionWorld
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.kernels.pressing import Pressing
 from shoal.steering.planners.bounds import CERTAIN, OWN, Bounds
@@ -21,6 +22,11 @@ from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
 NODES = 6_000  # maximum number of nodes of one tree
+CELLS = 80  # of a table of differences, along each axis
+SLOPES = 5  # directions of presses in the table
+HOLDING = 3.0  # friction from which on few presses lead to most goals, and no table is needed
+SPACING = 1 / 10  # relative to the size: distance of the places at which walls hold a particle
+ROUND_PLACES = 48  # number of them on a round wall
 
 
 class PressingSearch:
@@ -31,9 +37,17 @@ class PressingSearch:
     world : ContactWorld or RegionWorld
     pressing : Pressing
     rng : Generator
+    tables : dict, optional
+        Tables of differences that searches in the same workspace share.
     """
 
-    def __init__(self, world: Any, pressing: Pressing, rng: Generator) -> None:
+    def __init__(
+        self,
+        world: Any,
+        pressing: Pressing,
+        rng: Generator,
+        tables: dict[tuple[float, ...], kernels.Differences] | None = None,
+    ) -> None:
         walls = world_of(world)
         self.world = walls._replace(
             edges=walls.edges._replace(friction=float(pressing.friction)),
@@ -41,6 +55,7 @@ class PressingSearch:
             flat=not world.free_space.round,
         )
         self.pressing, self.rng = pressing, rng
+        self._space, self._tables = world.free_space, {} if tables is None else tables
         ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
         self._nodes = kernels.Nodes(
             np.zeros((NODES, 2, 2)),
@@ -70,8 +85,10 @@ class PressingSearch:
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         found = []
+        differences = self._count_presses(goal)
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
+        nodes.keys[0] += kernels.PRESS * kernels.presses_left(nodes.states[0], differences)
         if hypot(x, y) <= kernels.WIDE * tolerance:
             state = np.array(start, dtype=np.float64, order="C")
             count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
@@ -89,6 +106,7 @@ class PressingSearch:
                 moves,
                 self.pressing,
                 self.world,
+                differences,
                 self.rng,
                 last,
             )
@@ -96,6 +114,35 @@ class PressingSearch:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
         return found
+
+    def _count_presses(self, goal: Points) -> kernels.Differences:
+        """Return how many presses lead from each difference of the particles to that of the goals;
+        with high friction, always 0.
+        """
+        size, friction = float(self.world.walls.size), round(float(self.pressing.friction), 2)
+        x, y = (goal[1] - goal[0]).tolist()
+        key = (x, y, friction) if friction < HOLDING else ()
+        if key not in self._tables:
+            table = np.zeros((CELLS, CELLS), dtype=np.int32)
+            self._tables[key] = kernels.Differences(table, 2.2 * size / CELLS)
+            if key:
+                kernels.count_presses(
+                    x,
+                    y,
+                    friction,
+                    SLOPES,
+                    *_holding_places(self._space),
+                    self.world.edges,
+                    self.world.walls.circle,
+                    self._tables[key],
+                )
+        return self._tables[key]
+
+    def presses_left(self, state: Points, goal: Points) -> int:
+        """Return the least number of presses after which the particles differ as their goals do, by
+        a search over a table of differences; `kernels.FAR` if it finds none.
+        """
+        return int(kernels.presses_left(state, self._count_presses(goal)))
 
     def _path(self, node: int) -> Points:
         """Return the moves from the start to a node of the tree."""
@@ -220,6 +267,24 @@ class Conformant:
             np.zeros((SCENARIOS, 2, 2)),
             search.rng,
         )
+
+
+def _holding_places(space: Any) -> tuple[Points, Points]:
+    """Return places on the walls, and the inward normals there; float64, shape (places, 2)."""
+    if space.round:
+        angles = 2 * np.pi * np.arange(ROUND_PLACES) / ROUND_PLACES
+        normals = -np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.asarray(space.center) - space.radius * normals, normals
+    region = space if isinstance(space, Region) else Region(space.vertices, ())
+    edges = RegionWorld(region).edges
+    at: list[Points] = []
+    inward: list[Points] = []
+    for (a, b, c, d), normal in zip(edges.ends, edges.normals, strict=True):
+        count = max(1, ceil(hypot(c - a, d - b) / (SPACING * space.size)))
+        share = (np.arange(count)[:, None] + 0.5) / count
+        at.append((1 - share) * [a, b] + share * [c, d])
+        inward.append(np.tile(normal, (count, 1)))
+    return np.concatenate(at), np.concatenate(inward)
 
 
 def pressing_of(

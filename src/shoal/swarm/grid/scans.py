@@ -389,6 +389,9 @@ class Placement(NamedTuple):
     since: int
     cells: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return one_line(self)
+
 
 class Recorder:
     """Recorder of a trace. Each call of `add` appends one run of equal commands to the trace.

@@ -194,6 +194,7 @@ class Target(Coverage):
             cell = tuple(chosen[blocked][0].tolist())
             raise InvalidInputError(
                 f"target: expected free cells of {workspace.name}, got the obstacle {cell}"
+                " (rows and columns count from 0)"
             )
         targets = np.zeros(workspace.shape, dtype=np.bool_)
         targets[tuple(chosen.T)] = True

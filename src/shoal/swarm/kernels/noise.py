@@ -28,8 +28,11 @@ UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle m
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
 # clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified;
-# merge: 1 if particles share cells, else 0
-RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge")
+# merge: 1 if particles share cells, else 0; surest: the highest log-odds that a cell is free; leap:
+# probability that a particle moves by two cells
+RATES = record_type(
+    np.float64, "slip", "misplace", "miss", "clutter", "bound", "merge", "surest", "leap"
+)
 
 
 class NoisyState(NamedTuple):
@@ -248,6 +251,9 @@ def weigh(noisy, at, offset):
     both = likelihood(seen[behind], seen[at], True, True, a, b, hit, share)
     wall = held * only_behind + (1.0 - held) * none
     entered = gone * (next_coming * both + (1.0 - next_coming) * only_here)
+    if seen[at] and not seen[behind] and not seen[behind - offset]:
+        # a particle that is seen neither where it was nor one cell ahead may have leapt
+        entered += noisy.rates.leap * inside[behind - offset] * only_here
     empty = (coming * slip + (1.0 - coming) * next_coming) * only_behind + (1.0 - coming) * (
         1.0 - next_coming
     ) * none
@@ -280,7 +286,8 @@ def learn_noisy(noisy, command):
         behind = at - offset
         if noisy.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
             gained, held = weigh(noisy, at, offset)
-            noisy.logit[at] = max(-SURE, min(SURE, noisy.logit[at] + max(-LEAP, min(LEAP, gained))))
+            odds = noisy.logit[at] + max(-LEAP, min(LEAP, gained))
+            noisy.logit[at] = max(-SURE, min(noisy.rates.surest, odds))
             after[at] = held if held > FAINT else 0.0
         else:
             after[at] = 0.0

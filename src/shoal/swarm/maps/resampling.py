@@ -381,7 +381,8 @@ def tell_of_contacts(free: Mask, where: str, what: str) -> None:
 
 def join_diagonals(free: Mask) -> Mask:
     """Return a map in which parts that touch diagonally are connected. At each diagonal contact,
-    one corner becomes free.
+    one corner becomes free, until no contacts are left: a corner may touch a further part, which is
+    then connected as well.
 
     Contacts inside one part stay as they are.
 
@@ -393,13 +394,15 @@ def join_diagonals(free: Mask) -> Mask:
            [0, 0, 1]])
     """
     joined = free.copy()
-    # contacts at edges first: they may connect parts that also touch at a corner
-    for axes in range(2, free.ndim + 1):
-        for contact, step in _contacts(connected_parts(joined)[0], axes):
-            at = contact.copy()
-            for axis in reversed(np.flatnonzero(step)[1:]):
-                at[:, axis] += step[axis]
-                joined[tuple(at.T)] = True
+    filled = -1
+    while filled != (filled := int(np.count_nonzero(joined))):
+        # contacts at edges first: they may connect parts that also touch at a corner
+        for axes in range(2, free.ndim + 1):
+            for contact, step in _contacts(connected_parts(joined)[0], axes):
+                at = contact.copy()
+                for axis in reversed(np.flatnonzero(step)[1:]):
+                    at[:, axis] += step[axis]
+                    joined[tuple(at.T)] = True
     return joined
 
 

@@ -67,6 +67,8 @@ class Agent:
         File descriptor that becomes readable when the supervisor has ended.
     record : callable, optional
         Function that receives each event of the state machine before the event has an effect.
+    pause : callable, optional
+        Function that is called between events, twice a second or more often.
     """
 
     def __init__(
@@ -81,10 +83,11 @@ class Agent:
         tell: Callable[[dict[str, Any]], None],
         lifeline: int | None = None,
         record: Callable[[Event], None] = lambda _event: None,
+        pause: Callable[[], None] = lambda: None,
     ) -> None:
         self.task, self.robot, self.messenger = task, robot, messenger
         self.vehicle, self.sensor = vehicle, sensor
-        self._clock, self._tell, self._record = clock, tell, record
+        self._clock, self._tell, self._record, self._pause = clock, tell, record, pause
         self._tour_cost = robot.brief.tour_cost
         self.fault = ""
         self._cell: int | None = robot.start  # the vehicle is in the centre of this cell
@@ -134,6 +137,7 @@ class Agent:
             if self._wake <= self.now:
                 self._wake = inf
                 self._feed(Wake(self.now))
+            self._pause()
         return True
 
     def _go_on(self) -> None:

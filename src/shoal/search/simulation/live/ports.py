@@ -86,11 +86,15 @@ class Radio(Protocol):
     ----------
     most : int
         Maximum number of bytes of a message.
+    rate : float
+        Number of bytes of messages that it can send in a second on average; infinity if that is
+        more than robots need.
     fault : str
         Why the radio can no longer send; empty as long as it can.
     """
 
     most: int
+    rate: float
     fault: str
 
     def fileno(self) -> int:

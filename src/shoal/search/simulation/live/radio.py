@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
+from math import inf
 from random import Random
 from typing import Literal
 
@@ -96,6 +97,7 @@ class LoopbackRadio:
     """
 
     most = LARGEST
+    rate = inf
     fault = ""
 
     def __init__(self, channel: Channel, port: int = 0) -> None:

@@ -17,9 +17,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.search.allocation.allocate import partition
 from shoal.search.problem.network import Crash, Slow
 from shoal.search.protocol.messages import LONGEST, SHORTEST, Status
@@ -400,30 +401,56 @@ class _Watch:
 
 # seconds: minimum listening time of live robots, and minimum interval of their beacons
 _HELLO, _BEAT = 0.3, 0.05
+_MESSAGE = 0.2e-3  # seconds that a core needs for a message: to send, receive, check and act on it
+_BUSY = 0.5  # share of the cores' time for messages
+_HELLOS = 8  # beacons that a robot sends while it listens
 _STATES = {status: status for status in get_args(Status)} | dict.fromkeys(
     ("killed", "stopped", "failed"), "dead"
 )
 
 
+def live_beat(robots: int, *, cores: int | None = None) -> float:
+    """Return the time in seconds between two beacons of a live robot: 0.05 s, or what the cores of
+    this computer can keep up with, as each beacon is a message for each other robot.
+
+    Examples
+    --------
+    >>> live_beat(4, cores=2), round(live_beat(30, cores=2), 3)
+    (0.05, 0.174)
+    """
+    if cores is None:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(_BEAT, robots * (robots - 1) * _MESSAGE / (_BUSY * (cores or 1)))
+
+
 def live_trace(
-    scenario: Scenario, *, live: float, key: bytes = b""
+    scenario: Scenario, *, live: float, key: bytes = b"", makespan: float | None = None
 ) -> tuple[Scenario, SearchTrace]:
     """Run a live search, in which a robot of speed 1 searches ``live`` cells per second.
 
-    Live robots listen for at least 0.3 s, and send beacons at least 0.05 s apart. The first result
-    is the scenario with these times. The second result is the trace of the search.
+    Live robots listen for at least 0.3 s, and send beacons at least `live_beat` seconds apart. The first result is the scenario with these times. The second result is the trace of the
+    search. If the planned ``makespan`` in cells is given, a notice tells beforehand how long the
+    search takes.
 
     Raises
     ------
     InvalidInputError
         If the scenario contains faults other than crashes and slow robots.
     """
-    brief = replace(
-        scenario.brief,
-        hello=max(scenario.brief.hello, _HELLO * live),
-        beat=max(scenario.brief.beat, _BEAT * live),
-    )
+    robots = len(scenario.starts)
+    least = live_beat(robots)
+    beat = max(scenario.brief.beat, least * live)
+    # a robot sends several beacons while it listens, which take the cores just as long
+    listening = _HELLO if least == _BEAT else max(_HELLO, _HELLOS * least)
+    hello = max(scenario.brief.hello, listening * live)
+    brief = replace(scenario.brief, hello=hello, beat=beat)
     scenario = replace(scenario, brief=brief)
+    if makespan is not None:
+        tell_once(
+            f"{count_text(robots, 'live robot')} at {live:g} cells a second: about"
+            f" {(brief.hello + makespan) / live:.2g} s if nothing fails, with a beacon of each"
+            f" robot every {beat / live:.2g} s"
+        )
     outcome = run_live(scenario, speed=live, key=key)
     logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]
     covered_at = float(searched_at(scenario, logs).max())

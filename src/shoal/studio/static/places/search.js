@@ -11,6 +11,7 @@ import { missionsPanel } from "./search/missions.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
 import { vehicleForm } from "./search/vehicle.js";
+import { watchPanel } from "./search/watch.js";
 import { Ways } from "./search/ways.js";
 
 const SECTIONS = [
@@ -337,17 +338,21 @@ export function search({ remember }) {
 
   const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent });
   const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
+  const watching = watchPanel();
   const stages = tabbed("Search", [
     ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
     ["simulate", "Simulate", ...simulate.children],
     ["missions", "Missions", ...missions.children],
+    ["watch", "Watch", ...watching.children],
   ], {
     chosen: (name) => {
+      watching.shown(name === "watch");
       missions.form.element.hidden = name !== "missions";
       if (name === "simulate") guarded(() => simulate.enter())();
     },
   });
   stages.panels[2].classList.add("scrolls");
+  stages.panels[3].classList.add("scrolls");
   stages.pick("plan");
   on("files", listFiles);
   listFiles();
