@@ -21,7 +21,7 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FrictionEstimate, GainEstimate
+from shoal.steering.estimation import FaultEstimate, FrictionEstimate, GainEstimate
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
 from shoal.steering.planners.greedy import Greedy
@@ -56,6 +56,7 @@ SLIPPERY = 3.0  # friction below which moves to walls are careful
 STRIDE = 0.2  # relative to the size: longest move along a path
 WAYS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
 PATIENCE = 40  # moves without progress until the drive ends
+SLOW_GAIN = 0.75  # below which the gain is told
 STILL = 3  # moves of which no particle makes a fifth, until the drive ends
 NEAR = 2e-3  # relative to the size: distance up to which a particle is taken to touch a wall
 MOST = 100  # default of the largest number of moves
@@ -344,7 +345,7 @@ class _Session(ABC):
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
         self.friction = FrictionEstimate(problem.friction if least is None else least)
-        self.gains, self.deviation = GainEstimate(self.count), 0.0
+        self.gains, self.faults, self.deviation = GainEstimate(self.count), FaultEstimate(), 0.0
         self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
         self.inputs: list[Points] = []
         self.seen: list[Points] = []
@@ -370,6 +371,9 @@ class _Session(ABC):
         """Return the next input, or raise _Ended."""
 
     def _result(self, status: Status, reason: str) -> SteeringDrive:
+        slow = np.abs(self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1])
+        if self.gains.moves and slow.max() < SLOW_GAIN:
+            reason += f"; the particles move only by {slow.mean():.2g} of the inputs"
         if self.friction.slips:
             given = self.problem.given & {"friction", "friction_at_least"}
             stated = (
@@ -499,6 +503,9 @@ class _Session(ABC):
                 for p in range(self.count)
             ]
         )
+        self.faults.learn(
+            before, move, seen, self.gains.mean, self.kernel_world, error=self.deviation
+        )
         self.gains.learn(move, seen - self.seen[-2], free, self.deviation)
         if not free.all() and self.count == 2:
             self.friction.learn(
@@ -519,9 +526,18 @@ class _Session(ABC):
         if self.on_move is not None:
             self.on_move(len(self.inputs), self.error)
         if self.still >= STILL:
-            raise _Ended(
-                Status.ALARM, f"no particle followed the last {STILL} inputs; is the field on?"
+            same = all(np.array_equal(seen, one) for one in self.seen[-1 - STILL :])
+            why = (
+                "and all looks show exactly the same: the camera is frozen, or"
+                if same
+                else "which the looks still show anew:"
             )
+            raise _Ended(
+                Status.ALARM,
+                f"no particle followed the last {STILL} inputs, {why} the field is off",
+            )
+        if self.faults.named:
+            raise _Ended(Status.ALARM, f"after {len(self.inputs)} moves: {self.faults.named}")
 
 
 MOVE, TOUCH, PRESS, RAW = range(4)
@@ -568,7 +584,7 @@ class _Loop(_Session):
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
             raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
-        if self.friction.contacts:
+        if self.friction.contacts and not self.faults.raised:
             why = self._why_unreachable()
             if why is not None:
                 raise _Ended(Status.UNREACHABLE, f"{text}: {why}")
