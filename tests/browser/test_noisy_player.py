@@ -8,7 +8,8 @@ from tests.browser.waiting import until
 from tests.swarm_runs import run
 
 from shoal import GridWorkspace, open_map
-from shoal.rigs import NoisyRig, drive
+from shoal.rigs import NoisyRig, PhysicsRig, PlantProperties, drive
+from shoal.rigs.records import episode_of_log
 from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
 from shoal.views.swarm.page import page_data
@@ -65,6 +66,24 @@ def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     page.keyboard.press("End")
     until(page, "document.getElementById('share').textContent === '100 %'")
     assert page.locator("#particles").inner_text() == str(len(driven.episode.observations[-1]))
+
+
+def test_particles_of_a_plant_are_where_they_truly_were(open_player, tmp_path):
+    pytest.importorskip("pymunk")
+    vessel = open_map("vessels:60")
+    rig = PhysicsRig(
+        vessel, vessel.cells[::12], PlantProperties.of("roll", ghosts=2), np.random.default_rng(1)
+    )
+    drive(rig, log=tmp_path / "log.jsonl", max_moves=12, **vars(NOISE))
+    episode = episode_of_log(tmp_path / "log.jsonl")
+    page = open_player(page_data(episode))
+    assert page.locator("#particleWord").inner_text() == "Particles"
+    for move in (0, 7, episode.moves):
+        shown = page.evaluate(SHOWN, {"n": move})
+        assert shown["particles"] == len(vessel.cells[::12])
+        np.testing.assert_allclose(
+            np.reshape(shown["points"], (-1, 2)), episode.true_cells[move], atol=0.006
+        )
 
 
 @pytest.mark.parametrize("text", ["AAAA", "//////8=", ""])

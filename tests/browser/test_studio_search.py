@@ -386,7 +386,9 @@ def test_a_search_of_robots_is_watched(page: Page, studio: Studio) -> None:
     task = read_task(studio.folder)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mouth:
         mouth.bind(("127.0.0.1", 0))
-        ear = ("127.0.0.1", mouth.getsockname()[1] % 20000 + 40000)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            ear = probe.getsockname()
         opened(page, studio)
         tab(page, "Watch")
         page.get_by_label("Task file in the folder").fill("task.json")

@@ -57,7 +57,10 @@ def test_full_blocks_are_toured_by_steps_to_neighbours(blocks):
     assert np.all(make_tour("spanning-tree", mask).steps == 1)
 
 
-@given(masks(), st.sampled_from(["hilbert", "open-hilbert", "moore", "hilbert-rectangle"]))
+@given(
+    masks(),
+    st.sampled_from(["hilbert", "open-hilbert", "moore", "hilbert-ii", "hilbert-rectangle"]),
+)
 def test_restricting_commutes(mask, name):
     """In one component of full extent the tour is that of the rectangle without the
     cells left out.

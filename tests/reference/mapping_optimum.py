@@ -13,12 +13,11 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.theory.bounds import (
     MOST_STATES,
-    SmallWorld,
     check_case,
     flat_cells,
     flat_mask,
-    set_bits,
 )
+from shoal.swarm.theory.small_world import SmallWorld, set_bits
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,7 @@ def mapping_optimum(
     """
     check_number(chance_free, what="chance_free", least=0, most=1)
     workspace = GridWorkspace(np.ones(shape, dtype=np.bool_))
+    assert rule != "tilt", "a push is one command here"
     cells = check_case(workspace, start, "mapping", None, rule)
     window, offsets = flat_cells(workspace)
     world = SmallWorld(window, offsets, rule)

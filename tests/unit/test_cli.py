@@ -400,3 +400,20 @@ def test_packages_leave_nothing_out():
     ]
     assert len(files) > 400
     assert not [*ignored.match_files(files)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["missions", "start", ".", "--lowest-battery", "200"], "--lowest-battery: expected"),
+        (["missions", "upload", ".", "--sortie", "0"], "--sortie: expected"),
+        (["robot", ".", "--radio", "udp:lo:1,lo:2", "--id", "0"], "--id: expected"),
+        (
+            ["drive", "line:5", "--rig", "simulated", "--enter-every", "0"],
+            "--enter-every: expected",
+        ),
+    ],
+)
+def test_numbers_out_of_range_are_refused(arguments, message, capsys):
+    assert run(arguments) == 2
+    assert message in capsys.readouterr().err

@@ -130,13 +130,14 @@ def test_examples_of_help_run():
     ten seconds.
 
     That of studio serves until somebody ends it: tests/browser/test_studio.py runs it. Those of
-    missions start, watch and flown, and those of robot and rehearse, need vehicles or a prepared
-    search: tests/unit/robots has some.
+    missions start, watch and flown, and that of rehearse, need vehicles: tests/unit/robots has some.
     """
     # what replay's example replays
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
     write_files_of((ROOT / "docs" / "how-to" / "sweeps.md").read_text())  # sweep run's sweep.toml
+    # the search that robot's example is prepared for
+    assert run(["search", "square:30", "--robots", "2", "--prepare", "field"]) == 0
     # the missions that missions check looks over
     write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())
     for name in COMMANDS:
@@ -145,7 +146,6 @@ def test_examples_of_help_run():
         if name not in (
             "demo",
             "studio",
-            "robot",
             "rehearse",
             *(f"missions {verb}" for verb in ("start", "watch", "flown")),
         ):

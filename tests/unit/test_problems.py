@@ -160,11 +160,11 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
         ),
         (
             ["search", "square:60", "--autopilot", "px4"],
-            "--autopilot: expected --missions DIR together with it, got px4 alone",
+            "--autopilot: expected --missions DIR together with it, or --prepare FOLDER",
         ),
         (
             ["search", "square:60", "--separation", "10,5"],
-            "--separation: expected --missions DIR together with it, got 10,5 alone",
+            "--separation: expected --missions DIR together with it, or --prepare FOLDER",
         ),
         (
             ["search", "square:60", "--missions", "m", "--terrain-error", "1"],

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
@@ -34,6 +35,7 @@ COMMANDS = {
     "drive": _Entry("swarm.driving", "drive"),
     "line": _Entry("swarm.theory", "line", "LINE_EXAMPLE"),
     "schedule": _Entry("swarm.theory", "schedule", "SCHEDULE_EXAMPLE"),
+    "adversary": _Entry("swarm.theory", "adversary", "ADVERSARY_EXAMPLE"),
     "steer": _Entry("steering", "steer", "STEER_EXAMPLE"),
     "reach": _Entry("steering", "reach", "REACH_EXAMPLE"),
     "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),
@@ -94,6 +96,16 @@ def _process(parameter: Any, ctx: Any, value: Any, by_typer: Callable[..., Any])
         value = () if parameter.multiple or parameter.nargs == -1 else None
     elif kind in _SIMPLE and isinstance(value, str) and _SIMPLE[kind](value):
         value = kind(value)
+        least, most = getattr(parameter, "min", None), getattr(parameter, "max", None)
+        if least is not None or most is not None:
+            from shoal.core.checks import check_number  # which loads numpy
+
+            check_number(
+                value,
+                what=parameter.opts[0],
+                least=-inf if least is None else least,
+                most=inf if most is None else most,
+            )
     elif kind not in _SIMPLE or type(value) is not kind:  # other than a default
         return by_typer(ctx, value)
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)

@@ -22,7 +22,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
 
 if TYPE_CHECKING:
-    from shoal.steering import SteeringEpisode
+    from shoal.steering import Certificate, SteeringEpisode
 
 STEER_EXAMPLE = "Example: shoal steer problem.json --planner shortest --out plan"
 REACH_EXAMPLE = 'Example: shoal reach hexagon --start "-0.1,0 0.1,0.1" --moves 6'
@@ -41,6 +41,29 @@ def steer(
     seed: options.Seed = 0,
     out: _Out = None,
     film: options.Film = None,
+    certify: Annotated[
+        float | None,
+        typer.Option(
+            "--certify",
+            metavar="SECONDS",
+            help=(
+                "Search for at most this time for a proof of how much shorter a plan could be, and"
+                " for shorter plans. In polygons, --out also writes the proof, certificate.json."
+                ' Needs the extra "certify".'
+            ),
+        ),
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check",
+            metavar="CERTIFICATE",
+            help=(
+                "Do not plan: check in exact arithmetic that this certificate proves its bound for"
+                " the problem. The exit code is 1 if it does not."
+            ),
+        ),
+    ] = None,
     json_: options.Json = False,
 ) -> None:
     """Bring two or more particles to their goals with one shared input, using walls that hold
@@ -52,19 +75,67 @@ def steer(
     Options on the command line replace the fields of the problem file. The exit code is 1 if the
     problem was not solved; the status gives the reason.
     """
+    from shoal.steering.certificates import check_certifiable
     from shoal.steering.run import run
 
     problem.check_at_place()
+    if check is not None:
+        if certify is not None or out is not None or film:
+            raise InvalidInputError(
+                "--check: expected no --certify, --out and --film, because nothing is planned"
+            )
+        _check(problem, seed, check, json_=json_)
+        return
     check_outputs(out, film)
-    episode = run(problem, seed=seed)
-    result = episode.report()
+    if certify is None:
+        episode = run(problem, seed=seed)
+        result, more = episode.report(), []
+    else:
+        check_certifiable(problem, certify)
+        certificate = _certified(run(problem, seed=seed), certify)
+        episode, result = certificate.episode, certificate.report()
+        more = [("certificate", certificate.sentence)]
+        if out is not None and certificate.proof is not None:
+            result["certificate"] = str(out / "certificate.json")
     written = write_episode(episode, result, out, film)
+    if out is not None and certify is not None and result["certificate"] is not None:
+        from shoal.core.files import write_json
+
+        write_json(out / "certificate.json", certificate.proof)
+        written.append(out / "certificate.json")
     if json_:
         print_json(result)
     else:
-        print_plan(episode, result, written)
+        print_plan(episode, result, written, *more)
     if not episode:
         say(f"shoal: {episode.sentence}")
+        raise typer.Exit(1)
+
+
+def _certified(episode: SteeringEpisode, seconds: float) -> Certificate:
+    """Search for a certificate, and show how the bound rises."""
+    from shoal.cli.output import progress
+    from shoal.steering import certify
+
+    with progress("certificate", max(1, round(seconds)), shown=seconds > 5) as advance:
+        return certify(episode, seconds=seconds, progress=lambda passed, _: advance(round(passed)))
+
+
+def _check(problem: SteeringProblem, seed: int, path: Path, *, json_: bool) -> None:
+    from shoal.core.checks import parse_json, read_text
+    from shoal.steering.certificates import check_certificate_of
+
+    certificate = parse_json(read_text(path, what="certificate", most=2**31), where=str(path))
+    verification = check_certificate_of(problem, certificate, seed=seed)
+    if json_:
+        print_json({"valid": verification.ok, "message": verification.message})
+    else:
+        print_table(
+            [("valid", "yes" if verification else "no"), ("check", verification.message)],
+            title=str(path),
+        )
+    if not verification:
+        say(f"shoal: {verification.message}")
         raise typer.Exit(1)
 
 

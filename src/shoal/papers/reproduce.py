@@ -20,18 +20,30 @@ from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
 from shoal.papers.errata import check_errata
-from shoal.papers.mapping import curves, instances, line
+from shoal.papers.mapping import curves, exploration, instances, line
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
-from shoal.papers.search import baselines, expected_time
-from shoal.papers.steering import constructions, shortest_paths
+from shoal.papers.search import baselines, expected_time, wishes
+from shoal.papers.steering import constructions, illustrations, shortest_paths
 from shoal.papers.steering import recipes as steering
 from shoal.swarm.maps.files import open_map
 from shoal.views.drawing.charts import save_figure
 from shoal.views.drawing.curves import add_note
 
 STORE = "results.sqlite"
-PARTS = (instances, line, curves, steering, constructions, shortest_paths, expected_time, baselines)
+PARTS = (
+    instances,
+    line,
+    exploration,
+    curves,
+    steering,
+    constructions,
+    shortest_paths,
+    illustrations,
+    expected_time,
+    baselines,
+    wishes,
+)
 
 
 @cache

@@ -160,6 +160,8 @@ class DriveLog:
             about |= {"placed": True} if placed else {}
             values = getattr(self._rig, "values", None)
             about |= {"values": dict(values)} if values else {}
+            true = getattr(self._rig, "true_cells", None)
+            about |= {"true": np.round(true, 3).tolist()} if true is not None else {}
             self._write(about | self._request(0) | {"time": self._time()})
             self._keep_picture(move)
 
@@ -284,6 +286,7 @@ class _Scan(_Entry):
     cells: list[list[int]]
     placed: bool = False
     values: dict[str, float] | None = None
+    true: list[list[float]] | None = None
     seq: NonNegativeInt | None = None
     time: float
 
@@ -341,6 +344,9 @@ class RecordedRig:
     placed : dict
         By number of commands before: the cells in which a scan showed the particles when the drive
         went on, where the commands since the last scan do not explain them.
+    true : dict
+        By number of commands before: where the particles were, as (row, column), if a plant has told
+        it at the scan.
     tail : str
         The commands after the last scan, whose outcome is unknown.
     session : LoggedSession or None
@@ -374,6 +380,7 @@ class RecordedRig:
     ended: dict[str, Any] | None
     spacing: tuple[float, ...] | None = None
     placed: dict[int, list[list[list[int]]]] = field(default_factory=dict)
+    true: dict[int, list[list[float]]] = field(default_factory=dict)
     tail: str = ""
     session: LoggedSession | None = None
     version: str = __version__
@@ -479,6 +486,7 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
         inlet=None if header.inlet is None else tuple(header.inlet),
         cautious=header.cautious,
         placed=placed,
+        true=found.true,
         tail=commands[sent:],
         session=found.session(header.session),
         version=header.version,
@@ -496,6 +504,7 @@ class _Found:
         self.source, self.shape, self.letters = source, shape, letters_of(len(shape))
         self.commands, self.scans, self.lasted = "", dict[int, list[list[int]]](), 0.0
         self.placed: dict[int, list[list[list[int]]]] = {}
+        self.true: dict[int, list[list[float]]] = {}
         self.events: list[dict[str, Any]] = []
         self.ended: dict[str, Any] | None = None
         self._session: str | None = None
@@ -539,6 +548,8 @@ class _Found:
                 f"{where}: expected one scan after move {moves}, got one of {entry.move}"
             )
         check_cells(entry.cells, self.shape, what=where)
+        if entry.true is not None:
+            self.true[entry.move] = entry.true
         if entry.placed:
             self.placed.setdefault(entry.move, []).append(entry.cells)
         else:

@@ -431,6 +431,14 @@ class Plant:
         """The centres of all particles now (float64, shape (n, 2))."""
         return self._read(self._exchange.BodyFields.POSITION)
 
+    @property
+    def true_cells(self) -> Points:
+        """The centres of all particles now as (row, column) (float64, shape (n, 2)). The centre of a
+        cell is at whole numbers.
+        """
+        points = self.points - 0.5
+        return np.column_stack([self.workspace.shape[0] - 1 - points[:, 1], points[:, 0]])
+
     def _read(self, field: Any) -> Points:
         self._batch.clear()
         self._exchange.get_space_bodies(self._space, field, self._batch)
@@ -702,6 +710,13 @@ class PhysicsRig:
         """
         _, centroids = self.plant.picture()
         return self.plant.cells_of(centroids)
+
+    @property
+    def true_cells(self) -> Points:
+        """Where the particles are, as (row, column) (float64, shape (n, 2)). The centre of a cell is
+        at whole numbers.
+        """
+        return self.plant.true_cells
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

@@ -246,6 +246,13 @@ class BenchRig:
         return dict(getattr(self.actuator, "values", {}))
 
     @property
+    def true_cells(self) -> Points | None:
+        """Where the particles are, as (row, column) (float64, shape (n, 2)), if the sensor, as that of
+        a plant, knows it.
+        """
+        return getattr(self.sensor, "true_cells", None)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of the pulses and pictures so far, in sentences."""
         notes = tuple(getattr(self.actuator, "notes", ()))
@@ -369,6 +376,11 @@ class PlantPorts:
     def shape(self) -> tuple[int, ...]:
         """Shape of the vessel, in cells."""
         return self.plant.workspace.shape
+
+    @property
+    def true_cells(self) -> Points:
+        """Where the particles are, as (row, column) (float64, shape (n, 2))."""
+        return self.plant.true_cells
 
     def push(self, angle: float, seconds: float) -> None:
         """Pulse the field in a direction for some seconds of the plant's clock."""

@@ -8,13 +8,52 @@ import csv
 import io
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_text
 from shoal.rigs.log import RecordedRig, read_log
+from shoal.swarm.episode import SwarmEpisode
 
 AXIS_NAMES = {2: ("row", "column"), 3: ("layer", "row", "column")}
+
+
+def episode_of_log(
+    log: str | os.PathLike[str] | RecordedRig, *, trust: bool = False
+) -> SwarmEpisode:
+    """Return the episode of the drive that a log tells of. Of a drive of a plant, it knows where the
+    particles were.
+
+    Parameters
+    ----------
+    log : path or RecordedRig
+    trust : bool
+        Whether the log may name a third-party task.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the log is damaged, or if its drive has found no free cell.
+    """
+    from shoal.rigs.driving import replay_log
+
+    past = log if isinstance(log, RecordedRig) else read_log(log, trust=trust)
+    result, _ = replay_log(past, trust=trust)
+    if result.episode is None:
+        raise InvalidInputError(f"{past.path}: expected a drive that has found free cells")
+    return with_true_cells(result.episode, past)
+
+
+def with_true_cells(episode: SwarmEpisode, past: RecordedRig) -> SwarmEpisode:
+    """Return the episode of a log with where the particles were, if the log tells it."""
+    if episode.observations is None or not past.true:
+        return episode
+    true = {move: np.array(cells).reshape(-1, 2) for move, cells in past.true.items()}
+    return replace(episode, true_cells=true)
 
 
 def write_frames(log: str | os.PathLike[str] | RecordedRig, path: str | os.PathLike[str]) -> Path:

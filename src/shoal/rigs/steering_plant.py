@@ -24,8 +24,10 @@ CELL = 1 / 40  # of the size: the unit of length of the plant's properties
 POINT = 0.004  # relative to the size: radius of particles that stand for points
 STEP = 0.2  # of its radius that a particle may move between two looks for contacts
 CORNERS = 256  # straight pieces of a round wall
-IGNORED = ("ghosts", "miss", "double", "blur", "attraction", "spin", "flow_x", "flow_y")
-IGNORED += ("own_radius",)
+IGNORED = (
+    *("ghosts", "miss", "double", "blur"),
+    *("attraction", "spin", "flow_x", "flow_y", "own_radius"),
+)
 
 
 class SteeringPlant:

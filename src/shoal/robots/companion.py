@@ -155,6 +155,8 @@ class Companion:
         self._say: Callable[[str], None] = lambda _text: None
         self._next_told, self._told_fault = time.monotonic() + _TOLD, False
         robot = journal.replay(live.robot(number), self._now(live.speed))
+        if vehicle is not None and journal.events:
+            vehicle.takes_turns = False  # the others are up, or on the ground again
         start = tuple(float(x) for x in robot.brief.tour_cost.points[robot.start])
         self.agent = Agent(
             live,

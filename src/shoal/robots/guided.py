@@ -90,6 +90,8 @@ class GuidedVehicle:
         Metres east, north and above home.
     battery : float or None
         Fraction that is left.
+    takes_turns : bool
+        Whether the vehicle waits for its turn to take off, as at the beginning of the search.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class GuidedVehicle:
         self._allowed: list[NDArray[np.float64]] = []  # corners that are still ahead
         self._way: list[NDArray[np.float64]] = []  # those of them before the halt
         self._target: NDArray[np.float64] | None = None
+        self.takes_turns = True
         self._turn: float | None = None  # time from which on it may take off
         self._said: set[str] = set()
         self._silent = False
@@ -391,7 +394,7 @@ class GuidedVehicle:
             return self._fly()
         elif self._fly():
             self.phase, self._next_command = RETURN, -math.inf
-        return self.phase == GROUND and self._leg is not None and self._leg.home
+        return self._has_arrived()
 
     def _fly(self) -> bool:
         here = self._here()
@@ -400,13 +403,16 @@ class GuidedVehicle:
         if self._way:
             self._target = self._way[0]
         self._send_setpoint()
-        return self._has_arrived()
+        return self._leg is not None and (not self._way or self._is_at(here, self._way[-1]))
 
     def _has_arrived(self) -> bool:
-        """Return whether the vehicle is where it may go."""
-        if self.phase != FLIGHT or self._leg is None:
+        """Return whether the vehicle is where it may go; at home, that is on the ground."""
+        if self._leg is None:
             return False
-        return not self._way or self._is_at(self._here(), self._way[-1])
+        if self._leg.home:
+            return self.phase == GROUND
+        there = not self._way or self._is_at(self._here(), self._way[-1])
+        return self.phase == FLIGHT and there
 
     def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
         across = float(np.linalg.norm(here[:2] - point[:2]))
@@ -474,8 +480,10 @@ class GuidedVehicle:
         elif self.phase in (CLIMB, FLIGHT):
             self._target = np.array([*self._here()[:2], self._target_height])
         while station.now() < turn + seconds:
-            if self._silent or self._is_pilots:
+            if self._silent:
                 return False
+            if self._is_pilots:
+                return self._wait_for_pilot()
             if self.phase == GROUND:
                 return not self._aloft
             heard = self._listen(0.1)
@@ -490,6 +498,23 @@ class GuidedVehicle:
             if self.phase == RETURN:
                 self._return(self._safe_mode)
         return self.phase == GROUND and not self._aloft
+
+    def _wait_for_pilot(self) -> bool:
+        """Send heartbeats, and nothing else, until the pilot has landed: without them, ArduPilot
+        would take the vehicle out of the pilot's hands.
+        """
+        vehicle, station = self.vehicle, self.station
+        assert vehicle is not None
+        self._say_once("the vehicle is the pilot's; heartbeats go on until it is disarmed")
+        while vehicle.armed:
+            try:
+                station.listen(station.now() + 0.5)
+            except LinkError:
+                return False
+            if station.now() - vehicle.heard_at > self.task.limits.autopilot_s:
+                return False
+        self.phase = GROUND
+        return True
 
     def _fly_home(self) -> bool:
         """Fly to the launch point, and return whether the vehicle is above it."""
@@ -597,7 +622,7 @@ class GuidedVehicle:
             return
         if self._turn is None:
             # The highest first: who climbs later stays below all who are up.
-            others = len(self.task.scenario.starts) - self.number
+            others = len(self.task.scenario.starts) - self.number if self.takes_turns else 0
             self._turn = now + others * self.task.limits.apart_s
         if self.battery is not None and self.battery <= self.task.limits.battery:
             self._fail(f"battery: {self._left} left before take-off, and {self._least} are needed")
@@ -642,7 +667,7 @@ class GuidedVehicle:
         vehicle, now = self.vehicle, self.station.now()
         assert vehicle is not None
         if not vehicle.armed:
-            self.phase = GROUND
+            self.phase, self._turn, self.takes_turns = GROUND, None, False
             return
         numbers = modes.custom_modes(vehicle.autopilot, vehicle.type)
         mode = mode if mode in numbers else modes.RETURN

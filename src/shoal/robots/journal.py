@@ -43,7 +43,7 @@ class Journal:
 
     A line is in the file before `record` returns, so that it outlives the process. What the robot
     alone knows is then on the disk, too, and outlives a loss of power; what it has heard comes
-    there within a second, because an SD card would otherwise delay each message.
+    there at the first event after a second, because an SD card would otherwise delay each message.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class Journal:
         return lines
 
     def _append(self, line: dict[str, Any], *, now: bool = False) -> None:
-        """Append a line, and bring it to the disk now or within a second."""
+        """Append a line, and bring it to the disk now, or later with others."""
         if self.fault:
             return
         text = json.dumps(line, separators=(",", ":")).encode()

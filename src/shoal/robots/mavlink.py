@@ -41,6 +41,7 @@ here, such as 0 (generic), is no vehicle or does not say what it is.
 """
 _WARNING = 4  # MAV_SEVERITY: smaller numbers are worse
 _DATAGRAM = 65535
+_STANDS = 30.0  # seconds for which an uneven clock may stand still
 _POLL = 0.02  # seconds between two looks at an uneven clock
 _MOST_WAITING = 4096  # messages that nobody has asked for
 
@@ -148,9 +149,20 @@ class FastLink:
         self._link, self._speed_up, self._clock = link, speed_up, clock
         self.name, self.at_once = link.name, link.at_once
         self.send, self.close = link.send, link.close
+        self._last, self._moved = -1.0, time.monotonic()
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return what came within ``timeout`` fast seconds, or less if their clock is uneven."""
+        """Return what came within ``timeout`` fast seconds, or less if their clock is uneven.
+
+        Raises
+        ------
+        LinkError
+            If the clock has stood still for long: who has set it is gone.
+        """
+        if self.now() != self._last:
+            self._last, self._moved = self.now(), time.monotonic()
+        elif self._clock is not None and time.monotonic() - self._moved > _STANDS:
+            raise LinkError(f"{self.name}: the clock of the rehearsal stands still")
         seconds = timeout / self._speed_up
         return self._link.receive(seconds if self._clock is None else min(seconds, _POLL))
 
@@ -223,7 +235,9 @@ class _SerialStream:
         return bytes(self._port.read(most))
 
 
-LINKS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
+LINKS = (
+    "udpin:HOST:PORT (or udp:HOST:PORT), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
+)
 
 
 def check_link(text: str) -> Callable[[], VehicleLink]:

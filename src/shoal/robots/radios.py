@@ -26,12 +26,13 @@ from shoal.search.simulation.live.radio import LARGEST, receive_from_others, sen
 
 RADIOS = (
     "udp:HOST:PORT,HOST:PORT,... (own address, then those of the others, a broadcast address or a"
-    " multicast group) or serial:DEVICE[@BAUD][,duty=FRACTION]"
+    " multicast group) or serial:DEVICE[,BAUD][,duty=FRACTION]"
 )
 _ADDRESS = re.compile(r"([^:,\s]+):([0-9]{1,5})")
 _SERIAL = re.compile(r"([^@,\s]+)(?:[@,]([1-9][0-9]{2,6}))?(?:,duty=(0?\.[0-9]+|1(?:\.0*)?))?")
 _LOOPBACK_BROADCAST = "127.255.255.255"  # to all robots on one computer
 _HOPS = 1  # multicast stays on the link of the interface
+_DUTY, _CHANNEL = 0.1, 0.5  # largest share of the time in which one robot, and all robots, send
 _GIVE_UP = 10.0  # seconds without one message sent after which the radio has a fault
 
 
@@ -191,6 +192,7 @@ class SerialRadio:
         self, device: str, baud: int = 57600, *, duty: float = 0.1, give_up: float = _GIVE_UP
     ) -> None:
         serial = import_extra("serial", f"the radio serial:{device} needs pyserial", extra="serial")
+        _codec()  # it, too, must be there before the search
         self.fault, self._give_up = "", give_up
         try:
             self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=0)
@@ -335,8 +337,17 @@ def _unstuff(frame: bytes) -> bytes:
     return bytes(content[: max(len(frame) - 1, 0)])
 
 
-def open_radio(text: str, *, give_up: float = _GIVE_UP) -> Radio:
+def open_radio(text: str, *, robots: int = 1, give_up: float = _GIVE_UP) -> Radio:
     """Open a radio such as ``udp:192.168.1.7:9000,192.168.1.8:9000``.
+
+    Parameters
+    ----------
+    text : str
+    robots : int
+        Number of robots that share the channel of a serial radio. By default, a radio sends a tenth
+        of the time, or less, so that all together send half of the time at most.
+    give_up : float
+        Seconds without one message sent after which the radio has a fault.
 
     Raises
     ------
@@ -345,9 +356,10 @@ def open_radio(text: str, *, give_up: float = _GIVE_UP) -> Radio:
     """
     kind, _, rest = text.partition(":")
     if kind == "serial" and (found := _SERIAL.fullmatch(rest)):
-        return SerialRadio(
-            found[1], int(found[2] or 57600), duty=float(found[3] or 0.1), give_up=give_up
-        )
+        if found[3] and float(found[3]) == 0:
+            raise InvalidInputError(f"radio: expected a duty above 0, got {text!r}")
+        duty = float(found[3]) if found[3] else min(_DUTY, _CHANNEL / robots)
+        return SerialRadio(found[1], int(found[2] or 57600), duty=duty, give_up=give_up)
     addresses = [_ADDRESS.fullmatch(part) for part in rest.split(",")]
     if kind != "udp" or not all(one and 0 < int(one[2]) < 65536 for one in addresses):
         raise InvalidInputError(f"radio: expected {RADIOS}, got {text!r}")

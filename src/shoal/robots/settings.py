@@ -8,8 +8,8 @@ ArduPilot Copter and Rover (4.0 to 4.7).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from typing import NamedTuple
 
+from shoal.core.dataclass import dataclass
 from shoal.robots.mavlink import PX4
 
 CHECKS = ("failsafe", "fence", "return")
@@ -21,7 +21,8 @@ _ABOVE = 2.0  # metres above its height that a robot needs
 _FENCE_HEIGHT, _FENCE_POLYGON = 1, 4  # bits of FENCE_TYPE
 
 
-class Setting(NamedTuple):
+@dataclass(frozen=True)
+class Setting:
     """A parameter of an autopilot that must be right before take-off.
 
     Parameters

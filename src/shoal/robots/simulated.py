@@ -681,10 +681,11 @@ class SimulatedVehicle:
         brake = _BRAKE * self.acceleration
         speed = min(self._cruise, math.sqrt(2 * brake * distance), distance / _STEP)
         wanted = way / distance * speed if distance > 1e-9 else np.zeros(3)
-        change = wanted - self.velocity
-        size = float(np.linalg.norm(change))
         most = self.acceleration * _STEP
-        self.velocity += change if size <= most else change / size * most
+        for axes in (slice(0, 2), slice(2, 3)):  # autopilots limit across and up apart
+            change = wanted[axes] - self.velocity[axes]
+            size = float(np.linalg.norm(change))
+            self.velocity[axes] += change if size <= most else change / size * most
         self.position += self.velocity * _STEP
         self.position[2] = max(0.0, self.position[2])
 

@@ -81,6 +81,34 @@ class RobotLimits:
             check_number(value, what=f"limits: {name}", least=0, most=most)
 
 
+def read_limits(text: str) -> RobotLimits:
+    """Read limits from a text such as ``battery=0.3,apart_s=20``. Others are as by default.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> read_limits("battery=0.3").battery
+    0.3
+    """
+    names, given = list(vars(RobotLimits())), dict[str, float]()
+    for part in text.split(","):
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if name not in names or name in given:
+            raise InvalidInputError(
+                f"limits: expected each of {', '.join(names)} once at most, got {part.strip()!r}"
+            )
+        try:
+            given[name] = float(value)
+        except ValueError:
+            raise InvalidInputError(
+                f"limits: expected a number as {name}, got {shortened(value)}"
+            ) from None
+    return RobotLimits(**given)
+
+
 @dataclass(frozen=True)
 class RobotTask:
     """A task that was read and checked.
@@ -294,12 +322,25 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
     except ValueError:
         expected = ""
     if not isinstance(signature, str) or not hmac.compare_digest(
-        signature.encode(), expected.encode()
+        signature.encode(errors="replace"), expected.encode()
     ):
         raise InvalidInputError(
             f"{source}: expected a signature by the key in {source.with_suffix('.key').name},"
             " got another: the file was changed, or the key belongs to another task"
         )
+    try:
+        return _planned(source, body, secret, trust=trust)
+    except InvalidInputError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:  # signed, but by another version
+        raise InvalidInputError(
+            f"{source}: expected a task of this version of Shoal, got another:"
+            f" {type(error).__name__}: {error}"
+        ) from None
+
+
+def _planned(source: Path, body: dict[str, Any], secret: bytes, *, trust: bool) -> RobotTask:
+    """Return a task whose signature is right, after planning the search again."""
     if not trust:
         SearchProblem.refuse_code(body["problem"], where=str(source))
     problem = SearchProblem.from_dict(body["problem"], where=str(source))
@@ -317,7 +358,7 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
         beat=min(scenario.brief.beat, _BEAT * speed),
         helping=True,
     )
-    key = hmac.digest(secret, f"messages {signature}".encode(), "sha256")
+    key = hmac.digest(secret, f"messages {body['signature']}".encode(), "sha256")
     limits = RobotLimits(**body["limits"])
     return RobotTask(
         source, body["search"], plan, replace(scenario, brief=brief), limits, body["loss"], key

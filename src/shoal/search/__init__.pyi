@@ -13,7 +13,9 @@ from .episode import SearchEpisode as SearchEpisode
 from .planning.plan import SearchPlan as SearchPlan
 from .planning.plan import plan_search as plan_search
 from .problem import SearchProblem as SearchProblem
+from .protocol.markers import marker_rule as marker_rule
 from .regions.builder import open_region as open_region
+from .regions.choice import affordable_rectangle as affordable_rectangle
 from .regions.coverage import AreaCoverage as AreaCoverage
 from .regions.coverage import coverage_check as coverage_check
 from .regions.projection import LocalFrame as LocalFrame

@@ -1,5 +1,8 @@
 """Public names, which `lazy_loader` imports when they are first used."""
 
+from .certificates import Certificate as Certificate
+from .certificates import certify as certify
+from .certificates.check import check_certificate as check_certificate
 from .contact.world import ContactWorld as ContactWorld
 from .contact.world import RegionWorld as RegionWorld
 from .delta_space import (
@@ -23,6 +26,9 @@ from .delta_space import (
 from .episode import SteeringEpisode as SteeringEpisode
 from .planners import PLANNERS as PLANNERS
 from .planners import make_planner as make_planner
+from .planners.chains import ReflectedPath as ReflectedPath
+from .planners.chains import reflection_quartic as reflection_quartic
+from .planners.chains import shortest_reflected_path as shortest_reflected_path
 from .planners.task import Planner as Planner
 from .planners.task import SteeringTask as SteeringTask
 from .problem import SteeringProblem as SteeringProblem

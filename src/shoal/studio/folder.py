@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import shoal
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
@@ -39,7 +40,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
     # a GIF is a film here, and the header of a volume needs its second file
     "map": tuple(suffix for suffix in MAP_FORMATS if suffix not in (".gif", ".nhdr")),
-    "episode": (".npz", ".episode.json"),
+    "episode": (".npz", ".episode.json", ".jsonl"),
     "missions": (".missions.zip",),
     "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),
     "part": SHAPEFILE[1:],
@@ -161,6 +162,8 @@ class Folder:
         try:
             if purpose is None or not entry.is_file():
                 return None
+            if entry.name.lower().endswith(".jsonl") and not is_drive_log(entry.path):
+                return None
             if entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(self.root):
                 return None
             about = entry.stat()
@@ -257,6 +260,21 @@ def purpose_of(name: str) -> str | None:
     for an unknown purpose.
     """
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
+
+
+def is_drive_log(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is the log of a drive of a swarm, which a page can play."""
+    with open(path, "rb") as file:
+        return b'"log":"shoal-drive"' in file.read(200)
+
+
+def episode_in(path: Path) -> Any:
+    """Return the episode of a file: one that was saved, or that of the log of a drive."""
+    if path.suffix.lower() == ".jsonl":
+        from shoal.rigs.records import episode_of_log
+
+        return episode_of_log(path)
+    return shoal.load(path)
 
 
 def check_pixels(path: Path) -> None:

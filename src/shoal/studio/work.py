@@ -25,7 +25,7 @@ from shoal.lab.exchange import SUFFIXES, export
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
 from shoal.search.problem import SearchProblem
-from shoal.studio.folder import PAPERS, Folder
+from shoal.studio.folder import PAPERS, Folder, episode_in
 from shoal.studio.forms import (
     as_command,
     checked_fields,
@@ -240,8 +240,9 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
     suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)
     source = folder.path(str(spec.get("episode")))
     say("progress", (0.0, f"reading {source.name}"))
-    episode = shoal.load(source)
-    stem = source.name.removesuffix(".json").removesuffix(".episode").removesuffix(".npz")
+    episode = episode_in(source)
+    stem = source.name.removesuffix(".json").removesuffix(".episode")
+    stem = stem.removesuffix(".npz").removesuffix(".jsonl")
     name = folder.new_name(f"{stem}-figure" if suffix in ("png", "svg") else stem, f".{suffix}")
     if suffix in ("png", "svg"):
         save_figure(figure(episode), folder.path(name))

@@ -73,6 +73,9 @@ class SwarmEpisode(WithTrace, Episode):
     truth : ndarray of bool, optional
         For a rig with noise: the true free cells, if the true map is known. Figures compare the
         classified cells with the true free cells.
+    true_cells : dict of int to ndarray of float64, shape (n, 2), optional
+        For a drive of a plant: where the particles were, as (row, column), after a number of commands.
+        It is shown, but not saved.
     placed : tuple of Placement
         For a drive of a rig that was interrupted: where scans showed the particles when it went on,
         if the commands do not explain it.
@@ -95,6 +98,7 @@ class SwarmEpisode(WithTrace, Episode):
     versions: Mapping[str, str] = field(default_factory=versions)
     observations: tuple[NDArray[np.int64], ...] | None = None
     truth: NDArray[np.bool_] | None = None
+    true_cells: Mapping[int, NDArray[np.float64]] | None = None
     placed: tuple[Placement, ...] = ()
     goal: Goal | None = None
 

@@ -61,7 +61,7 @@ The slips of a real particle are not independent: it jams at a corner, and stays
 push. A cell through which particles have passed a dozen times must not become a wall by this. With
 the limit of simulations (`kernels.SURE`), the cells in front of jammed particles had to be looked at
 again and again: 300 pulled particles took 1.58 times the moves of the grid in the map of an eye, and
-1.21 times with this limit (`python -m benchmarks.physics --only eye`).
+1.10 times with this limit and `LEAPS` (`python -m benchmarks.physics --only eye`).
 """
 
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 import pytest
 
 from shoal.core.errors import InvalidInputError
+from shoal.robots import mavlink
 from shoal.robots.clock import SharedClock
 
 READER = """
 import sys
+import time
 from pathlib import Path
+from shoal.robots import mavlink
 from shoal.robots.clock import SharedClock
 clock, last = SharedClock(Path(sys.argv[1])), 0.0
 print("ready", flush=True)
@@ -35,6 +39,20 @@ def test_another_process_never_reads_half_a_time(tmp_path):
     reading.stdout.close()
     assert clock.now() == 1.0
     clock.close()
+
+
+def test_a_link_whose_clock_stands_still_is_lost(monkeypatch):
+    monkeypatch.setattr(mavlink, "_STANDS", 0.05)
+    now = [0.0]
+    link = mavlink.FastLink(mavlink.open_link("udpout:127.0.0.1:9"), 2.0, lambda: now[0])
+    assert link.receive(0.01) == []
+    time.sleep(0.1)
+    now[0] = 1.0
+    assert link.receive(0.01) == []  # it goes on
+    time.sleep(0.1)
+    with pytest.raises(mavlink.LinkError, match="the clock of the rehearsal stands still"):
+        link.receive(0.01)
+    link.close()
 
 
 def test_what_is_no_clock_is_refused(tmp_path):

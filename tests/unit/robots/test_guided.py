@@ -10,7 +10,9 @@ import pytest
 pytest.importorskip("pymavlink")
 
 from shoal.robots import modes
+from shoal.robots.companion import Companion
 from shoal.robots.guided import FLIGHT, GROUND, GuidedVehicle
+from shoal.robots.journal import Journal
 from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station, dialect
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, RALLY, MissionItem
 from shoal.robots.settings import safe_parameters
@@ -19,6 +21,7 @@ from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
+from shoal.search.simulation.live.radio import LoopbackRadio
 from shoal.testing import check_vehicle
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -167,6 +170,9 @@ def test_it_flies_home_to_recharge_and_takes_off_again(task, autopilot):
     assert robot.step_until(lambda arrived: arrived)
     assert not robot.autopilot.armed
     assert np.linalg.norm(robot.autopilot.position) < 2
+    robot.vehicle.stop(0.0)  # while the battery is changed
+    assert robot.step_until(lambda arrived: arrived, 5)
+    robot.wait(200)
     robot.fly_to(len(task.cells) - 1)
 
 
@@ -340,8 +346,20 @@ def test_a_low_battery_and_the_pilot_end_the_search(task, autopilot):
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 10)
     assert robot.vehicle.fault == "pilot or autopilot: the mode was changed to hold"
     robot.vehicle.secure()
-    assert not robot.vehicle.rest(60)
-    assert robot.autopilot.mode == modes.HOLD  # it is the pilot's
+    landing = robot.link.now() + 30  # longer than the watchdogs wait
+    seen = set()
+
+    def pilot(now):
+        if robot.autopilot.armed:
+            seen.add(robot.autopilot.mode)
+        if now > landing:
+            robot.autopilot.mode = modes.LAND
+        return []
+
+    robot.strangers.append(pilot)
+    assert robot.vehicle.rest(10)  # it waits for the pilot, however long
+    assert seen == {modes.HOLD, modes.LAND}  # nobody took the vehicle out of the pilot's hands
+    assert robot.said == ["the vehicle is the pilot's; heartbeats go on until it is disarmed"]
 
 
 @BOTH
@@ -386,6 +404,32 @@ def test_who_cannot_take_off_gives_up_so_that_others_do_not_wait(task, autopilot
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 20)
     assert robot.vehicle.fault.startswith("position: none for")
     assert robot.vehicle.rest(10)
+
+
+@BOTH
+def test_ctrl_c_brings_the_vehicle_home(task, autopilot, tmp_path, monkeypatch):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.fly_to(len(task.cells) - 1)
+    journal, radio = (
+        Journal(tmp_path / "state", task.search, 1, epoch=0.0),
+        LoopbackRadio("unicast"),
+    )
+    companion = Companion(task, 1, radio, journal, robot.vehicle, clock=robot.link.now)
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(companion.agent, "run", interrupted)
+    said = []
+    result = companion.run(said.append)
+    assert said[0] == "interrupted: the vehicle returns"
+    assert (result.complete, result.landed) == (False, True)
+    assert result.fault == "interrupted by the operator"
+    assert not robot.autopilot.armed
+    assert np.linalg.norm(robot.autopilot.position) < 2
+    radio.close()
+    journal.close()
 
 
 def test_heights_and_turns_keep_robots_apart(task):

@@ -128,8 +128,10 @@ def test_nothing_listens_beyond_the_address_that_was_named():
         ("udp:127.0.0.1:70000,127.0.0.1:1", "expected udp:HOST:PORT"),
         ("udp:192.0.2.1:9000,127.0.0.1:9001", "an address of this computer"),
         ("udp:127.0.0.1:9000,239.1.1.1:9000,127.0.0.1:9001", "alone"),
-        ("serial:/dev/nothing@9600", "serial line that opens"),
+        ("serial:/dev/nothing,9600", "serial line that opens"),
         ("serial:/dev/ttyS0@9600,duty=2", "expected udp:HOST:PORT"),
+        ("serial:/dev/null,9600", "serial line that opens"),
+        ("serial:/dev/nothing,9600,duty=0.0", "a duty above 0"),
         ("smoke:hill", "expected udp:HOST:PORT"),
     ],
 )

@@ -10,18 +10,24 @@ import shutil
 import socket
 import stat
 import threading
+from dataclasses import replace
 from math import inf
 
 import pytest
 
 from shoal import InvalidInputError
 from shoal.cli import run as shoal_run
-from shoal.robots.companion import Companion, journal_path
+from shoal.robots import tasks
+from shoal.robots.companion import Companion, beacon_bytes, journal_path
 from shoal.robots.journal import Journal
 from shoal.robots.radios import open_radio
+from shoal.robots.right_of_way import RadioSensor
 from shoal.robots.tasks import KEY, TASK, RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
+from shoal.search.protocol.messages import Sender
+from shoal.search.protocol.robot import with_beacon
 from shoal.search.run import run
+from shoal.testing import check_search_sensor
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +89,30 @@ def test_a_task_that_was_changed_is_refused(copy, name):
         read_task(copy)
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"limits": {"fuel": 1}}, "a task of this version"),
+        ({"limits": {"battery": 2}}, "battery"),
+        ({"problem": None}, "expected fields with values"),
+        ({"seed": "one"}, "seed: expected a whole number"),
+        ({"cells": [[0, 0]]}, "from planning the search on this computer"),
+        ({"rates": [1.0, 1.0, 2.0]}, "from planning the search on this computer"),
+    ],
+)
+def test_a_signed_task_of_another_version_is_refused(copy, changes, expected):
+    body = json.loads((copy / TASK).read_text()) | changes
+    body["signature"] = tasks._sign((copy / KEY).read_bytes().strip(), body)
+    (copy / TASK).write_text(json.dumps(body))
+    with pytest.raises(InvalidInputError, match=expected):
+        read_task(copy)
+
+
 def test_another_key_and_other_files_are_refused(copy):
+    body = json.loads((copy / TASK).read_text())
+    (copy / TASK).write_text(json.dumps(body | {"signature": "\ud800"}))
+    with pytest.raises(InvalidInputError, match="the file was changed"):
+        read_task(copy)
     (copy / KEY).write_text("0" * 64)
     with pytest.raises(InvalidInputError, match="another"):
         read_task(copy)
@@ -140,6 +169,38 @@ def test_a_journal_of_another_robot_or_that_is_broken_is_refused(folder, tmp_pat
         Journal(path, task.search, 1)
 
 
+def test_what_beacons_say_is_a_sensor(folder):
+    task = read_task(folder)
+    robot = task.live(1).robot(1)
+    sensor = RadioSensor(
+        replace(task.scenario, starts=(0,), rates=(), widths=()), lambda: robot, float
+    )
+    check_search_sensor(sensor, (0, 1, 5), through=(1, 2))
+
+
+def test_a_slow_radio_sends_whole_beacons_and_no_more(folder, tmp_path):
+    task = read_task(folder)
+    slow, fast = Silence(), Silence()
+    slow.most, slow.rate = 64, 20.0
+    journals = [Journal(journal_path(tmp_path, number), task.search, number) for number in (1, 2)]
+    robots = [
+        Companion(task, number, radio, journal).agent.robot
+        for number, radio, journal in zip((1, 2), (slow, fast), journals, strict=True)
+    ]
+    seconds = robots[0].brief.beat / task.speed
+    assert seconds == pytest.approx(beacon_bytes(task.scenario, 64) / 20.0)
+    assert robots[0].brief.hello >= 4 * robots[0].brief.beat
+    assert robots[1].brief == task.scenario.brief
+    # a beacon in the middle of a search takes no more than that
+    robot = robots[0].but(
+        searched={number: 0b11 << number for number in (1, 2, 3)}, count=1000, status="searching"
+    )
+    _, beacon = with_beacon(robot, 100.0)
+    assert 64 * len(Sender(1, b"key", 64).messages(beacon, 0)) <= beacon_bytes(task.scenario, 64)
+    for journal in journals:
+        journal.close()
+
+
 def test_two_programs_cannot_be_the_same_robot(tmp_path):
     path = journal_path(tmp_path, 1)
     first = Journal(path, "search", 1)
@@ -194,6 +255,34 @@ def test_a_robot_tells_from_time_to_time_how_it_is(folder, tmp_path, monkeypatch
     assert result.report()["messages"]["broken_frames"] == 3
     assert said[0].startswith("listening, knows 0 of 12 cells as searched, 0 by itself; messages: ")
     assert said[-1].endswith(" 2 refused (2 broken); 3 frames beyond repair")
+
+
+def test_prepared_limits_are_in_the_signed_task(tmp_path):
+    limits = ["--limits", "battery=0.3, apart_s=20"]
+    assert (
+        shoal_run(["search", "square:30", "--robots", "2", "--prepare", str(tmp_path), *limits])
+        == 0
+    )
+    assert read_task(tmp_path).limits == RobotLimits(battery=0.3, apart_s=20.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--limits", "battery=0.3"], "limits: expected --prepare FOLDER"),
+        (["--prepare", "P", "--limits", "battery=2"], "limits: battery: expected a number"),
+        (["--prepare", "P", "--limits", "fuel=2"], "limits: expected each of battery"),
+        (["--prepare", "P", "--limits", "battery=low"], "limits: expected a number as battery"),
+        (["--prepare", "P", "--autopilot", "px4"], "a region with a place on Earth"),
+    ],
+)
+def test_bad_options_of_preparations_are_refused(tmp_path, monkeypatch, capsys, options, sentence):
+    monkeypatch.chdir(tmp_path)
+    assert shoal_run(["search", "rectangle:40x30", "--robots", "2", *options]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert len(told.splitlines()) == 1
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

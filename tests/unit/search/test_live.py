@@ -557,3 +557,30 @@ def test_cells_that_there_are_not_do_not_keep_a_robot_from_being_done():
     assert robot.found == {}
     robot, actions = advance(robot, Wake(1.0))
     assert any(isinstance(action, Declare) for action in actions)
+
+
+@pytest.mark.parametrize("cores", [1, 2, 16])
+@pytest.mark.parametrize("robots", [1, 2, 12, 30, 60])
+def test_robots_send_no_more_than_the_cores_can_take(robots, cores):
+    beat = supervisor.live_beat(robots, cores=cores)
+    assert beat >= 0.05
+    busy = robots * (robots - 1) * supervisor._MESSAGE / beat
+    assert busy <= 0.5 * cores + 1e-9
+    assert beat == 0.05 or busy >= 0.5 * cores - 1e-9
+
+
+def test_the_time_that_a_live_search_takes_is_said_before_it_begins(monkeypatch):
+    said, began = [], []
+    monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
+    monkeypatch.setattr(supervisor, "live_beat", lambda _robots: 0.4)
+    monkeypatch.setattr(
+        supervisor, "run_live", lambda scenario, **_: began.append((scenario, *said)) or 1 / 0
+    )
+    with pytest.raises(ZeroDivisionError):
+        run_search(SearchProblem("rectangle:40x30", robots=3, footprint=10, live=20.0), seed=1)
+    (scenario, told), *_ = began
+    # the robots listen for eight beacons, and then search four or five cells each
+    assert scenario.brief.hello == 8 * 0.4 * 20
+    assert scenario.brief.beat == 0.4 * 20
+    assert told.startswith("3 live robots at 20 cells a second: about 3.")
+    assert told.endswith("with a beacon of each robot every 0.4 s")

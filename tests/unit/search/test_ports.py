@@ -11,9 +11,9 @@ from random import Random
 import pytest
 
 from shoal.search import TourCost, make_tour
-from shoal.search.protocol.messages import Receiver
+from shoal.search.protocol.messages import Beacon, Heartbeat, Receiver, Sender
 from shoal.search.protocol.robot import advance
-from shoal.search.protocol.state import Begin, Brief, Heard, Wake, is_late
+from shoal.search.protocol.state import Begin, Brief, Go, Heard, Wake, is_late
 from shoal.search.simulation.live.agent import Agent
 from shoal.search.simulation.live.ports import CellFinding
 from shoal.search.simulation.live.radio import LiveTask, LoopbackRadio
@@ -230,8 +230,6 @@ def test_a_robot_goes_on_where_its_process_ended(ground, radio):
 
 
 def test_refused_messages_are_counted_by_their_reason(radio):
-    from shoal.search.protocol.messages import Beacon, Heartbeat, Sender
-
     task = task_of(robots=2)
     beacon = Beacon(2, (Heartbeat(2, 1, 6, 1.0, "listening"),))
     now = time.time_ns() // 1_000_000
@@ -255,3 +253,35 @@ def test_refused_messages_are_counted_by_their_reason(radio):
         "broken": 1,
     }
     assert messenger.dropped == 5
+
+
+def test_nobody_is_silenced_by_packets_that_have_a_forged_address(radio):
+    """A stranger sends noise and replays with the address of robot 2, whose message comes last."""
+    task = task_of(robots=2)
+    now = time.time_ns() // 1_000_000
+    sender = Sender(2, KEY)
+    first, last = (
+        sender.messages(Beacon(2, (Heartbeat(2, count, 6, 1.0, "listening"),)), now)[0]
+        for count in (1, 2)
+    )
+    came = [first, *[b"noise", first] * 200, last]
+    radio.receive = lambda: (came.pop(0), "the address of robot 2") if came else None
+    messenger = task.messenger(1, radio)
+    beacons = [messenger.receive() for _ in range(10)]  # the radio rests after each 50 refusals
+    assert [beacon.heartbeats[0].count for some in beacons for beacon in some] == [1, 2]
+    assert messenger.refused == {"broken": 200, "repeated": 200}
+    assert messenger.rest_until > 0
+
+
+def test_a_robot_that_waits_has_nothing_to_do(ground, radio):
+    """After its last cell, it does nothing more; before a cell that another robot is in, it looks
+    again at times, and not all the time.
+    """
+    agent = agent_of(task_of(), ground, radio)
+    assert agent.run()
+    assert agent._due() == inf
+    agent._clock = lambda: 1000.0
+    agent._going, agent._rest = Go(3), 1000.25  # its vehicle has arrived
+    assert agent._due() == 1000.25
+    agent._rest = 1000.0
+    assert agent._due() <= 1000.0

@@ -90,6 +90,23 @@ def test_closing_edges(order):
     assert (opened.closing_edge, opened.length) == (0, side**2 - 1)
 
 
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_hilbert_ii_is_the_curve_of_its_l_system(order):
+    """Drawn by the turtle of Fractint's Hilbert II, which knows no squares."""
+    rules = {"X": "XFYFX+F+YFXFY-F-XFYFX", "Y": "YFXFY-F-XFYFX+F+YFXFY"}
+    words = "X"
+    for _ in range(order):
+        words = "".join(rules.get(letter, letter) for letter in words)
+    side, cell, step = 3**order, np.array([3**order - 1, 0]), np.array([-1, 0])
+    drawn = [cell]
+    for letter in words:
+        if letter in "+-":
+            step = step[::-1] * (-1, 1) if letter == "-" else step[::-1] * (1, -1)
+        elif letter == "F":
+            drawn.append(cell := cell + step)
+    assert make_tour("hilbert-ii", (side, side)).cells.tolist() == np.array(drawn).tolist()
+
+
 def test_turns_of_comb_and_hilbert():
     """The specification's figures: about 0.03 turns a cell against 0.8."""
     assert make_tour("comb", (64, 64)).metrics().turns == 128

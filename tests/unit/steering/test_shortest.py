@@ -10,6 +10,7 @@ import pytest
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
+from shoal.core.errors import InvalidInputError
 from shoal.steering import (
     ContactWorld,
     SteeringProblem,
@@ -17,8 +18,10 @@ from shoal.steering import (
     disk,
     polygon,
     prism,
+    reflection_quartic,
     region,
     regular_polygon,
+    shortest_reflected_path,
 )
 
 SEVEN = polygon(
@@ -235,3 +238,24 @@ def test_a_plan_that_holds_by_the_tolerance_of_contacts_is_said_to_be_sensitive(
     assert by_hand.error <= problem.tolerance
     assert by_hand.sensitive
     assert exact_error(by_hand) > 0.1
+
+
+def test_the_public_path_over_a_circle_obeys_the_law_of_reflection():
+    """Against contacts all around, and by both angles at the contact; both are roots' business."""
+    rng = np.random.default_rng(5)
+    around = 2 * np.exp(1j * np.linspace(0, 2 * np.pi, 20_001))
+    for _ in range(40):
+        s, g = 1.8 * np.sqrt(rng.random(2)) * np.exp(2j * np.pi * rng.random(2))
+        start, goal = (s.real, s.imag), (g.real, g.imag)
+        path = shortest_reflected_path(start, goal, 2.0)
+        contact = complex(*path.contact)
+        assert abs(contact) == pytest.approx(2)
+        assert path.length == pytest.approx(abs(s - contact) + abs(g - contact))
+        assert path.length <= np.min(np.abs(around - s) + np.abs(around - g)) + 1e-12
+        in_, out = ((s - contact) / contact, (g - contact) / contact)
+        assert abs(np.angle(in_ * out)) < 1e-5
+        assert abs(np.polyval(reflection_quartic(start, goal, 2.0), contact / 2)) < 1e-6
+    with pytest.raises(InvalidInputError, match="goal: expected a point at most 1 from the origin"):
+        shortest_reflected_path((0, 0), (1, 1))
+    with pytest.raises(InvalidInputError, match="radius"):
+        shortest_reflected_path((0, 0), (0, 0), 0)

@@ -11,8 +11,9 @@ import pytest
 
 import shoal
 from shoal.core.errors import InvalidInputError
+from shoal.rigs import PhysicsRig, PlantProperties, drive
 from shoal.steering import SteeringProblem
-from shoal.studio.answers import files, steering, vessels
+from shoal.studio.answers import files, lab, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.swarm import SwarmProblem
 
@@ -48,6 +49,32 @@ def test_a_map_given_by_its_cells_is_not_shown_in_place_of_another(folder):
         problem = {"kind": "swarm", "map": {"name": "own", "rows": rows}, "particles": 1}
         told = vessels.map_(folder, {"problem": problem, "seed": 0})
         assert told["shape"] == [len(rows), len(rows[0])]
+
+
+def test_the_log_of_a_drive_is_played_with_the_true_positions_of_a_plant(folder):
+    pytest.importorskip("pymunk")
+    vessel = shoal.open_map("vessels:60")
+    about = PlantProperties.of("roll", ghosts=1)
+    rig = PhysicsRig(vessel, vessel.cells[::12], about, np.random.default_rng(1))
+    told = {"slip": 0.05, "misplace": 0.05, "miss": 0.01}
+    drive(rig, log="log.jsonl", policy="closest-frontier", max_moves=15, **told)
+    folder.path("other.jsonl").write_text('{"kind":"header","log":"another"}\n')
+    names = {file["name"]: file["kind"] for file in folder.files()}
+    assert names == {"log.jsonl": "episode"}
+    shown = files.page(folder, {"file": "log.jsonl"})["data"]
+    points = np.frombuffer(base64.b64decode(shown["points"]), dtype="<i4")
+    frame = 1 + 2 * len(vessel.cells[::12])
+    assert points[0] == frame // 2
+    assert (
+        points.reshape(16, frame)[0, 1:].reshape(-1, 2).tolist()
+        == (100 * vessel.cells[::12]).tolist()
+    )
+    last = points.reshape(16, frame)[-1, 1:].reshape(-1, 2) / 100
+    np.testing.assert_allclose(last, rig.true_cells, atol=0.006)
+    assert (shown["seen"], "points" in shown) == (False, True)
+    assert lab.episode_picture(folder, {"file": "log.jsonl"})["part"] == "swarm"
+    with pytest.raises(InvalidInputError, match=r"log\.jsonl: expected an episode with a seed"):
+        files.copies(folder, {"file": "log.jsonl"})
 
 
 def test_copies_of_an_episode_are_its_own_problem_and_seed(folder):

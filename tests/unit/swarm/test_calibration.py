@@ -290,6 +290,39 @@ def drive_of(plant, *, trim):
     return drive(rig, policy="closest-frontier", max_moves=90, **TOLD), rig
 
 
+@pytest.mark.parametrize("every", [4, 1])
+def test_pulses_that_a_busy_computer_makes_too_long_do_not_count(every):
+    class Busy:
+        """Makes every few pulses 2.4 times as long, and says so."""
+
+        name, late, pulses = "busy", None, PULSES
+
+        def __init__(self, seen):
+            self.seen, self.number = seen, 0
+
+        def push(self, angle, seconds):
+            self.number += 1
+            self.late = 2.4 * seconds if self.number % every == 0 else None
+            self.seen.push(angle, self.late or seconds)
+
+        def stop(self):
+            self.seen.stop()
+
+        def close(self):
+            self.seen.close()
+
+    seen = bench(2, coil_gain=0.12)
+    tie = tie_by_marks(seen.marks(CORNERS, 0.3))
+    about = {"pulses": PULSES, "tie": tie, "shape": VESSEL.shape}
+    if every == 1:
+        with pytest.raises(RigError, match="because this computer is busy"):
+            calibrate(Busy(seen), seen, **about)
+        return
+    found, usual = calibrate(Busy(seen), seen, **about), calibrated(bench(2, coil_gain=0.12))
+    for letter in PULSES:
+        assert found.pulse(letter)[1] == pytest.approx(usual.pulse(letter)[1], rel=0.06)
+
+
 def test_the_trim_mends_raw_gains():
     results = []
     for trim in (False, True):

@@ -29,7 +29,8 @@ from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
 from shoal.swarm.policies.protocol import View
 from shoal.swarm.simulation.compiled import PlannerGame
-from shoal.swarm.theory.bounds import LowerBound, SmallWorld, lower_bound, optimum
+from shoal.swarm.theory.bounds import LowerBound, lower_bound, optimum
+from shoal.swarm.theory.small_world import SmallWorld
 
 SMALL: dict[str, float] = {
     "beam_width": 3,
@@ -364,8 +365,8 @@ def test_optimal_mappings():
     ("call", "message"),
     [
         (
-            lambda: lower_bound(open_map("line:4"), [(0, 0)], rule="tilt"),
-            "rule: expected block or merge",
+            lambda: lower_bound(open_map("line:4"), [(0, 0)], rule="slide"),
+            "rule: expected block, merge or tilt",
         ),
         (
             lambda: lower_bound(open_map("line:4"), [(0, 0)], task="sweep"),
@@ -378,6 +379,10 @@ def test_optimal_mappings():
         (
             lambda: optimum(GridWorkspace([[1, 0, 1]]), [(0, 0)]),
             "expected a particle in every connected part",
+        ),
+        (
+            lambda: optimum(open_map("rectangle:4x4"), [(0, 0)], rule="tilt"),
+            "expected a task that particles can complete under the rule tilt",
         ),
         (lambda: optimum(open_map("rectangle:5x5"), [(0, 0)], most_states=50), "at most 50 states"),
         (lambda: mapping_optimum((2, 3), [(0, 0)], most_states=50), "at most 50 states"),

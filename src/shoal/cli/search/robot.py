@@ -47,7 +47,8 @@ def robot(
             help=(
                 "udp:OWN:PORT,HOST:PORT,... with the address or interface of this computer, then"
                 " the addresses of the other robots, or one broadcast address or multicast group;"
-                " or serial:DEVICE[@BAUD][,duty=FRACTION]."
+                " or serial:DEVICE[,BAUD][,duty=FRACTION] (57600 baud; a robot sends at most 0.1 of"
+                " the time, and all robots together 0.5, by default)."
             ),
         ),
     ],
@@ -60,7 +61,7 @@ def robot(
             "--vehicle",
             metavar="VEHICLE",
             help=(
-                "mavlink:LINK with udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or"
+                "mavlink:LINK with udpin:HOST:PORT (or udp:), udpout:HOST:PORT, tcp:HOST:PORT or"
                 " serial:DEVICE[@BAUD]; or simulated: (a moving point)."
             ),
         ),
@@ -156,7 +157,7 @@ def robot(
     home = _made(read.path.parent if state is None else state)
     with ExitStack() as stack:
         stack.enter_context(patient())
-        waves = open_radio(radio, give_up=read.limits.radio_s)
+        waves = open_radio(radio, robots=len(read.scenario.starts), give_up=read.limits.radio_s)
         stack.callback(waves.close)
         pace = _Pace(speed_up, None if clock is None else SharedClock(clock).now)
         guided = stack.enter_context(
@@ -234,6 +235,8 @@ def _vehicle(
         return
     if kind != "mavlink":
         raise InvalidInputError(f"vehicle: expected mavlink:LINK or simulated:, got {text!r}")
+    if link.startswith("udp:"):  # an autopilot speaks first, on its companion computer
+        link = link.replace("udp", "udpin", 1)
     with Station(FastLink(open_link(link), *pace)) as station:
         yield GuidedVehicle(
             station,

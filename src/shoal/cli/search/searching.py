@@ -18,6 +18,7 @@ from shoal.search.problem.network import Crash
 
 if TYPE_CHECKING:
     from shoal.missions import MissionSet
+    from shoal.robots.tasks import RobotLimits
     from shoal.search import SearchEpisode
 
 SEARCH_EXAMPLE = (
@@ -52,6 +53,18 @@ def search(
             ),
         ),
     ] = None,
+    limits: Annotated[
+        str | None,
+        typer.Option(
+            "--limits",
+            metavar="NAME=VALUE,...",
+            help=(
+                "With --prepare: limits of the robots, such as battery=0.3,apart_s=20. The names are"
+                " battery (fraction), autopilot_s, position_s, radio_s, apart_s (seconds),"
+                " vertical_m and horizontal_m (metres)."
+            ),
+        ),
+    ] = None,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -73,19 +86,25 @@ def search(
     """
     from shoal.search.run import run
 
-    if missions is None and prepare is None and options.given:
+    fall_back = prepare is not None and problem.place.frame is not None
+    if missions is None and not fall_back and options.given:
         name = next(name for name in options.declarations() if name in options.given)
         value = options.declarations()[name].text(getattr(options, name))
         raise InvalidInputError(
-            f"{options.declarations()[name].flag}: expected --missions DIR or --prepare FOLDER together with it, got"
-            f" {value} alone"
+            f"{options.declarations()[name].flag}: expected --missions DIR together with it, or"
+            f" --prepare FOLDER and a region with a place on Earth, got {value} alone"
         )
+    if limits is not None and prepare is None:
+        raise InvalidInputError(
+            f"limits: expected --prepare FOLDER together with it, got {limits} alone"
+        )
+    bounds = _limits(limits)
     problem.check_at_place()
     check_outputs(out, film)
     if prepare is not None:
         check_folder(prepare)
     planned = None
-    if missions is not None or (prepare is not None and problem.place.frame is not None):
+    if missions is not None or fall_back:
         planned = _mission_set(problem, options, seed=seed)
     with (
         nullcontext()
@@ -95,7 +114,7 @@ def search(
         episode = run(problem, seed=seed) if planned is None else planned.run()
     written = [] if planned is None or missions is None else _write(planned, missions)
     if prepare is not None:
-        written += _prepare(episode, planned, prepare)
+        written += _prepare(episode, planned if fall_back else None, prepare, bounds)
     finish(episode, written, out, film, json_=json_, missions=planned)
 
 
@@ -128,13 +147,23 @@ def _mission_set(problem: SearchProblem, options: MissionOptions, *, seed: int) 
     return MissionSet.from_problem(problem, options, seed=seed)
 
 
-def _prepare(episode: SearchEpisode, missions: MissionSet | None, folder: Path) -> list[Path]:
+def _limits(text: str | None) -> RobotLimits | None:
+    if text is None:
+        return None
+    from shoal.robots.tasks import read_limits
+
+    return read_limits(text)
+
+
+def _prepare(
+    episode: SearchEpisode, missions: MissionSet | None, folder: Path, limits: RobotLimits | None
+) -> list[Path]:
     """Write the task of the robots, and the missions to fall back on if the region has a place on
     Earth.
     """
     from shoal.robots.tasks import MISSIONS, write_task
 
-    written = write_task(episode, folder)
+    written = write_task(episode, folder, limits)
     return written if missions is None else [*written, *_write(missions, folder / MISSIONS)]
 
 

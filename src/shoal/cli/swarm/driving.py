@@ -348,9 +348,9 @@ def drive(
     past = None
     if resume is not None and trials > 1:
         first = read_log(begun_trials(resume)[1])
-        missing = _missing(ctx, first) or {}
-        if missing := {name: missing[name] for name in missing if name not in ("out", "film")}:
-            _run_again(ctx, missing)
+        named = _missing(ctx, first) or {}
+        if again := {name: named[name] for name in named if name not in ("out", "film")}:
+            _run_again(ctx, again)
             return
         if out is not None and out.resolve() != resume.resolve():
             raise InvalidInputError(f"out: expected {resume}, where the trials go on, got {out}")

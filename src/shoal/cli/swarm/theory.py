@@ -1,4 +1,4 @@
-"""shoal line, shoal schedule: the theory of mapping in one dimension."""
+"""shoal line, shoal schedule, shoal adversary: the theory of mapping in one dimension."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from shoal.swarm.theory.scan_schedules import OptimalSchedule, ScanSchedule
 
 LINE_EXAMPLE = "Example: shoal line --cells 1000 --particles 100 --monte-carlo 100000"
+ADVERSARY_EXAMPLE = "Example: shoal adversary closest-frontier --cells 40"
 SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-distance 500"
 
 EXACT_CELLS = 10_000
@@ -86,6 +87,13 @@ def line(
         (name.replace("_", " "), _means(result[name]))
         for name in ("boundary", "coverage", "largest_gap")
     ]
+    gap = result["largest_gap"]
+    rows.append(
+        (
+            "asymptotic largest gap",
+            f"{gap['asymptotic']:.4f}; {gap['printed_asymptotic']:.4f} by papers M and D",
+        )
+    )
     print_table(rows, title=f"{particles} particles in a line of {cells} cells", written=written)
 
 
@@ -114,6 +122,10 @@ def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[st
     result["boundary"]["exact_in"] = (
         "papers M and D, eq. 1" if line.particles == 1 else "paper M, eq. 2"
     )
+    result["largest_gap"] |= {
+        "asymptotic": line.largest_gap_law,
+        "printed_asymptotic": line.printed_largest_gap_law,
+    }
     result["coverage"]["published"] = float(line.published_coverage) if short else None
     return result | {"trials": 0 if sample is None else sample.trials, "seed": seed}
 
@@ -142,6 +154,60 @@ def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> lis
         save_figure(figure, out / name)
     write_json(out / "summary.json", result)
     return [*(out / name for name in figures), out / "summary.json"]
+
+
+def adversary(
+    policy: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY", help="Policy, or MODULE:ATTRIBUTE, as in shoal map --policy."
+        ),
+    ],
+    cells: Annotated[
+        int,
+        typer.Option("--cells", help="Largest number of free cells on each side of the start."),
+    ] = 40,
+    max_moves: Annotated[
+        int, typer.Option("--max-moves", help="Number of commands after which the policy stops.")
+    ] = 1_000_000,
+    seed: options.Seed = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Folder for summary.json."),
+    ] = None,
+    json_: options.Json = False,
+) -> None:
+    """Let an adversary choose a corridor against a policy with one particle, and print the ratio of
+    the policy's moves to the moves of one who knows the corridor.
+    """
+    from shoal.swarm.adversary import play_adversary
+
+    if out is not None:
+        check_folder(out)
+    with patience("playing ..."):
+        game = play_adversary(policy, cells, seed=seed, max_moves=max_moves)
+    result = {
+        "policy": game.policy,
+        "cells": cells,
+        "left": game.left,
+        "right": game.right,
+        "moves": game.moves,
+        "least": game.least,
+        "ratio": game.ratio,
+        "status": game.status,
+        "seed": seed,
+    }
+    written = [] if out is None else _write(out, {}, result)
+    if json_:
+        print_json(result)
+        return
+    rows = [
+        ("corridor", f"{game.left} free cells to the left of the start, {game.right} to the right"),
+        ("moves along it", f"{game.moves} ({game.status})"),
+        ("of one who knows it", str(game.least)),
+        ("ratio", f"{game.ratio:.4f}"),
+    ]
+    print_table(rows, title=f"the adversary against {game.policy}", written=written)
 
 
 def schedule(

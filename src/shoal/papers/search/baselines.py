@@ -25,7 +25,7 @@ from shoal.papers.recipe import (
     table_of,
     trials_of,
 )
-from shoal.search import Tour, make_tour
+from shoal.search import make_tour
 from shoal.views.drawing.charts import BLUE, INK, ORANGE, padded_figure, set_title
 from shoal.views.drawing.curves import Labels, mean_curves
 
@@ -221,32 +221,13 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
     )
 
 
-def hilbert_ii(order: int) -> Tour:
-    """Return the curve Hilbert II (Peano's curve) as a tour, closed by an edge.
-
-    The curve consists of S-shaped pieces of nine cells, and fills a square with a side of 3^order
-    cells.
-    """
-    cells = np.zeros((1, 2), dtype=np.int64)
-    for k in range(order):
-        side, parts = 3**k, []
-        for piece in range(9):
-            column, row = divmod(piece, 3)
-            row = 2 - row if column % 2 else row
-            flips = np.array([column % 2, row % 2])
-            turned = np.where(flips, side - 1 - cells, cells)
-            parts.append(turned + side * np.array([row, column]))
-        cells = np.concatenate(parts)
-    return Tour(cells, (3**order, 3**order), closed=True, name="Hilbert II")
-
-
 def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     powers, orders = ((5, 6), (3, 4)) if settings.quick else ((5, 6, 7, 8), (3, 4, 5))
     tours = {
         name: [make_tour(name.lower(), (2**k, 2**k)) for k in (3, *powers)]
         for name in ("Hilbert", "Moore", "Comb")
     }
-    tours["Hilbert II"] = [hilbert_ii(order) for order in (2, *orders)]
+    tours["Hilbert II"] = [make_tour("hilbert-ii", (3**k, 3**k)) for k in (2, *orders)]
     metrics = {name: [tour.metrics() for tour in found] for name, found in tours.items()}
     last = {name: found[-1] for name, found in metrics.items()}
     edges = {name: last[name].closing_edge / tours[name][-1].shape[0] for name in tours}

@@ -149,7 +149,8 @@ def _distinct(pieces: list[Polygon]) -> list[Polygon]:
     return kept
 
 
-def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
+def draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
+    """Draw a workspace and the positions of both particles."""
     draw_workspace(axes, place)
     axes.set_axis_off()
     for point, colour in zip(start, PARTICLES, strict=False):
@@ -163,7 +164,7 @@ def _draw_crossing(
     """Draw the possible contacts of particle 2 with a wall, and for one contact the possible
     positions of particle 1.
     """
-    _draw_pair(axes, place, start, title)
+    draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
     shares = np.linspace(0, 1, 201)
@@ -199,7 +200,7 @@ def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float)
     )
 
 
-def _draw_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
+def draw_difference_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
     """Draw the position differences that two moves reach: one pale area for each pair of a wall and
     a touching particle.
     """
@@ -239,7 +240,7 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     left, middle, right = figure.subplots(1, 3)
     _draw_crossing(left, place, start, 0, "particle 2 touches below")
     _draw_crossing(middle, place, start, 1, "particle 2 touches at the right")
-    _draw_space(right, place, start, "all sets of two moves")
+    draw_difference_space(right, place, start, "all sets of two moves")
     return Outcome(
         figure,
         claims,
@@ -264,7 +265,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     figure = padded_figure(10.2, 3.8)
     left, middle, right = figure.subplots(1, 3)
-    _draw_pair(left, place, start, "start")
+    draw_pair(left, place, start, "start")
     for k, corner in enumerate(place.vertices):
         outward = corner - place.vertices.mean(axis=0)
         left.text(
@@ -275,7 +276,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             color=MUTED,
         )
     _draw_crossing(middle, place, start, 0, "particle 2 touches p1 p2")
-    _draw_space(right, place, start, "union over all sides")
+    draw_difference_space(right, place, start, "union over all sides")
     sentence = (
         "The steps are those of the corrected algorithm 2; that as printed shares at most two"
         " thirds with this set (errata)."
@@ -309,14 +310,14 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     figure = padded_figure(10.4, 3.8)
     left, middle, right = figure.subplots(1, 3)
-    _draw_pair(left, place, start, "first contacts")
+    draw_pair(left, place, start, "first contacts")
     for turn, colour in zip((pi, 0.0), PARTICLES, strict=False):
         arc = np.linspace(turn - half, turn + half, 90)
         left.plot(
             r * np.cos(arc), r * np.sin(arc), color=colour, lw=5, solid_capstyle="butt", zorder=4
         )
-    _draw_pair(middle, place, start, "where particle 2 can go")
-    _draw_space(right, place, start, "set of two moves")
+    draw_pair(middle, place, start, "where particle 2 can go")
+    draw_difference_space(right, place, start, "set of two moves")
     for angle, gamma, colour in zip(angles, gammas, (ORANGE, GREEN), strict=True):
         chord = angle + np.linspace(-gamma, gamma, 60)
         points = r * unit_vectors(chord)

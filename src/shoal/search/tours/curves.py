@@ -1,4 +1,4 @@
-"""Tours along Hilbert curves, of squares, rectangles and boxes."""
+"""Tours along Hilbert curves and Peano's curve, of squares, rectangles and boxes."""
 
 from __future__ import annotations
 
@@ -73,6 +73,47 @@ class MooreTour(HilbertTour):
     name = "moore"
     dimensions: tuple[int, ...] = (2,)
     encode = staticmethod(moore_encode)
+
+
+@TOURS.register("hilbert-ii")
+class HilbertIITour(TourByOrder):
+    """The curve Hilbert II (Peano's curve) through the smallest square that contains all cells and
+    whose side is a power of 3.
+
+    The curve consists of S-shaped pieces of 3 x 3 cells. It has fewer turns than the Hilbert curve,
+    but runs from the lower left corner of the square to the upper right corner, so that the edge
+    that closes the tour is a diagonal of the square.
+    """
+
+    name = "hilbert-ii"
+
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        order = 0
+        while 3**order < max(region.shape):
+            order += 1
+        cells = np.argwhere(region)
+        # rows count from the top, but the curve begins at the bottom
+        of_square = np.column_stack([region.shape[0] - 1 - cells[:, 0], cells[:, 1]])
+        return cells[np.argsort(_hilbert_ii_encode(of_square, order))]
+
+
+def _hilbert_ii_encode(cells: NDArray[np.int64], order: int) -> NDArray[np.int64]:
+    """Return the index of each cell (row from the bottom, column) on the curve Hilbert II; int64,
+    shape (N,).
+
+    A square consists of 3 x 3 smaller squares, which the curve visits column by column, up and down
+    in turn. In an odd column the rows of a smaller square are mirrored, and in an odd row its
+    columns.
+    """
+    index = np.zeros(len(cells), dtype=np.int64)
+    mirrored = np.zeros(cells.shape, dtype=np.bool_)
+    for k in range(order - 1, -1, -1):
+        digits = cells // 3**k % 3
+        digits = np.where(mirrored, 2 - digits, digits)
+        row, column = digits.T
+        index = 9 * index + 3 * column + np.where(column % 2 == 1, 2 - row, row)
+        mirrored ^= digits[:, ::-1] % 2 == 1
+    return index
 
 
 @TOURS.register("hilbert-rectangle")

@@ -10,9 +10,11 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_number, check_points
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import unit_vectors
 from shoal.jit import working_time
 from shoal.steering.kernels.chain import ChainKind, new_work, shorten_chain
@@ -23,25 +25,95 @@ from shoal.steering.workspaces.walls import NormalizedWalls, with_few_sides
 _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
 
-def way_over_circle(one: Points, other: Points, radius: float) -> float:
-    """Return the length of the shortest path from one point via a circle around the origin to the
-    other point.
+@dataclass(frozen=True)
+class ReflectedPath:
+    """The shortest path from one point to another via a circle around the origin.
+
+    Parameters
+    ----------
+    contact : tuple of float
+        The point (x, y) at which the path meets the circle.
+    length : float
+        Length of both straight parts of the path.
+    """
+
+    contact: tuple[float, float]
+    length: float
+
+
+def reflection_quartic(start: Points, goal: Points, radius: float = 1.0) -> NDArray[np.complex128]:
+    """Return the coefficients of the quartic whose roots on the unit circle are the points of
+    reflection from ``start`` to ``goal``; complex128, shape (5,), highest power first.
 
     Notes
     -----
-    Let S and G be the two points as complex numbers, and let r be the radius of the circle. The
-    contact is r z, where z with |z| = 1 is a root of A z^4 - B z^3 + conj(B) z - conj(A) with A =
-    conj(S G) and B = r conj(S + G) (Alhazen's problem). For points near the circle, several roots
-    lie close together, so the function also tries the points of the circle nearest to S and G, and
-    48 evenly spaced points.
+    Let S and G be the two points as complex numbers in units of the radius. At a contact z with |z|
+    = 1, the angles of incidence and reflection are equal if (S - z)(G - z) / z^2 is real. Since 1/z
+    is conj(z) on the circle, this is A z^4 - B z^3 + conj(B) z - conj(A) = 0 with A = conj(S G) and
+    B = conj(S + G). This is Alhazen's problem. Paper W, section V.B, has the same equation in real
+    numbers.
+    """
+    s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
+    a, b = np.conj(s * g), np.conj(s + g)
+    return np.array([a, -b, 0, np.conj(b), -np.conj(a)])
+
+
+def shortest_reflected_path(
+    start: ArrayLike, goal: ArrayLike, radius: float = 1.0
+) -> ReflectedPath:
+    """Return the shortest path from one point of a disk to another that touches the disk's circle.
+
+    Parameters
+    ----------
+    start, goal : array_like of float, shape (2,)
+        Two points of the disk around the origin.
+    radius : float
+        Radius of the disk, above 0.
+
+    Raises
+    ------
+    InvalidInputError
+        If the radius is not above 0, or if a point is no finite point of the disk.
+
+    Examples
+    --------
+    >>> path = shortest_reflected_path((0.5, 0.0), (0.0, 0.5))
+    >>> [round(x, 4) for x in path.contact], round(path.length, 4)
+    ([0.7071, 0.7071], 1.4736)
+    """
+    radius = check_number(radius, what="radius", above=0)
+    ends = check_points([start, goal], what="start and goal", dimensions=2, count=2)
+    for what, point in zip(("start", "goal"), ends, strict=True):
+        if np.hypot(*point) > radius * (1 + 1e-12):
+            raise InvalidInputError(
+                f"{what}: expected a point at most {radius:g} from the origin, got"
+                f" {tuple(point.tolist())}"
+            )
+    spot, length = _over_circle(ends[0], ends[1], radius)
+    return ReflectedPath((radius * spot.real, radius * spot.imag), length)
+
+
+def _over_circle(one: Points, other: Points, radius: float) -> tuple[complex, float]:
+    """Return the contact of the shortest path over a circle, in units of the radius, and the length
+    of the path.
+
+    For points near the circle, several roots of the quartic lie close together, so the function
+    also tries the points of the circle nearest to both points, and 48 evenly spaced points.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
-    a, b = np.conj(s * g), np.conj(s + g)
-    found = np.roots([a, -b, 0, np.conj(b), -np.conj(a)])
-    spots = np.concatenate([found, [s, g], _AROUND])
+    spots = np.concatenate([np.roots(reflection_quartic(one, other, radius)), [s, g], _AROUND])
     spots = spots[spots != 0]
     spots = spots / np.abs(spots)
-    flat = radius * float(np.min(np.abs(spots - s) + np.abs(spots - g)))
+    lengths = np.abs(spots - s) + np.abs(spots - g)
+    best = int(np.argmin(lengths))
+    return complex(spots[best]), radius * float(lengths[best])
+
+
+def way_over_circle(one: Points, other: Points, radius: float) -> float:
+    """Return the length of the shortest path from one point via a circle around the origin to the
+    other point; a third coordinate lengthens the path.
+    """
+    flat = _over_circle(one, other, radius)[1]
     return float(np.hypot(flat, np.linalg.norm(one[2:] - other[2:])))
 
 

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import shoal
 from shoal.core.checks import parse_json, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.parts import LARGEST_PROBLEM
-from shoal.studio.folder import PAPERS, Folder
+from shoal.studio.folder import PAPERS, Folder, episode_in
 from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
@@ -20,7 +19,7 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views import page_data
 
     name = str(about["file"])
-    episode: Any = shoal.load(folder.path(name))
+    episode: Any = episode_in(folder.path(name))
     data = page_data(episode)
     fields = episode.problem.to_dict()
     return {
@@ -45,9 +44,9 @@ def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     if about.get("file") is None:
         problem, seed = checked_problem(about["problem"], folder), checked_seed(about)
     else:
-        episode: Any = shoal.load(folder.path(about["file"]))
+        episode = episode_in(folder.path(about["file"]))
         problem, seed = episode.problem, episode.seed
-        if seed is None:
+        if seed is None or getattr(episode, "observations", None) is not None:
             raise InvalidInputError(
                 f"{about['file']}: expected an episode with a seed, got one that no seed repeats"
             )

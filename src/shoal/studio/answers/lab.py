@@ -8,14 +8,13 @@ import base64
 from dataclasses import asdict
 from typing import Any
 
-import shoal
 from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab.statistics import compare_along, first_measure, summarise
 from shoal.lab.store import Store, StoredSweep
 from shoal.lab.sweep import as_toml, trial_seed
 from shoal.parts import PARTS
-from shoal.studio.folder import Folder
+from shoal.studio.folder import Folder, episode_in
 from shoal.studio.forms import checked_seed, checked_sweep, sweep_copies
 
 MOST_SHOWN = 300
@@ -149,7 +148,7 @@ def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views import figure
     from shoal.views.drawing.encoding import encode_figure
 
-    episode: Any = shoal.load(folder.path(str(about["file"])))
+    episode: Any = episode_in(folder.path(str(about["file"])))
     drawn = figure(episode)
     drawn.set_dpi(72)
     return {

@@ -77,6 +77,81 @@ def fewest_paid(free, offsets, barred, paid, costs, stack):
         level += 1
 
 
+@in_place_kernel
+def ends_of(ahead, may_stay, free, wanted, cell, command, slides, ends):
+    """Write where a particle can end after one command, and return how many ends there are. An end
+    is 2 * cell, or 2 * cell + 1 if the particle has classified its wanted cell.
+    """
+    size, steps = 0, 0
+    while True:
+        if free[cell] and (may_stay[command, cell] or (steps == 1 and not slides)):
+            ends[size] = 2 * cell
+            size += 1
+        if steps > 0 and wanted[cell]:
+            ends[size] = 2 * cell + 1
+            size += 1
+        if not free[cell] or (steps == 1 and not slides) or ahead[command, cell] < 0:
+            return size
+        cell = ahead[command, cell]
+        steps += 1
+
+
+@in_place_kernel
+def reach_pairs(ahead, may_stay, free, wanted, starts, several, slides, seen, queue, ends, fewest):
+    """Write the smallest number of commands for each pair of wanted cells to ``fewest``.
+
+    A breadth-first search. In a state (x, y), the particles at x and y are both under way; in a
+    state size + (x, y), the first has classified the wanted cell x, and the second is under way.
+    ``ends`` holds the ends of both particles, and ``queue`` the states in the order of the search.
+    """
+    m = free.shape[0]
+    size = m * m
+    last = 0
+    for i in range(starts.shape[0]):
+        for j in range(starts.shape[0]):
+            if several or i == j:
+                state = starts[i] * m + starts[j]
+                if not seen[state]:
+                    seen[state] = True
+                    queue[last] = state
+                    last += 1
+    first, commands = 0, 0
+    while first < last:
+        until = last
+        commands += 1
+        while first < until:
+            state = queue[first]
+            first += 1
+            done = state >= size
+            x, y = (state % size) // m, state % m
+            for command in range(ahead.shape[0]):
+                many = 1
+                if done:
+                    ends[0, 0] = 2 * x + 1
+                else:
+                    many = ends_of(ahead, may_stay, free, wanted, x, command, slides, ends[0])
+                others = ends_of(ahead, may_stay, free, wanted, y, command, slides, ends[1])
+                for i in range(many):
+                    for j in range(others):
+                        one, other = ends[0, i], ends[1, j]
+                        if other & 1 and not one & 1:
+                            one, other = other, one
+                        pair = (one >> 1) * m + (other >> 1)
+                        if one & 1 and other & 1:
+                            mirror = (other >> 1) * m + (one >> 1)
+                            if fewest[pair] < 0:
+                                fewest[pair] = commands
+                            if fewest[mirror] < 0:
+                                fewest[mirror] = commands
+                            continue
+                        if one & 1:
+                            pair += size
+                        if not seen[pair]:
+                            seen[pair] = True
+                            queue[last] = pair
+                            last += 1
+
+
 FIRST, LAST, GAP, SPREAD, BOUNDARY, COVERAGE, PRINTED = 0, 1, 2, 3, 4, 5, 6
 COLUMNS = 7
 

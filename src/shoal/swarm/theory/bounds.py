@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,14 +13,15 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import letters_of, offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.theory.small_world import SmallWorld, set_bits
 
 _AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """Three lower bounds on the number of moves of any plan. The property ``moves`` is the largest
-    of the three bounds.
+    """Lower bounds on the number of moves of any plan. The property ``moves`` is the largest of
+    them, and the property ``name`` names it.
 
     Parameters
     ----------
@@ -34,17 +35,36 @@ class LowerBound:
     axes : int
         Axis bound: the minimum number of commands along each axis, summed over all axes. The
         minimum number of commands along an axis follows from cells that need many commands along
-        the axis, and from walls that particles can probe along this axis only.
+        the axis, and from walls that particles can probe along this axis only. The axis bound is 0
+        under the rule tilt.
+    commands : int
+        Command bound: the smallest number of commands in a set of commands that allows paths to all
+        cells to classify, and that can classify that many cells.
+    pairs : int
+        Pair bound: the largest number of commands that two particles need to reach two of the cells
+        to classify, because each command moves both. The pair bound is 0 for large workspaces.
+    flow : int
+        Flow bound: a number of commands below which no flow of particles through time enters all
+        cells to classify. The flow bound is 0 if `lower_bound` was called without ``flow``.
     """
 
     count: int
     distance: int
     axes: int
+    commands: int
+    pairs: int
+    flow: int = 0
 
     @property
     def moves(self) -> int:
-        """The largest of the three lower bounds."""
-        return max(self.count, self.distance, self.axes)
+        """The largest of the lower bounds."""
+        return max(self.count, self.distance, self.axes, self.commands, self.pairs, self.flow)
+
+    @property
+    def name(self) -> str:
+        """The name of the largest lower bound; the first of the names if several are equal."""
+        names = ("count", "distance", "axes", "commands", "pairs", "flow")
+        return max(names, key=lambda name: getattr(self, name))
 
 
 def flat_cells(workspace: GridWorkspace) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -74,11 +94,8 @@ def check_case(
     """Return the start cells of the particles. Refuse a task, targets or a move rule for which no
     lower bounds are known.
     """
-    if rule not in ("block", "merge"):
-        raise InvalidInputError(
-            "rule: expected block or merge, under which a particle moves at most one cell per"
-            f" command, got {rule}"
-        )
+    if rule not in ("block", "merge", "tilt"):
+        raise InvalidInputError(f"rule: expected block, merge or tilt, got {rule}")
     if task not in ("mapping", "coverage"):
         raise InvalidInputError(
             f"task: expected mapping or coverage (of targets, if given), got {task!r}"
@@ -98,6 +115,7 @@ def lower_bound(
     task: str = "coverage",
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
+    flow: bool = False,
 ) -> LowerBound:
     """Return lower bounds on the number of moves of any plan, even of a plan made with the complete
     map.
@@ -114,21 +132,36 @@ def lower_bound(
         For a coverage: the cells that the particles must cover. By default, the particles must
         cover all free cells.
     rule : str
-        The move rule: "block" or "merge".
+        The move rule: "block", "merge" or "tilt". Under the rule tilt, one move is one command, in
+        which particles slide until something stops them.
+    flow : bool
+        Whether to compute the flow bound too, for few particles and a small workspace. It takes
+        seconds to minutes.
 
     Examples
     --------
     >>> line = GridWorkspace([[1, 1, 1, 1, 1, 1]])
-    >>> lower_bound(line, [(0, 2)])
-    LowerBound(count=5, distance=5, axes=5)
+    >>> bound = lower_bound(line, [(0, 2)])
+    >>> bound
+    LowerBound(count=5, distance=5, axes=5, commands=5, pairs=7, flow=0)
+    >>> bound.moves, bound.name
+    (7, 'pairs')
 
     Notes
     -----
     The page docs/concepts/bounds.md proves the lower bounds.
     """
     from shoal.swarm.kernels.theory import FAR, fewest_both_ways, fewest_paid
+    from shoal.swarm.theory.command_bounds import (
+        fewest_by_flow,
+        fewest_commands,
+        fewest_for_pairs,
+        longest_run,
+    )
 
     cells = check_case(workspace, start, task, targets, rule)
+    if flow and rule == "tilt":
+        raise InvalidInputError("flow: expected the rule block or merge, got tilt")
     free, offsets = flat_cells(workspace)
     particles = flat_mask(workspace, cells)
     distances = np.where(particles, 0, FAR).astype(np.int64)
@@ -140,6 +173,12 @@ def lower_bound(
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         wanted = chosen & ~particles & (distances < FAR)
     n = len(cells)
+    about = free, offsets, wanted, particles, n
+    commands = fewest_commands(*about, slides=rule == "tilt")
+    pairs = fewest_for_pairs(*about, rule=rule)
+    if rule == "tilt":  # one command classifies up to a whole line of cells a particle
+        most = n * longest_run(free, offsets)
+        return LowerBound(-(-int(np.count_nonzero(wanted)) // most), 0, 0, commands, pairs)
     left = np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64)
     beyond = left.sum() - np.cumsum(left)  # cells farther than d
     farthest = max((d + -(-int(more) // n) for d, more in enumerate(beyond) if more), default=0)
@@ -152,9 +191,16 @@ def lower_bound(
         axes += max(
             reach, sum(-(-_only_by(free, offsets, wanted, way) // n) for way in (back, forth))
         )
-    return LowerBound(
-        count=-(-int(left.sum()) // n), distance=max(farthest, len(left) - 1), axes=axes
+    least = LowerBound(
+        count=-(-int(left.sum()) // n),
+        distance=max(farthest, len(left) - 1),
+        axes=axes,
+        commands=commands,
+        pairs=pairs,
     )
+    if flow:
+        return replace(least, flow=fewest_by_flow(*about, rule=rule, least=least.moves))
+    return least
 
 
 def _only_by(
@@ -177,7 +223,7 @@ MOST_STATES = 2_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The minimum number of moves for a coverage task, proved by an exhaustive search.
+    """The minimum number of moves for a task on a known map, proved by an exhaustive search.
 
     Parameters
     ----------
@@ -198,12 +244,13 @@ def optimum(
     workspace: GridWorkspace,
     start: ArrayLike,
     *,
+    task: str = "coverage",
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
     most_states: int = MOST_STATES,
 ) -> Optimum:
-    """Return the minimum number of moves that cover all free cells or all target cells, found by an
-    A* search.
+    """Return the minimum number of moves that complete a task, found by an A* search with the
+    complete map.
 
     Parameters
     ----------
@@ -212,46 +259,56 @@ def optimum(
         cells.
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
+    task : str
+        "coverage" or "mapping", as in `lower_bound`.
     targets : ndarray of bool, the shape of the workspace, optional
-        The cells that the particles must cover. By default, the particles must cover all free
-        cells.
+        For a coverage: the cells that the particles must cover. By default, the particles must
+        cover all free cells.
     rule : str
-        The move rule: "block" or "merge".
+        The move rule: "block", "merge" or "tilt".
     most_states : int
         Maximum number of different states that the search may find.
 
     Raises
     ------
     InvalidInputError
-        Raised if particles cannot reach a target cell, or if the search needs more than
-        ``most_states`` states.
+        Raised if particles cannot reach a cell that they must classify, or if the search needs more
+        than ``most_states`` states.
 
     Examples
     --------
     >>> optimum(GridWorkspace([[1, 1, 1], [1, 1, 1]]), [(0, 0)]).moves
     5
     """
-    cells = check_case(workspace, start, "coverage", targets, rule)
+    from shoal.swarm.theory.command_bounds import longest_run
+
+    cells = check_case(workspace, start, task, targets, rule)
     free, offsets = flat_cells(workspace)
     world = SmallWorld(free, offsets, rule)
-    wanted = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
     particles = world.number(flat_mask(workspace, cells))
-    left = world.number(wanted) & ~particles
+    if task == "mapping":
+        left = world.reached_by(particles) & ~particles
+    else:
+        chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
+        left = world.number(chosen) & ~particles
     balls = {cell: world.balls(cell) for cell in set_bits(left)}
     if any(not steps[-1] & particles for steps in balls.values()):
         raise InvalidInputError(
             "optimum: expected a particle in every connected part with cells to cover, got a part"
             " without a particle"
         )
-    n, letters = len(cells), letters_of(workspace.ndim)
+    letters = letters_of(workspace.ndim)
+    most = len(cells) * (longest_run(free, offsets) if rule == "tilt" else 1)
 
     def estimate(particles: int, left: int) -> int:
         farthest = 0
+        if rule == "tilt":
+            return -(-left.bit_count() // most)
         for cell in set_bits(left):
             steps = balls[cell]
             while not steps[farthest] & particles if farthest < len(steps) else False:
                 farthest += 1
-        return max(farthest, -(-left.bit_count() // n))
+        return max(farthest, -(-left.bit_count() // most))
 
     seen = {(particles, left): 0}
     queue = [(estimate(particles, left), 0, particles, left, "")]
@@ -263,9 +320,8 @@ def optimum(
         if seen[here, todo] < moves:
             continue
         for command, letter in enumerate(letters):
-            there = world.push(here, command)
-            state = there, todo & ~there
-            if there == here or seen.get(state, MOST_STATES) <= moves + 1:
+            state = world.step(here, todo, command, task == "mapping")
+            if state == (here, todo) or seen.get(state, MOST_STATES) <= moves + 1:
                 continue
             if len(seen) >= most_states:
                 raise InvalidInputError(
@@ -273,55 +329,7 @@ def optimum(
                 )
             seen[state] = moves + 1
             heapq.heappush(queue, (moves + 1 + estimate(*state), -moves - 1, *state, plan + letter))
-    raise AssertionError("a reachable cell was not reached")
-
-
-class SmallWorld:
-    """A small world in which each set of cells is an integer with one bit per cell."""
-
-    def __init__(self, free: NDArray[np.bool_], offsets: NDArray[np.int64], rule: str) -> None:
-        self.free, self.offsets, self.merge = self.number(free), offsets.tolist(), rule == "merge"
-
-    @staticmethod
-    def number(mask: NDArray[np.bool_]) -> int:
-        """Return a mask of cells as an integer with one bit per cell."""
-        return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
-
-    @staticmethod
-    def shifted(cells: int, offset: int) -> int:
-        """Return a set of cells, shifted by a number of bits."""
-        return cells << offset if offset > 0 else cells >> -offset
-
-    def push(self, particles: int, command: int, free: int | None = None) -> int:
-        """Return the cells that hold particles after one command."""
-        offset = self.offsets[command]
-        moving = particles & self.shifted(self.free if free is None else free, -offset)
-        staying = particles & ~moving
-        while not self.merge:
-            held = moving & self.shifted(staying, -offset)
-            if not held:
-                break
-            staying |= held
-            moving &= ~held
-        return staying | self.shifted(moving, offset)
-
-    def balls(self, cell: int) -> list[int]:
-        """Return a list of sets of cells: set number d contains all cells within d moves of
-        ``cell``.
-        """
-        found = [1 << cell]
-        while True:
-            wider = found[-1]
-            for offset in self.offsets:
-                wider |= self.shifted(found[-1], offset) & self.free
-            if wider == found[-1]:
-                return found
-            found.append(wider)
-
-
-def set_bits(number: int) -> Iterator[int]:
-    """Yield the index of each 1 bit in an integer."""
-    while number:
-        low = number & -number
-        yield low.bit_length() - 1
-        number ^= low
+    raise InvalidInputError(
+        f"optimum: expected a task that particles can complete under the rule {rule}, got none of"
+        f" {len(seen)} states in which it is complete"
+    )

@@ -495,6 +495,28 @@ class Line:
         exact = self.largest_gap_distribution.mean
         return Mean(exact, exact + 1)
 
+    @property
+    def largest_gap_law(self) -> float:
+        """Asymptotic mean of the largest gap, in empty cells: the mean gap times a harmonic number,
+        (m - n) / (n + 1) · (1 + 1/2 + ... + 1/(n + 1)).
+
+        All ways to distribute the empty cells over the gaps are equally likely. As m grows, the
+        gaps become those of uniform points on a segment, whose largest has this mean.
+        """
+        mean = (self.cells - self.particles) / (self.particles + 1)
+        return mean * float(np.sum(1 / np.arange(1, self.particles + 2)))
+
+    @property
+    def printed_largest_gap_law(self) -> float:
+        """Asymptotic mean of the largest gap by the papers, with the factor 1 of the root: g + sqrt(g
+        log(n + 1)) with the mean gap g = (m - n) / (n + 1).
+
+        The papers take it from balls that are thrown into bins one by one. No factor of the root
+        fits the gaps of particles for all m.
+        """
+        mean = (self.cells - self.particles) / (self.particles + 1)
+        return float(mean + np.sqrt(mean * np.log(self.particles + 1)))
+
     @cached_property
     def largest_gap_distribution(self) -> Distribution:
         """Distribution of the number of empty cells in the largest of all n + 1 gaps, end gaps

@@ -74,7 +74,9 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         ``looks`` explains the colour codes of the cells. ``noise`` holds the probabilities of the
         noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the
         true map is known, so that the page can show classification errors. ``seen`` states whether
-        the positions of the particles are observed positions instead of true positions.
+        the positions of the particles are observed positions instead of true positions. ``points``,
+        where it is present, is the base64 text of where the particles truly were, for each moment:
+        their number, and row and column of each in hundredths of a cell, as little-endian int32.
     """
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
@@ -127,9 +129,24 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
             "confidence": episode.problem.confidence,
         },
         "goal": goal,
-        "seen": seen,
+        "seen": seen and episode.true_cells is None,
         "truth": truth,
-    }
+    } | (
+        {}
+        if episode.true_cells is None
+        else {"points": base64.b64encode(_packed_points(episode)).decode()}
+    )
+
+
+def _packed_points(episode: SwarmEpisode) -> bytes:
+    """Return where the particles were at each moment, as `page_data` describes."""
+    assert episode.true_cells is not None
+    parts, points = [], np.empty((0, 2))
+    for move in range(episode.moves + 1):
+        points = episode.true_cells.get(move, points)  # without a scan, those of the scan before
+        parts.append(np.array([len(points)]))
+        parts.append(np.rint(100 * points).ravel())
+    return np.concatenate(parts).astype("<i4").tobytes()
 
 
 def _packed(mask: NDArray[np.bool_]) -> str:

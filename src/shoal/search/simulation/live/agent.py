@@ -279,7 +279,13 @@ class Agent:
 
     def _due(self) -> float:
         """Return the time at which the agent must update its vehicle next."""
-        return max(self._rest, self.vehicle.due(self.now))
+        now = self.now
+        due = self.vehicle.due(now)
+        if self._going is not None and now >= self._rest:
+            return due
+        # a vehicle that has arrived, and waits, is due all the time, and does nothing then
+        later = due if due > now else inf
+        return later if self._going is None else min(later, self._rest)
 
     def _drive(self) -> None:
         going, now = self._going, self.now

@@ -164,7 +164,19 @@ const ShoalPicture = (() => {
       pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
       if (size >= GRID_FROM * this.ratio) this.drawGrid();
       if (this.gutter && this.zoom === 1) this.drawLabels();
-      if (!many) this.drawParticles(swarm, slide);
+      const points = this.timeline.pointsAt?.(n);
+      if (points && this.layout.lines === 1) this.drawPoints(points);
+      else if (!many) this.drawParticles(swarm, slide);
+    }
+
+    /** Draw particles where they truly were, wherever in a cell. */
+    drawPoints(points) {
+      const disc = this.size >= DISC_FROM ? this.disc(false) : null;
+      for (let i = 0; i < points.length; i += 2) {
+        const [row, column] = [points[i] + 1, points[i + 1] + 1]; // with the rim
+        if (disc) this.stampDisc(disc, column, row);
+        else this.fillCell(column, row);
+      }
     }
 
     /** Write the image; with a swarm its particles, too. */

@@ -160,7 +160,7 @@
       $("share").textContent = `${share === 1 ? "100" : (Math.floor(share * 1000) / 10).toFixed(1)} %`;
       $("bar").style.transform = `scaleX(${share})`;
       for (const name of ["frontier", "free", "obstacle"]) $(name).textContent = number(timeline[name][move]);
-      $("particles").textContent = number(swarm.pos.length);
+      $("particles").textContent = number((timeline.pointsAt?.(move) ?? { length: 2 * swarm.pos.length }).length / 2);
       if (world.truth) $("wrong").textContent = number(timeline.wrong[move]);
       if (world.scanned) $("scans").textContent = number(timeline.scans[move]);
       $("compass").querySelector(".ring").classList.toggle("scan", !!world.scanned && (move === 0 || !!world.scanned[move - 1]));
@@ -245,10 +245,10 @@
     }
 
     function snapshot() {
-      const cells = new Set(Array.from(swarm.pos, (cell) => ShoalSim.flatIndex(world, cell)));
+      const cells = new Set(Array.from(swarm.pos, (cell) => ShoalSim.flatIndex(world, cell))), points = timeline.pointsAt?.(move);
       return {
         ...(world.noise && { wrong: timeline.wrong[move] }), scans: timeline.scans[move], frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
-        particles: world.start.length, cells: [...cells].sort((a, b) => a - b),
+        ...(points && { points: [...points] }), particles: points ? points.length / 2 : world.start.length, cells: [...cells].sort((a, b) => a - b),
       };
     }
 

@@ -14,13 +14,26 @@
       commands: reading.commands(data, shape),
       steps: [-1, -cols, 1, cols, -rows * cols, rows * cols].slice(0, 2 * shape.length),
       noise: data.noise, truth: Boolean(data.truth), seen: Boolean(data.seen), looks: data.looks, goal: data.goal,
-      moments: reading.bytes(data, "moments"),
+      moments: reading.bytes(data, "moments"), points: data.points ? readPoints(data, reading.commands(data, shape).length) : null,
     };
     const { unknown, free, frontier, wrong } = world.looks ?? {};
     if (![unknown, free, frontier, wrong, world.goal].every(Number.isInteger)) throw new DataError("The field “looks” is damaged.");
     world.scanned = reading.scans(data, world.commands.length);
     world.start = new Timeline(world).places(0);
     return world;
+  }
+
+  /** Where particles truly were, of each moment: row, column, row, column, ... in cells. */
+  function readPoints(data, moves) {
+    const bytes = reading.bytes(data, "points"), view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength), moments = [];
+    let at = 0;
+    const next = () => {
+      if (at + 4 > bytes.byteLength) throw new DataError("The field “points” breaks off.");
+      at += 4;
+      return view.getInt32(at - 4, true);
+    };
+    for (let n = 0; n <= moves; n++) moments.push(Float32Array.from({ length: 2 * next() }, () => next() / 100));
+    return moments;
   }
 
   /** Whole numbers, seven bits a byte, the lowest first; the highest bit says that more follow. */
@@ -160,6 +173,11 @@
 
     progress(n) {
       return this.goal ? Math.min(1, (this.free[n] + this.obstacle[n] - this.wrong[n]) / this.goal) : 1;
+    }
+
+    /** Where particles truly were at move n, if a plant has told it. */
+    pointsAt(n) {
+      return this.world.points?.[n] ?? null;
     }
 
     advance() {} // everything is there from the beginning

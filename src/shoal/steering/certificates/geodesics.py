@@ -1,0 +1,78 @@
+"""Lower bounds for any workspace and any number of particles, by shortest paths of single ones."""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex import ConvexWorkspace, Points
+
+_GROWN = 1e-9  # relative to the size: how far a line of sight may leave the region
+_MOST = 6  # particles whose assignments to goals are tried one by one
+
+
+def geodesic_bound(problem: SteeringProblem, start: Points, goal: Points) -> float:
+    """Return a lower bound on the length of all plans, from the shortest path of each particle.
+
+    A plan is at least as long as the path of each particle. Without sliding, a plan of two
+    particles is at least as long as half of the sum of their paths and of the change of their
+    difference, because an input that does not move one of them changes the difference.
+    """
+    space = problem.world().free_space
+    paths = geodesics(space, start, goal)
+    orders = (
+        permutations(range(len(start)))
+        if problem.interchangeable and len(start) <= _MOST
+        else [tuple(range(len(start)))]
+    )
+    if problem.interchangeable and len(start) > _MOST:
+        return max(float(paths.min(axis=1).max()) - problem.tolerance, 0.0)
+    return max(
+        min(_bound(problem, start, goal[list(o)], paths[range(len(o)), o]) for o in orders), 0.0
+    )
+
+
+def _bound(
+    problem: SteeringProblem, start: Points, goal: Points, paths: NDArray[np.float64]
+) -> float:
+    least = float(paths.max()) - problem.tolerance
+    if problem.friction < inf:  # a particle that slides moves, and changes the difference
+        return least
+    for one, other in combinations(range(len(start)), 2):
+        apart = float(np.linalg.norm((goal[other] - goal[one]) - (start[other] - start[one])))
+        both = float(paths[one] + paths[other]) + apart
+        least = max(least, both / 2 - 2 * problem.tolerance)
+    return least
+
+
+def geodesics(space: Any, start: Points, goal: Points) -> NDArray[np.float64]:
+    """Return the length of the shortest path from each start to each goal; float64, shape
+    (starts, goals).
+    """
+    straight = np.linalg.norm(goal[None] - start[:, None], axis=2)
+    if isinstance(space, ConvexWorkspace):
+        return np.asarray(straight)
+    import shapely
+    from scipy.sparse.csgraph import dijkstra
+
+    # A slightly larger region has shorter paths, so that rounding errors never raise a bound.
+    shape = space.shape.buffer(_GROWN * space.size, join_style="mitre")
+    shapely.prepare(shape)
+    nodes = np.concatenate([start, goal, *space.rings])
+    one, other = np.triu_indices(len(nodes), 1)
+    lines = shapely.linestrings(np.stack([nodes[one], nodes[other]], axis=1))
+    seen = shapely.covers(shape, lines)
+    graph = np.full((len(nodes), len(nodes)), inf)
+    lengths = np.linalg.norm(nodes[one] - nodes[other], axis=1)
+    graph[one[seen], other[seen]] = lengths[seen]
+    graph = np.minimum(graph, graph.T)
+    # zero is no edge for SciPy: points at one place are an immeasurable distance apart
+    graph[(graph == 0)] = 1e-300
+    graph[~np.isfinite(graph)] = 0
+    found = dijkstra(graph, indices=range(len(start)))[:, len(start) : len(start) + len(goal)]
+    return np.asarray(np.maximum(np.where(np.isfinite(found), found, 0.0), straight))

@@ -1,0 +1,149 @@
+"""Certificates: bounds below all plans, proofs that are checked apart, and wrong ones refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from shoal.cli import run as command
+from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.steering import SteeringProblem, certify, check_certificate, polygon
+from shoal.steering.run import run
+
+pytest.importorskip("clarabel")
+
+START, GOAL = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return certify(run(SteeringProblem("square", START, GOAL)), seconds=60)
+
+
+def test_a_plan_in_the_square_is_proven_optimal(certificate):
+    assert certificate.certified
+    assert certificate.gap < 2e-4
+    assert certificate.episode.lower_bound == certificate.lower_bound
+    assert check_certificate(json.loads(json.dumps(certificate.proof)))
+
+
+@pytest.mark.parametrize(("name", "seed"), [("triangle", 1), ("hexagon", 0), ("square", 6)])
+def test_no_plan_is_shorter_than_a_bound(name, seed):
+    episode = run(SteeringProblem(name), seed=seed)
+    proven = certify(episode, seconds=60)
+    assert proven.certified
+    for planner in ("greedy", "fewest-moves"):
+        other = run(SteeringProblem(name, planner=planner), seed=seed)
+        assert not other or other.length >= proven.lower_bound
+
+
+def test_interchangeable_particles_need_both_proofs():
+    proven = certify(run(SteeringProblem("triangle", interchangeable=True), seed=3), seconds=60)
+    assert proven.certified
+    assert check_certificate(proven.proof)
+    half = copy.deepcopy(proven.proof)
+    half["trees"].pop()
+    assert "orders" in check_certificate(half).message
+
+
+def _leaves(proof):
+    return [node for node in proof["trees"][0]["proof"] if "norms" in node]
+
+
+def _scaled(proof, factor):
+    for leaf in _leaves(proof):
+        leaf["norms"] = [[x * factor, y * factor] for x, y in leaf["norms"]]
+
+
+def _negative(proof):
+    for leaf in _leaves(proof):
+        leaf["slacks"] = [[k, -value] for k, value in leaf["slacks"]]
+
+
+def _all_known(proof):
+    every = [[wall, particle] for wall in range(4) for particle in (0, 1)]
+    proof["trees"][0]["proof"][0]["known"] = every
+
+
+WRONG = {
+    "higher": lambda proof: proof.update(lower_bound=proof["lower_bound"] * 1.001),
+    "less": lambda proof: proof["trees"][0]["proof"].pop(),
+    "more": lambda proof: proof["trees"][0]["proof"].append(_leaves(proof)[0]),
+    "no case": lambda proof: proof["trees"][0].update(proof=[]),
+    "long": lambda proof: _scaled(proof, 2),
+    "inexact": lambda proof: _scaled(proof, 1 / 3),
+    "negative": _negative,
+    "known": _all_known,
+    "goal": lambda proof: proof.update(goal=[[0.7, 0.2], [0.3, 0.75]]),
+    "not convex": lambda proof: proof["corners"].insert(1, [0.5, 0.1]),
+    "not a number": lambda proof: proof.update(lower_bound=float("nan")),
+    "nothing": lambda proof: proof.clear(),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_certificates_are_refused(certificate, name):
+    proof = copy.deepcopy(certificate.proof)
+    WRONG[name](proof)
+    assert not check_certificate(proof)
+
+
+def test_the_search_finds_a_shorter_plan():
+    rng = np.random.default_rng([4, 77])
+    thin = polygon([(0, 0), (1, 0), (rng.uniform(0, 1), rng.uniform(0.03, 0.2))])
+    episode = run(SteeringProblem(thin), seed=4)
+    proven = certify(episode, seconds=60)
+    assert proven.certified
+    assert proven.episode.length <= episode.length
+    assert proven.episode.verify()
+
+
+def test_obstacles_have_a_bound():
+    region = {
+        "type": "region",
+        "outline": [[0, 0], [2, 0], [2, 1], [0, 1]],
+        "obstacles": [[[0.9, 0.2], [1.1, 0.2], [1.1, 0.9], [0.9, 0.9]]],
+    }
+    problem = SteeringProblem(region, [(0.5, 0.5), (0.6, 0.5)], [(1.5, 0.5), (1.6, 0.5)])
+    found = certify(run(problem), seconds=1)
+    # particle 2 below the obstacle, by (0.9, 0.2) and (1.1, 0.2)
+    around = np.hypot(0.3, 0.3) + 0.2 + np.hypot(0.5, 0.3)
+    assert found.lower_bound == pytest.approx(around, abs=1e-5)
+    assert found.gap is not None
+
+
+def test_command(tmp_path, capsys):
+    words = ["square", "--start", "0.2,0.3 0.5,0.35", "--goal", "0.8,0.2 0.3,0.75"]
+
+    def shown(*arguments):
+        code = command(["steer", *arguments])
+        return code, capsys.readouterr().out
+
+    code, text = shown(*words, "--certify", "60", "--out", str(tmp_path / "plan"), "--json")
+    result = json.loads(text)
+    assert code == 0
+    assert result["certified"]
+    assert result["gap"] == result["length"] / result["lower_bound"] - 1
+    assert len(result["inputs"]) == result["moves"]
+    path = result["certificate"]
+    code, text = shown(*words, "--check", path, "--json")
+    assert (code, json.loads(text)["valid"]) == (0, True)
+    code, text = shown("square", "--check", path, "--json")
+    assert (code, json.loads(text)["valid"]) == (1, False)
+    assert shown(*words, "--check", path, "--certify", "1")[0] == 2
+
+
+def test_noise_has_no_certificate():
+    with pytest.raises(InvalidInputError, match="without noise"):
+        certify(run(SteeringProblem("square", execution=1e-3, tolerance=0.05)), seconds=1)
+
+
+def test_a_missing_solver_is_named(monkeypatch):
+    episode = run(SteeringProblem("square"), seed=6)
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    with pytest.raises(MissingExtraError, match=r"shoal\[certify\]"):
+        certify(episode, seconds=1)
