@@ -28,7 +28,7 @@ from shoal.steering.problem import SteeringProblem
 
 CELL = 0.03  # relative to the size: width of a cell of differences
 RASTER = 48  # squares along a side, in which free translations are found
-TRIES = 1500  # pushes from each state in one round
+TRIES = 600  # pushes from each state in one round
 ROUNDS = 2  # rounds without anything new that end the search
 MOST = 12_000  # states
 
@@ -233,6 +233,6 @@ def is_reached(
         kernel_world,
         np.zeros((MOST, 2, 2)),
         np.zeros((MOST, RASTER, RASTER), dtype=np.bool_),
-        np.full((across, across, 8), -1),
+        np.full((across, across, 4), -1),
         np.random.default_rng([seed, 7]),
     )

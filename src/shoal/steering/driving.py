@@ -372,7 +372,7 @@ class _Session(ABC):
 
     def _result(self, status: Status, reason: str) -> SteeringDrive:
         slow = np.abs(self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1])
-        if self.gains.moves and slow.max() < SLOW_GAIN:
+        if self.gains.moves and slow.max() < SLOW_GAIN and status is not Status.ALARM:
             reason += f"; the particles move only by {slow.mean():.2g} of the inputs"
         if self.friction.slips:
             given = self.problem.given & {"friction", "friction_at_least"}
@@ -526,7 +526,7 @@ class _Session(ABC):
         if self.on_move is not None:
             self.on_move(len(self.inputs), self.error)
         if self.still >= STILL:
-            same = all(np.array_equal(seen, one) for one in self.seen[-1 - STILL :])
+            same = all(np.array_equal(seen, one) for one in self.seen[-STILL:])
             why = (
                 "and all looks show exactly the same: the camera is frozen, or"
                 if same

@@ -195,9 +195,10 @@ def _faults() -> list[tuple[str, NDArray[np.float64]]]:
 FAULTS = _faults()
 WALLS = (0.0, 0.5, 1.0, 2.0, 1e9)  # coefficients of friction, of which the best explains a move
 GUESS = 0.1  # relative error of a move that a fault must not explain
+USUAL = 0.5  # largest change of a gain that is none of the faults
 CLIP = 6.0  # largest loss of logarithmic odds by one particle and move
 NAMED, APART = 14.0, 2.0  # logarithm of the odds of a fault that is named, and before the next one
-CERTAIN = 40.0  # the same, from which on the better of two like faults is named
+CERTAIN = 40.0  # the same, from which on the first of like faults is named
 RAISED = 4.0  # the same, from which on no conclusion is drawn from the motion
 
 
@@ -220,10 +221,9 @@ class FaultEstimate:
     @property
     def named(self) -> str | None:
         """The text of the fault that is sure, or None."""
-        order = np.argsort(self._scores)
-        best, second = self._scores[order[-1]], self._scores[order[-2]]
-        sure = best > NAMED and (best - second > APART or best > CERTAIN)
-        return FAULTS[int(order[-1])][0] if sure else None
+        like = np.flatnonzero(self._scores >= self._scores.max() - APART)
+        sure = self._scores.max() > (NAMED if len(like) == 1 else CERTAIN)
+        return FAULTS[int(like[0])][0] if sure else None  # of like ones, that which claims least
 
     def learn(
         self,
@@ -243,8 +243,10 @@ class FaultEstimate:
         def off(sent: Points, gains: NDArray[np.float64]) -> float:
             return _off(before, sent, seen, gains, world, variance)
 
-        # that all move more slowly is no fault: the loop learns it
-        usual = min(off(move, gains), off(0.5 * move, unit))
+        # that all move more slowly is no fault, because the loop learns it; that all move in another
+        # direction is one, although the loop would learn that, too
+        straight = float(np.hypot(*(gains - unit).T).max()) < USUAL
+        usual = min(off(move, gains if straight else unit), off(0.5 * move, unit))
         parts = np.stack([np.maximum(move, 0.0), np.minimum(move, 0.0)])
         for k, (_, change) in enumerate(FAULTS):
             sent = np.einsum("sij,sj->i", change, parts)
