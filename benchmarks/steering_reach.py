@@ -14,14 +14,13 @@ can be trusted. Proofs (`why_unreachable`) judge the judge: a proof of a reached
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import kernel
-from shoal.steering.kernels import contact, region_contact
+from shoal.steering.kernels import contact
 from shoal.steering.kernels.pressing import send_both, with_friction
 from shoal.steering.planners.sampling import world_of
 from shoal.steering.problem import SteeringProblem
@@ -31,6 +30,7 @@ RASTER = 48  # squares along a side, in which free translations are found
 TRIES = 600  # pushes from each state in one round
 ROUNDS = 2  # rounds without anything new that end the search
 MOST = 12_000  # states
+BETWEEN = 6  # points of a short free translation that are looked at
 
 
 @kernel
@@ -52,6 +52,19 @@ def is_inside(x, y, world):
 
 
 @kernel
+def is_free(x, y, x_after, y_after, dx, dy, world):
+    """Return whether both particles, of which the second is at (dx, dy) from the first, can move
+    straight on, as far as a few points between tell.
+    """
+    for k in range(1, BETWEEN + 1):
+        share = k / BETWEEN
+        u, v = x + share * (x_after - x), y + share * (y_after - y)
+        if not is_inside(u, v, world) or not is_inside(u + dx, v + dy, world):
+            return False
+    return True
+
+
+@kernel
 def flood(state, box, world, mask, stack):
     """Write to ``mask`` (RASTER, RASTER) in which squares the first particle can be after a free
     translation of both.
@@ -66,7 +79,7 @@ def flood(state, box, world, mask, stack):
     for i in range(max(i0 - 1, 0), min(i0 + 2, count)):  # the state may be on walls
         for j in range(max(j0 - 1, 0), min(j0 + 2, count)):
             x, y = box[0] + (i + 0.5) * wide, box[1] + (j + 0.5) * high
-            if is_inside(x, y, world) and is_inside(x + dx, y + dy, world):
+            if is_free(state[0, 0], state[0, 1], x, y, dx, dy, world):
                 mask[i, j] = True
                 stack[total] = i * count + j
                 total += 1
@@ -75,26 +88,33 @@ def flood(state, box, world, mask, stack):
         at = stack[total]
         for k in range(4):
             i, j = at // count, at % count
+            here_x, here_y = box[0] + (i + 0.5) * wide, box[1] + (j + 0.5) * high
             i += (k == 0) - (k == 1)
             j += (k == 2) - (k == 3)
             if i < 0 or j < 0 or i >= count or j >= count or mask[i, j]:
                 continue
             x, y = box[0] + (i + 0.5) * wide, box[1] + (j + 0.5) * high
-            if is_inside(x, y, world) and is_inside(x + dx, y + dy, world):
+            if is_free(here_x, here_y, x, y, dx, dy, world):
                 mask[i, j] = True
                 stack[total] = i * count + j
                 total += 1
 
 
 @kernel
-def is_in(x, y, box, mask):
-    """Return whether a point is in a square of a mask, or beside one."""
+def is_in(state, box, world, mask):
+    """Return whether a free translation leads the first particle to a square of a mask that it is in
+    or beside.
+    """
     count = mask.shape[0]
+    x, y = state[0, 0], state[0, 1]
+    dx, dy = state[1, 0] - x, state[1, 1] - y
+    wide, high = (box[2] - box[0]) / count, (box[3] - box[1]) / count
     i0 = min(max(int((x - box[0]) / (box[2] - box[0]) * count), 0), count - 1)
     j0 = min(max(int((y - box[1]) / (box[3] - box[1]) * count), 0), count - 1)
     for i in range(max(i0 - 1, 0), min(i0 + 2, count)):
         for j in range(max(j0 - 1, 0), min(j0 + 2, count)):
-            if mask[i, j]:
+            to_x, to_y = box[0] + (i + 0.5) * wide, box[1] + (j + 0.5) * high
+            if mask[i, j] and is_free(x, y, to_x, to_y, dx, dy, world):
                 return True
     return False
 
@@ -120,7 +140,9 @@ def random_contact(state, held, world, rng, normal):
 
 
 @kernel
-def search(start, goal, near, tries, rounds, cell, box, world, states, masks, states_of, rng):
+def search(
+    start, goal, near, tries, rounds, cell, box, world, states, masks, states_of, made, parents, rng
+):
     """Search until the goals' difference is reached in the goals' component. Return whether it is,
     the number of states, and how many contacts lead there (or to the farthest state).
     """
@@ -129,7 +151,7 @@ def search(start, goal, near, tries, rounds, cell, box, world, states, masks, st
         friction = world.edges.friction
     cone = np.arctan(friction)
     state, normal, spare, vector = np.zeros((2, 2)), np.zeros(2), np.zeros(2), np.zeros(2)
-    gains, depths = np.array([[1.0, 0.0], [1.0, 0.0]]), np.zeros(states.shape[0], dtype=np.int64)
+    gains, trial = np.array([[1.0, 0.0], [1.0, 0.0]]), np.zeros((3, 2, 2))
     goal_mask = np.zeros((masks.shape[1], masks.shape[2]), dtype=np.bool_)
     stack = np.zeros(masks.shape[1] * masks.shape[2] + 9, dtype=np.int64)
     flood(goal, box, world, goal_mask, stack)
@@ -138,10 +160,10 @@ def search(start, goal, near, tries, rounds, cell, box, world, states, masks, st
     contact.copy(start, states[0])
     flood(start, box, world, masks[0], stack)
     wanted_x, wanted_y = goal[1, 0] - goal[0, 0], goal[1, 1] - goal[0, 1]
-    if np.sqrt((start[1, 0] - start[0, 0] - wanted_x) ** 2
-               + (start[1, 1] - start[0, 1] - wanted_y) ** 2) <= near and is_in(
-                   start[0, 0], start[0, 1], box, goal_mask):
-        return True, total, 0
+    if np.sqrt(
+        (start[1, 0] - start[0, 0] - wanted_x) ** 2 + (start[1, 1] - start[0, 1] - wanted_y) ** 2
+    ) <= near and is_in(start, box, world, goal_mask):
+        return True, 0
     before = total
     while without < rounds:
         if done == total:
@@ -158,8 +180,10 @@ def search(start, goal, near, tries, rounds, cell, box, world, states, masks, st
                 random_contact(state, held, world, rng, normal)
                 if not is_inside(state[1 - held, 0], state[1 - held, 1], world):
                     continue
-                if not is_in(state[0, 0], state[0, 1], box, masks[at]):
+                if not is_in(state, box, world, masks[at]):
                     continue
+            contact.copy(state, trial[0])
+            trial[1:] = 0.0
             for push in range(4):
                 angle = np.pi * (2 * rng.random() - 1)
                 if not anywhere and push == 0:
@@ -179,11 +203,14 @@ def search(start, goal, near, tries, rounds, cell, box, world, states, masks, st
                     sign = 1.0 - 2.0 * held
                     x = sign * (wanted_x - state[1, 0] + state[0, 0])
                     y = sign * (wanted_y - state[1, 1] + state[0, 1])
+                trial[1 + push // 2, push % 2, 0], trial[1 + push // 2, push % 2, 1] = x, y
                 send_both(state, x, y, gains, world, vector, spare)
                 dx, dy = state[1, 0] - state[0, 0], state[1, 1] - state[0, 1]
                 away = np.sqrt((dx - wanted_x) ** 2 + (dy - wanted_y) ** 2)
-                if away <= near and is_in(state[0, 0], state[0, 1], box, goal_mask):
-                    return True, total, depths[at] + 1
+                if away <= near and is_in(state, box, world, goal_mask):
+                    made[total % made.shape[0]] = trial
+                    parents[total % made.shape[0]] = at
+                    return True, total
                 i = min(max(int((dx + size) / cell), 0), across - 1)
                 j = min(max(int((dy + size) / cell), 0), across - 1)
                 known, nearest = 0, np.inf
@@ -191,38 +218,54 @@ def search(start, goal, near, tries, rounds, cell, box, world, states, masks, st
                     one = states_of[i, j, k]
                     if one < 0:
                         break
-                    if is_in(state[0, 0], state[0, 1], box, masks[one]):
+                    if is_in(state, box, world, masks[one]):
                         known += 1
-                        nearest = min(nearest, np.sqrt(
-                            (states[one, 1, 0] - states[one, 0, 0] - wanted_x) ** 2
-                            + (states[one, 1, 1] - states[one, 0, 1] - wanted_y) ** 2))
+                        nearest = min(
+                            nearest,
+                            np.sqrt(
+                                (states[one, 1, 0] - states[one, 0, 0] - wanted_x) ** 2
+                                + (states[one, 1, 1] - states[one, 0, 1] - wanted_y) ** 2
+                            ),
+                        )
                 if known == 0 or away < nearest - 0.1 * cell:
                     for k in range(states_of.shape[2]):
                         if states_of[i, j, k] < 0 and total < states.shape[0]:
                             states_of[i, j, k] = total
                             contact.copy(state, states[total])
-                            depths[total] = depths[at] + 1
+                            made[total] = trial
+                            parents[total] = at
                             flood(state, box, world, masks[total], stack)
                             total += 1
                             break
                 if rng.random() < 0.5:
                     break
-    return False, total, depths.max()
+    return False, total
 
 
-def is_reached(
-    problem: SteeringProblem, friction: float, *, cell: float = CELL, seed: int = 0
-) -> tuple[bool, int, int]:
-    """Return whether the search has reached the goals of a problem, how many states it made, and with
-    how many contacts one after another.
+class Reach(NamedTuple):
+    """What the search has found.
+
+    ``manoeuvres`` holds, if the goals are reached, float64 arrays of shape (3, 2, 2): both particles
+    at a contact, to which a free translation leads, and up to four inputs that follow.
     """
+
+    reached: bool
+    states: int
+    manoeuvres: list[NDArray[np.float64]]
+
+
+def reach_of(
+    problem: SteeringProblem, friction: float, *, cell: float = CELL, seed: int = 0
+) -> Reach:
+    """Return whether the search reaches the goals of a problem on walls with a friction."""
     world = problem.replaced(friction=friction).world()
     kernel_world = world_of(world)._replace(flat=not world.free_space.round)
     kernel_world = with_friction(kernel_world, float(friction))
     size, (low, high) = float(problem.place.size), problem.place.bounds
     across = int(2 / cell) + 2
     start, goal = problem.endpoints(0)
-    return search(
+    made, parents = np.zeros((MOST + 1, 3, 2, 2)), np.zeros(MOST + 1, dtype=np.int64)
+    reached, total = search(
         np.ascontiguousarray(start),
         np.ascontiguousarray(goal),
         2 * problem.tolerance,
@@ -234,5 +277,12 @@ def is_reached(
         np.zeros((MOST, 2, 2)),
         np.zeros((MOST, RASTER, RASTER), dtype=np.bool_),
         np.full((across, across, 4), -1),
+        made,
+        parents,
         np.random.default_rng([seed, 7]),
     )
+    chain, at = [], total if reached else 0
+    while at:
+        chain.append(made[at])
+        at = int(parents[at])
+    return Reach(bool(reached), int(total), chain[::-1])
