@@ -50,6 +50,7 @@ STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of 
 NO_PLAN = 4  # moves without any plan until the drive ends
 CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
 FORCED = 4  # inputs in a row that end what was begun, without a plan to the goals
+LONG = 3  # presses to the goals, so many of which need not be planned at once
 FEW = 3  # moves of a plan that is carried out without a search for a shorter one
 CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
 SLIPPERY = 3.0  # friction below which moves to walls are careful
@@ -559,6 +560,7 @@ class _Loop(_Session):
 
     planless = progress = forced = 0
     least_missing = shortest = inf  # length of the shortest plan so far
+    least_left = kernels.FAR  # presses to the goals
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
@@ -663,9 +665,27 @@ class _Loop(_Session):
                     return best if rest is None or len(best) < len(rest) - 1 else rest
                 if rest is None and rounds == FAST and pressing is pressings[0]:
                     rest = self._rest_of_cycle(pressing)
+                if rest is None and rounds == FAST:
+                    rest = self._first_presses(search)
                 if rest is not None:
                     return rest
         return None
+
+    def _first_presses(self, search: PressingSearch) -> Points | None:
+        """Return the first moves on the way to goals that need many presses in a row, or None.
+
+        The table of presses left tells the way. The loop then plans anew from where it came to, so
+        that errors do not add up.
+        """
+        left = search.presses_left(self.state, self.goal)
+        if not LONG <= left < kernels.FAR:
+            return None
+        moves = search.first_presses(self.goal)
+        if moves is not None:
+            self.forced = 0
+            if left < self.least_left:
+                self.least_left, self.progress = left, len(self.inputs)
+        return moves
 
     def _rest(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
