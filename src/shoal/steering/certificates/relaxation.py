@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 STEP = 2.0**-36  # multipliers are multiples of this
 ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
+_RARE = 60  # rows of a program that are tried only if a solution does not meet them
+_OUTSIDE = 1e-7
 _FINE = 2.0**-30  # directions of arcs are multiples of this
 
 
@@ -126,6 +128,10 @@ class Program:
     cones : ndarray of float64, shape (k, 4, variables + 1)
         The first expression is at least the norm of the other three.
     low, high : ndarray of float64, shape (variables,)
+    rare : ndarray of bool, shape (m,)
+        Whether a row is one of many of which few matter.
+    boxed : ndarray of bool, shape (variables,)
+        Whether ``low`` and ``high`` do not follow from the rest.
     contacts : list of tuple
         For each hold: place in the pattern, and its contacts and adjustments by name.
     gaps : list of tuple
@@ -139,6 +145,8 @@ class Program:
     cones: Floats
     low: Floats
     high: Floats
+    rare: NDArray[np.bool_]
+    boxed: NDArray[np.bool_]
     contacts: list[tuple[int, dict[str, Floats]]]
     gaps: list[tuple[int, list[int], list[int]]]
 
@@ -377,37 +385,49 @@ class Relaxation:
         from scipy.sparse import csc_matrix
 
         program = self.program(pattern)
-        norms, rows, low, high = program.norms, program.rows, program.low, program.high
-        count, size, cones = len(low), len(norms), len(program.cones)
+        count, size, cones = len(program.low), len(program.norms), len(program.cones)
         clarabel = self._clarabel
-        # the variables of the program, then the length of each norm
-        linear = len(rows) + 2 * count
-        system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
-        system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
-        box = system[len(rows) : linear]
-        box[:count, :count], box[:count, -1] = np.eye(count), -low
-        box[count:, :count], box[count:, -1] = -np.eye(count), high
-        lengths = system[linear : linear + 3 * size].reshape(size, 3, -1)
-        lengths[:, 0, count:-1] = np.eye(size)
-        lengths[:, 1:, :count], lengths[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
-        turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
-        turned[:, :, :count], turned[:, :, -1] = program.cones[:, :, :-1], program.cones[:, :, -1]
-        solution = clarabel.DefaultSolver(
-            csc_matrix((count + size, count + size)),
-            np.concatenate([program.costs, np.ones(size)]),
-            csc_matrix(-system[:, :-1]),
-            system[:, -1],
-            [
-                clarabel.NonnegativeConeT(linear),
-                *(clarabel.SecondOrderConeT(3) for _ in range(size)),
-                *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
-            ],
-            self._settings,
-        ).solve()
+        # most walls of a polygon with many sides are far from a solution
+        used = ~program.rare if program.rare.sum() > _RARE else np.ones(len(program.rows), np.bool_)
+        while True:
+            rows = program.rows[used]
+            # the variables of the program, then the length of each norm
+            boxed = np.flatnonzero(program.boxed)
+            linear = len(rows) + 2 * len(boxed)
+            system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
+            system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
+            box = system[len(rows) : linear].reshape(2, len(boxed), -1)
+            box[0, np.arange(len(boxed)), boxed], box[0, :, -1] = 1, -program.low[boxed]
+            box[1, np.arange(len(boxed)), boxed], box[1, :, -1] = -1, program.high[boxed]
+            lengths = system[linear : linear + 3 * size].reshape(size, 3, -1)
+            lengths[:, 0, count:-1] = np.eye(size)
+            lengths[:, 1:, :count] = program.norms[:, :, :-1]
+            lengths[:, 1:, -1] = program.norms[:, :, -1]
+            turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
+            turned[:, :, :count] = program.cones[:, :, :-1]
+            turned[:, :, -1] = program.cones[:, :, -1]
+            solution = clarabel.DefaultSolver(
+                csc_matrix((count + size, count + size)),
+                np.concatenate([program.costs, np.ones(size)]),
+                csc_matrix(-system[:, :-1]),
+                system[:, -1],
+                [
+                    clarabel.NonnegativeConeT(linear),
+                    *(clarabel.SecondOrderConeT(3) for _ in range(size)),
+                    *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
+                ],
+                self._settings,
+            ).solve()
+            point = np.array(solution.x)
+            outside = ~used & (program.rows @ np.append(point[:count], 1.0) < -_OUTSIDE)
+            if not outside.any() or "Infeasible" in str(solution.status):
+                break
+            used |= outside
         dual = np.array(solution.z)
         if not np.isfinite(dual).all():
             dual = np.zeros_like(dual)
-        slacks = np.maximum(dual[: len(rows)], 0.0)
+        slacks = np.zeros(len(program.rows))
+        slacks[used] = np.maximum(dual[: len(rows)], 0.0)
         split = linear + 3 * size
         vectors = -dual[linear:split].reshape(size, 3)[:, 1:]
         turns = -dual[split:].reshape(cones, 4)[:, 1:]
@@ -421,7 +441,7 @@ class Relaxation:
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
         value = min(program.worth(vectors, slacks, turns), self.limit)
-        errors = self._errors(pattern, program, np.array(solution.x))
+        errors = self._errors(pattern, program, point)
         return Bound(max(value, 0.0) * self.scale, vectors, slacks, turns, errors)
 
     def _errors(
@@ -487,6 +507,8 @@ class Relaxation:
             for item in pattern
         )
         low, high, costs = np.zeros(far), np.zeros(far), np.zeros(far)
+        boxed = np.zeros(far, np.bool_)
+        rare: list[int] = []  # numbers in ``rows``
         used = 0
         norms: list[Floats] = []
         rows: list[Floats] = []
@@ -496,8 +518,9 @@ class Relaxation:
         radius[0, -1], walked[0, -1] = walls.radius, np.hypot(*(self.start[1] - self.start[0]))
         contacts, gaps = [], []
 
-        def vector(least: Floats, most: Floats) -> Floats:
+        def vector(least: Floats, most: Floats, *, box: bool = False) -> Floats:
             nonlocal used
+            boxed[used : used + 2] = box
             new = np.zeros((2, far + 1))
             new[0, used] = new[1, used + 1] = 1
             low[used : used + 2], high[used : used + 2] = least, most
@@ -556,6 +579,7 @@ class Relaxation:
             if len(normals):
                 depth = normals @ point
                 depth[:, -1] -= offsets
+                rare.append(len(rows))
                 rows.append(depth)
             if walls.radius:
                 cone(radius, point)
@@ -565,10 +589,10 @@ class Relaxation:
             segment = walls.segment(*between)
             if segment is not None:
                 point = constant(segment[0])
-                point[:, used], high[used] = segment[1], 1
+                point[:, used], high[used], boxed[used] = segment[1], 1, True
                 used += 1
                 return point
-            point = vector(walls.low, walls.high)
+            point = vector(walls.low, walls.high, box=True)
             normals, offsets = walls.arc_rows(*between)
             depth = normals @ point
             depth[:, -1] -= offsets
@@ -578,7 +602,7 @@ class Relaxation:
             return point
 
         reach, extent = np.full(2, self.limit), walls.high - walls.low
-        goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
+        goals = [vector(one - self.tolerance, one + self.tolerance, box=True) for one in self.goal]
         places = [constant(one) for one in self.start]
         if not pattern:
             apart = (goals[1] - goals[0]) - (places[1] - places[0])
@@ -650,6 +674,8 @@ class Relaxation:
             np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
             low[:used],
             high[:used],
+            np.repeat([k in rare for k in range(len(rows))], [len(part) for part in rows]),
+            boxed[:used],
             [
                 (number, {name: value[:, keep] for name, value in named.items()})
                 for number, named in contacts
