@@ -60,6 +60,15 @@ class _FlatWalls:
         if _turns(self.along) != 1:
             raise _WrongError("the corners go around more than once")
         self.normals = [(-y, x) for x, y in self.along]
+        # all corners are at most R from a centre, and all walls at least q
+        middle = sum(x for x, _ in corners) // self.count, sum(y for _, y in corners) // self.count
+        out = [(x - middle[0], y - middle[1]) for x, y in corners]
+        near = min(
+            -_dot(normal, corner) // _root(_dot(normal, normal))
+            for normal, corner in zip(self.normals, out, strict=True)
+        )
+        self.far = _root(max(_dot(corner, corner) for corner in out))
+        self.ring = self.far**2 - max(near, 0) ** 2
         xs, ys = zip(*corners, strict=True)
         self.low, self.high = (min(xs), min(ys)), (max(xs), max(ys))
         self.sides = [
@@ -108,6 +117,7 @@ class _RoundWalls:
         ):
             raise _WrongError("the directions do not go around the disk once")
         self.radius, self.directions = radius, directions
+        self.far, self.ring = radius, 0
         self.count = len(directions)
         self.low, self.high = (-radius, -radius), (radius, radius)
         self.sides: list[tuple[Pair, int]] = []
@@ -347,10 +357,15 @@ class _Program:
         self.bounds: list[Pair] = []
         self.norms: list[Vector] = []
         self.rows: list[Callable[[], dict[int, int]]] = []
-        self.cones: list[tuple[dict[int, int], tuple[dict[int, int], ...]]] = []
+        self.cones: list[tuple[Mapping[int, Any], tuple[Mapping[int, Any], ...]]] = []
         self.costs: list[int] = []
         (x, y), (other_x, other_y) = task.start
-        self.walked = {_ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2)}
+        walls = task.walls
+        # of the law of growth: sqrt(k) / R, and g
+        self.slope = Fraction(_root(walls.ring), walls.far) if task.runs else Fraction(0)
+        self.grown: dict[int, Fraction] = {
+            _ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) + Fraction(walls.ring, walls.far)
+        }
         self._build(pattern)
 
     def _vector(self, low: Pair, high: Pair) -> Vector:
@@ -412,31 +427,41 @@ class _Program:
         return length
 
     def _travel(self, change: Vector) -> None:
-        """Count free translations; around a disk, remember the sum of their lengths."""
-        if self.task.walls.radius:
-            self.walked[self._at_least(change)] = 1
+        """Count free translations; with the law of growth, remember the sum of their lengths."""
+        if self.task.runs:
+            self.grown[self._at_least(change)] = 1 + self.slope
+        else:
+            self.norms.append(change)
+
+    def _adjust(self, change: Vector) -> None:
+        """Count adjustments; with the law of growth, remember the sum of their lengths."""
+        if self.slope:
+            self.grown[self._at_least(change)] = self.slope
         else:
             self.norms.append(change)
 
     def _spread(self, apart: Vector) -> None:
-        """Add the law of growth in a disk: |apart|² <= 2 r (|difference at the start| + walked).
+        """Add the law of growth.
 
-        Let a particle touch the wall at c, h = -c . D / r be the depth of the other one, and D the
-        vector to it. It is in the disk: |c + D|² <= r², so |D|² <= 2 r h. An adjustment does not
-        raise h. A translation of length t to the next contact of either particle raises h by at
-        most t: with p the angle between D and the normal, h = |D| cos p and |D| <= 2 r cos p. The
-        next contact has an angle q. If q < p, the contact moves by at least 2 r sin((p - q) / 2),
-        and |D| (cos q - cos p) = 2 |D| sin((p + q) / 2) sin((p - q) / 2) <= t, because
-        |D| sin((p + q) / 2) <= 2 r cos((p + q) / 2) sin((p + q) / 2) <= r. At the first contact,
-        h <= |D|, and D is that of the start.
+        All places p are in a disk of radius R around a middle, and each wall has a distance of at
+        least q from it. With k = R² - q², the outward normal of a wall is at most a = asin(sqrt(k)
+        / R) from the direction of each of its points. Let p and o be the places of both particles
+        from the middle, D = o - p, and f = -p . o. So |D|² = |p|² + |o|² + 2 f <= 2 R² + 2 f.
+
+        An adjustment u moves o while a wall with the outward normal n holds p, and n . u >= 0. So
+        p . u >= -|p| sin a |u|, and f rises by at most sqrt(k) |u|.
+        A translation t to the next contact, of p + t (as well as of o + t), has n . t >= 0 for the
+        wall of this contact, and f rises by -t . (o + (p + t)) <= R |t| + sqrt(k) |t|.
+        At the first contact, f = -|p|² - p . D <= -q² + R |D|, and D is that of the start.
+        Together, |D|² <= 2 R g, where g is |D at the start| + k / R + (1 + sqrt(k) / R) (sum of the
+        translations) + sqrt(k) / R (sum of the adjustments). In a disk, k = 0.
         """
-        radius = self.task.walls.radius
-        if radius:
+        if self.task.runs:
             # |v|² <= a b as |(2 v, a - b)| <= a + b
             doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
-            least, most = dict(self.walked), dict(self.walked)
-            least[_ONE] -= 2 * radius
-            most[_ONE] += 2 * radius
+            least, most = dict(self.grown), dict(self.grown)
+            least[_ONE] -= 2 * self.task.walls.far
+            most[_ONE] += 2 * self.task.walls.far
             self.cones.append((most, (*doubled, least)))
 
     def _adjusts(self, first: int, end: int, change: Vector) -> None:
@@ -444,10 +469,12 @@ class _Program:
         walls = self.task.walls
         axis, sine = walls.axis(first, end)
         if isinstance(walls, _FlatWalls) and end - first == 1:
-            self.norms.append(change)
+            self._adjust(change)
             self.rows.append(lambda: _along(axis, change, -1))
             return
         length = self._at_least(change)
+        if self.slope:
+            self.grown[length] = self.slope
 
         def row() -> dict[int, int]:
             return _along(axis, change, -1) | {length: sine}
@@ -479,7 +506,7 @@ class _Program:
                 ):
                     change = self._around(far)
                     if item is None:
-                        norms.append(change)
+                        self._adjust(change)
                     else:
                         self._adjusts(first, end, change)
                     reached[1 - particle] = _plus(reached[1 - particle], change)
@@ -720,7 +747,7 @@ def _ratio(one: int, other: int) -> int:
     return -(-one // other)
 
 
-def _add(total: dict[int, int], part: Mapping[int, int], factor: int) -> None:
+def _add(total: dict[int, Any], part: Mapping[int, Any], factor: int) -> None:
     for key, number in part.items():
         total[key] = total.get(key, 0) + factor * number
 

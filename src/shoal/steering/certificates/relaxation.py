@@ -170,6 +170,9 @@ class Walls(Protocol):
     count : int
     radius : float
         Radius of the round wall around the origin; 0 if all walls are flat.
+    rings : tuple of float or None
+        For the law of growth with runs: the radius R of a circle around all walls, and R² - q²,
+        where all walls are at least q from its centre.
     low, high : ndarray of float64, shape (2,)
         Bounds of the workspace.
     base : list of tuple of int
@@ -180,6 +183,7 @@ class Walls(Protocol):
 
     count: int
     radius: float
+    rings: tuple[float, float] | None
     low: Floats
     high: Floats
     base: list[Range]
@@ -232,6 +236,12 @@ class _FlatWalls(Walls):
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.base = _arcs(self.count, base)
         self.runs = self.count > base
+        self.rings = None
+        if self.runs:
+            out = corners - corners.mean(axis=0)
+            near = -np.sum(self.normals * out, axis=1) / self.lengths
+            far = float(np.max(np.sum(out * out, axis=1)))
+            self.rings = far**0.5, far - float(np.min(near)) ** 2
 
     def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
         if end - first > 1:
@@ -274,6 +284,7 @@ class _RoundWalls(Walls):
     def __init__(self, radius: float, directions: Floats, base: int) -> None:
         self.radius = radius
         self.directions = directions
+        self.rings = radius, 0.0
         self.count = len(directions)
         self.high = np.full(2, radius)
         self.low = -self.high
@@ -396,10 +407,10 @@ class Relaxation:
             linear = len(rows) + 2 * len(boxed)
             system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
             system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
-            box = system[len(rows) : linear].reshape(2, len(boxed), -1)
+            box = system[len(rows) : linear].reshape(2, len(boxed), count + size + 1)
             box[0, np.arange(len(boxed)), boxed], box[0, :, -1] = 1, -program.low[boxed]
             box[1, np.arange(len(boxed)), boxed], box[1, :, -1] = -1, program.high[boxed]
-            lengths = system[linear : linear + 3 * size].reshape(size, 3, -1)
+            lengths = system[linear : linear + 3 * size].reshape(size, 3, count + size + 1)
             lengths[:, 0, count:-1] = np.eye(size)
             lengths[:, 1:, :count] = program.norms[:, :, :-1]
             lengths[:, 1:, -1] = program.norms[:, :, -1]
@@ -501,7 +512,7 @@ class Relaxation:
         """Return the convex program of a pattern."""
         walls = self.walls
         far = 4 + sum(
-            5 + 2 * (2 if item.holds is None else 2 * len(item.holds))
+            5 + 3 * (2 if item.holds is None else len(item.holds))
             if isinstance(item, HoldGap)
             else 15
             for item in pattern
@@ -513,9 +524,16 @@ class Relaxation:
         norms: list[Floats] = []
         rows: list[Floats] = []
         cones: list[Floats] = []
-        # the radius, and an upper bound of the depth of the other particle at a contact
-        radius, walked = np.zeros((1, far + 1)), np.zeros((1, far + 1))
-        radius[0, -1], walked[0, -1] = walls.radius, np.hypot(*(self.start[1] - self.start[0]))
+        radius = np.zeros((1, far + 1))
+        radius[0, -1] = walls.radius
+        # the law of growth: |difference|² <= 2 R grown, where grown is |difference at the start|
+        # + k / R + (1 + a) (sum of the translations) + a (sum of the adjustments), a = sqrt(k) / R
+        around, grown = np.zeros((1, far + 1)), np.zeros((1, far + 1))
+        out, ring = walls.rings or (0.0, 0.0)
+        if walls.rings:
+            around[0, -1] = 2 * out
+            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / out
+            slope = ring**0.5 / out
         contacts, gaps = [], []
 
         def vector(least: Floats, most: Floats, *, box: bool = False) -> Floats:
@@ -549,30 +567,37 @@ class Relaxation:
             return length
 
         def travel(change: Floats) -> None:
-            """Count the length of free translations; at a round wall, remember their sum."""
-            if walls.radius:
-                walked[0] += at_least(change)[0]
+            """Count the length of free translations; with a law of growth, remember their sum."""
+            if walls.rings:
+                grown[0] += (1 + slope) * at_least(change)[0]
             else:
                 norms.append(change)
 
         def spread(apart: Floats) -> None:
-            """Add the law of growth: |apart|² <= 2 r (|difference at the start| + walked)."""
-            if walls.radius:
+            """Add the law of growth to a program."""
+            if walls.rings:
                 # |v|² <= a b as |(2 v, a - b)| <= a + b
-                cone(walked + 2 * radius, 2 * apart, walked - 2 * radius)
+                cone(grown + around, 2 * apart, grown - around)
 
         def length_of(arc: Arc, change: Floats) -> None:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
-            if (
-                walls.segment(arc.first, arc.end) is not None
-            ):  # one wall: the length is at least |change|, and axis @ change <= 0
-                norms.append(change)
+            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
+                adjust(change)
                 rows.append(-axis[None] @ change)
                 return
+            rows.append(sine * adjust(change, arc=True) - axis[None] @ change)
+
+        def adjust(change: Floats, *, arc: bool = False) -> Floats:
+            """Count the length of adjustments; with a law of growth, remember their sum."""
+            if not arc and not ring:
+                norms.append(change)
+                return change
             length = at_least(change)
-            rows.append(sine * length - axis[None] @ change)
+            if ring:
+                grown[0] += slope * length[0]
+            return length
 
         def inside(point: Floats) -> None:
             normals, offsets = walls.inside_rows()
@@ -619,7 +644,7 @@ class Relaxation:
                 if item.holds is None:
                     for particle in (0, 1):
                         change = vector(-reach, reach)
-                        norms.append(change)
+                        adjust(change)
                         gap[1 - particle] = gap[1 - particle] + change
                 else:
                     for hold in sorted(item.holds):
@@ -668,7 +693,7 @@ class Relaxation:
             rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
         keep = [*range(used), far]
         return Program(
-            np.stack(norms)[:, :, keep],
+            np.stack(norms)[:, :, keep] if norms else np.zeros((0, 2, used + 1)),
             costs[:used],
             np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1)),
             np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
