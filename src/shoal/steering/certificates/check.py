@@ -61,8 +61,8 @@ class _FlatWalls:
             raise _WrongError("the corners go around more than once")
         self.normals = [(-y, x) for x, y in self.along]
         # all corners are at most R from a centre, and all walls at least q
-        middle = sum(x for x, _ in corners) // self.count, sum(y for _, y in corners) // self.count
-        out = [(x - middle[0], y - middle[1]) for x, y in corners]
+        self.middle = tuple(sum(part) // self.count for part in zip(*corners, strict=True))
+        out = [(x - self.middle[0], y - self.middle[1]) for x, y in corners]
         near = min(
             -_dot(normal, corner) // _root(_dot(normal, normal))
             for normal, corner in zip(self.normals, out, strict=True)
@@ -117,7 +117,7 @@ class _RoundWalls:
         ):
             raise _WrongError("the directions do not go around the disk once")
         self.radius, self.directions = radius, directions
-        self.far, self.ring = radius, 0
+        self.far, self.ring, self.middle = radius, 0, (0, 0)
         self.count = len(directions)
         self.low, self.high = (-radius, -radius), (radius, radius)
         self.sides: list[tuple[Pair, int]] = []
@@ -440,6 +440,17 @@ class _Program:
         else:
             self.norms.append(change)
 
+    def _touch(self, contact: Vector, item: _Hold) -> None:
+        """Begin the law of growth with a first contact, from the middle."""
+        walls, (one, other) = self.task.walls, self.task.start
+        sign = 1 - 2 * item.particle
+        apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
+        grown: dict[int, Fraction] = {_ONE: Fraction(walls.ring, walls.far)}
+        for part, size in zip(contact, apart, strict=True):
+            for key, number in part.items():
+                grown[key] = grown.get(key, Fraction(0)) - Fraction(number * size, walls.far)
+        self.grown = grown
+
     def _spread(self, apart: Vector) -> None:
         """Add the law of growth.
 
@@ -452,9 +463,10 @@ class _Program:
         p . u >= -|p| sin a |u|, and f rises by at most sqrt(k) |u|.
         A translation t to the next contact, of p + t (as well as of o + t), has n . t >= 0 for the
         wall of this contact, and f rises by -t . (o + (p + t)) <= R |t| + sqrt(k) |t|.
-        At the first contact, f = -|p|² - p . D <= -q² + R |D|, and D is that of the start.
-        Together, |D|² <= 2 R g, where g is |D at the start| + k / R + (1 + sqrt(k) / R) (sum of the
-        translations) + sqrt(k) / R (sum of the adjustments). In a disk, k = 0.
+        At the first contact, f = -|p|² - p . D <= -q² - p . D, and D is that of the start.
+        Together, |D|² <= 2 R g, where g is k / R - p . D / R at the first contact + (1 + sqrt(k) /
+        R) (sum of the translations) + sqrt(k) / R (sum of the adjustments). In a disk, k = 0. If
+        the first contact is in a gap, -p . D / R <= |D|.
         """
         if self.task.runs:
             # |v|² <= a b as |(2 v, a - b)| <= a + b
@@ -526,6 +538,8 @@ class _Program:
                     self._travel(way)
                 else:
                     norms.append(way)
+                    if task.runs:
+                        self._touch(_minus(first_contact, _constant(task.walls.middle)), item)
             else:
                 now = [first_contact, other(first_contact, before)]
                 for one, there in zip(reached, now[:: 1 - 2 * item.particle], strict=True):

@@ -155,7 +155,9 @@ class Program:
         total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
         total[:-1] += self.costs
         if len(turns):
-            total -= np.linalg.norm(turns, axis=1) @ self.cones[:, 0]
+            # the checker, too, rounds up
+            sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
+            total -= sizes @ self.cones[:, 0]
             total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
         rest = total[:-1]
         value = float(total[-1] + np.minimum(rest * self.low, rest * self.high).sum())
@@ -172,7 +174,8 @@ class Walls(Protocol):
         Radius of the round wall around the origin; 0 if all walls are flat.
     rings : tuple of float or None
         For the law of growth with runs: the radius R of a circle around all walls, and R² - q²,
-        where all walls are at least q from its centre.
+        where all walls are at least q from its centre, ``middle``.
+    middle : ndarray of float64, shape (2,)
     low, high : ndarray of float64, shape (2,)
         Bounds of the workspace.
     base : list of tuple of int
@@ -184,6 +187,7 @@ class Walls(Protocol):
     count: int
     radius: float
     rings: tuple[float, float] | None
+    middle: Floats
     low: Floats
     high: Floats
     base: list[Range]
@@ -237,8 +241,9 @@ class _FlatWalls(Walls):
         self.base = _arcs(self.count, base)
         self.runs = self.count > base
         self.rings = None
+        self.middle = corners.mean(axis=0)
         if self.runs:
-            out = corners - corners.mean(axis=0)
+            out = corners - self.middle
             near = -np.sum(self.normals * out, axis=1) / self.lengths
             far = float(np.max(np.sum(out * out, axis=1)))
             self.rings = far**0.5, far - float(np.min(near)) ** 2
@@ -285,6 +290,7 @@ class _RoundWalls(Walls):
         self.radius = radius
         self.directions = directions
         self.rings = radius, 0.0
+        self.middle = np.zeros(2)
         self.count = len(directions)
         self.high = np.full(2, radius)
         self.low = -self.high
@@ -671,6 +677,10 @@ class Relaxation:
                     travel(first - places[particle])
                 else:
                     norms.append(first - places[particle])
+                    if walls.rings:  # instead of |difference at the start|, its depth there
+                        apart = self.start[1] - self.start[0]
+                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / out
+                        grown[0, -1] += ring / out
             else:
                 now = [first, first + before] if particle == 0 else [first - before, first]
                 rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
