@@ -1,8 +1,8 @@
 """Check certificates of steering in exact arithmetic, without any code of the search.
 
-The module uses whole numbers only: all coordinates are scaled so that they are whole, and the
-multipliers of a certificate are multiples of a power of two. The formulas are those of
-docs/concepts/steering/certificates.md.
+The module uses whole numbers and fractions only: all coordinates are scaled so that they are whole,
+and the multipliers of a certificate are multiples of a power of two. Roots, sines, cosines and
+angles are rounded outward. The formulas are those of docs/concepts/steering/certificates.md.
 """
 
 from __future__ import annotations
