@@ -135,7 +135,7 @@ def _sweeps(settings: Settings) -> list[Sweep]:
     return [
         function_sweep("w-many", rearrangement, {"case": [*range(len(CASES))]}, trials, settings),
         function_sweep("w-many-limits", limits, {}, settings.of(500, 30), settings),
-        function_sweep("w-many-corners", near_corners, corners, settings.of(40, 3), settings),
+        function_sweep("w-many-corners", near_corners, corners, settings.of(10, 2), settings),
     ]
 
 
