@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from shoal.core.errors import InvalidInputError
-from shoal.steering import ContactWorld, disk, polygon, regular_polygon
+from shoal.steering import ContactWorld, SteeringProblem, disk, polygon, regular_polygon
+from shoal.steering.planners import sampling
 from shoal.steering.planners.rearrangement import (
     is_reachable_without_friction,
     rearrange,
     room_to_rearrange,
 )
+from shoal.steering.run import run
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 
@@ -109,6 +111,18 @@ def test_each_corner_has_a_particle():
     hexagon = regular_polygon(6)
     with pytest.raises(InvalidInputError, match="goal: expected particles that can be drawn"):
         rearrange(hexagon, 0.2 * hexagon.vertices, 0.99 * hexagon.vertices)
+
+
+def test_the_planner_sampling_falls_back_on_it(monkeypatch):
+    """Where its trees find nothing, as it happens with five particles."""
+    monkeypatch.setattr(sampling, "_grow_trees", lambda *_, **__: ([], []))
+    start = [(0.2, 0.3), (0.5, 0.8), (0.7, 0.2), (0.4, 0.5), (0.8, 0.6)]
+    goal = [(0.6, 0.7), (0.3, 0.2), (0.2, 0.6), (0.7, 0.4), (0.5, 0.3)]
+    episode = run(SteeringProblem(SQUARE, start, goal))
+    assert (episode.status, bool(episode.verify())) == ("solved", True)
+    assert pushed(start, episode.inputs) == pytest.approx(np.array(goal), abs=1e-6)
+    for changed in ({"friction": 2.0}, {"particle_radius": 0.01}, {"max_moves": 20}):
+        assert run(SteeringProblem(SQUARE, start, goal, **changed)).status == "limit"
 
 
 def test_room():
