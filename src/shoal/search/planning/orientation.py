@@ -31,6 +31,7 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
+from shoal.search.planning.comparison import one_by_one
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
@@ -397,25 +398,25 @@ def best_grid_tour(
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
-    grids = [
-        cells_of(region, size, angle=direction, offset=(0.0, offset))
-        for direction, offset in orientations[:tried]
-    ]
-    grid_tours = [
-        _through(
-            grid,
-            tour,
-            turn_cost=turn,
-            stepwise=stepwise,
-            transit=transit,
-            along_rows=along_rows,
-        )
-        for grid, tour in product(grids, tours)
-    ]
-    ranked = sorted(
-        ((candidate, candidate.once_round(turn, turn_cost * size)) for candidate in grid_tours),
-        key=lambda one: one[1],
-    )
+    grids: dict[tuple[float, float], CellGrid] = {}
+    priced = []
+    choices = list(product(orientations[:tried], tours))
+    with one_by_one(choices, "tours") as each:
+        for (direction, offset), tour in each:
+            if (direction, offset) not in grids:
+                grids[direction, offset] = cells_of(
+                    region, size, angle=direction, offset=(0.0, offset)
+                )
+            candidate = _through(
+                grids[direction, offset],
+                tour,
+                turn_cost=turn,
+                stepwise=stepwise,
+                transit=transit,
+                along_rows=along_rows,
+            )
+            priced.append((candidate, candidate.once_round(turn, turn_cost * size)))
+    ranked = sorted(priced, key=lambda one: one[1])
     best = ranked[0][0]
     compared = {
         candidate.tour.name: Candidate(

@@ -45,6 +45,7 @@ from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.planning.comparison import one_by_one
 from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
@@ -764,7 +765,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         for plan in _team_plans(problem, grid_tour, speeds, landing, seed, scale)
     ]
     all_plans = [replace(plan, airspace=all_plans[0].airspace) for plan in all_plans]
-    plans = [plan for plan in all_plans if plan.refusal is None]
+    with one_by_one(all_plans, "plans") as each:
+        plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
     plans.sort(key=without_delays)
