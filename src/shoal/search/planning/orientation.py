@@ -32,10 +32,16 @@ from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
 from shoal.search.planning.comparison import one_by_one
+from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
-from shoal.search.tours.rows import BoustrophedonTour, CombTour, SpanningTreeTour
+from shoal.search.tours.rows import (
+    BoustrophedonTour,
+    CombTour,
+    SpanningTreeTour,
+    StripsTour,
+)
 
 _COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
 _WIDE = 10_000  # the same limit for robots with wide footprints
@@ -151,16 +157,17 @@ def time_with_sorties(
     return latest
 
 
-TURN = 0.85
-"""Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
-in no time.
-"""
-
 _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
     "spanning-tree": SpanningTreeTour,
     "comb": CombTour,
 }
 """Tours that can run along or across the rows of cells."""
+
+_STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
+    "boustrophedon": BoustrophedonTour,
+    "strips": StripsTour,
+}
+"""Tours of long straight rows, whose order depends on the cost of a turn."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -170,6 +177,7 @@ _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicl
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _CORNER = 5.0  # number of cells inside the region that take as long as one corner of its border
+_BENT = 0.3  # bends at the end of a row where the border slants by less than 45 degrees to the row
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -219,7 +227,7 @@ def grid_tour(
     *,
     angle: float,
     offset: float = 0.0,
-    turn_cost: float = 0.0,
+    turn_cost: float = TURN_PRICES["time"],
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
@@ -239,7 +247,7 @@ def grid_tour(
     offset : float
         Shift of the rows of cells across their direction, as a fraction of the row width.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells.
     stepwise : bool
         Whether robots move only from a cell to a neighbouring cell. Such robots see each cell from
         a viewpoint inside the cell.
@@ -277,17 +285,18 @@ def _through(
     along_rows: bool | None,
 ) -> GridTour:
     """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
-    turn = turn_cost or TURN
-    cell_tour = make_tour(_maker(tour, along_rows), grid.mask)
-    if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
-        grid = along_tour(grid, cell_tour.cells, turn)
+    cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
+    if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
+        grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
-def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
+def _maker(name: str, along_rows: bool | None, turn: float) -> str | TourMaker:
     """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run
-    along or across the rows.
+    along or across the rows, or for turns that cost ``turn`` cells.
     """
+    if name in _STRAIGHT:
+        return _STRAIGHT[name](turn)
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 
@@ -364,6 +373,7 @@ def best_grid_tour(
     tours: Sequence[str],
     *,
     turn_cost: float,
+    reach: float = 0.0,
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
@@ -384,20 +394,21 @@ def best_grid_tour(
     tours : sequence of str
         Names of the tours to compare.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells; see `SearchProblem.turn_price`.
+    reach : float
+        The argument of `turn_shares` in metres: 0 if each turn costs as much, however gentle.
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
     """
-    turn = turn_cost or TURN
     import shapely
 
     # cells on the border take longer than cells inside, and a corner makes a cell of the border
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
-    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
     grids: dict[tuple[float, float], CellGrid] = {}
     priced = []
     choices = list(product(orientations[:tried], tours))
@@ -410,12 +421,12 @@ def best_grid_tour(
             candidate = _through(
                 grids[direction, offset],
                 tour,
-                turn_cost=turn,
+                turn_cost=turn_cost,
                 stepwise=stepwise,
                 transit=transit,
                 along_rows=along_rows,
             )
-            priced.append((candidate, candidate.once_round(turn, turn_cost * size)))
+            priced.append((candidate, candidate.once_round(turn_cost, reach)))
     ranked = sorted(priced, key=lambda one: one[1])
     best = ranked[0][0]
     compared = {
@@ -440,7 +451,7 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
 
     The arguments are those of `best_grid_tour`.
     """
-    estimated = _estimated(region.area, size, turn_cost or TURN)
+    estimated = _estimated(region.area, size, turn_cost)
     best = list(dict.fromkeys(angle for angle, _ in estimated))[:_NEXT_BEST]
     return list(dict.fromkeys([*best, *_ALL_AROUND]))
 
@@ -482,9 +493,10 @@ def _long_sides(area: Any) -> list[float]:
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost, in cells, of driving along all rows of cells.
 
-    The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and
-    two turns for each row. A transfer between two rows costs one row width, or more where the
-    border slants.
+    The estimate is the sum of four terms: the lengths of all rows, the transfers between rows, two
+    turns for each row, and `_BENT` bends at each end of a row where the border slants by less than
+    45 degrees to the row. A transfer between two rows costs one row width, or more where the border
+    slants.
     """
     _, low, _, high = area.bounds
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
@@ -498,9 +510,9 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
-    return float(
-        (lengths + links + runs.max(axis=(1, 2)) * (1.0 + 2.0 * turn)).sum() * count / looked_at
-    )
+    bends = _BENT * (slants > 1.0).sum(axis=1)
+    turns = 2.0 * runs.max(axis=(1, 2)) + bends
+    return float((lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at)
 
 
 def _chords(
