@@ -378,6 +378,7 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Return the cells and the tour with the lowest cost of one round, over all compared tours,
     angles and shifts of the rows.
@@ -402,6 +403,8 @@ def best_grid_tour(
         function compares only the tours.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
+    known : dict, optional
+        Cache of cells and of tours with their costs, for calls that differ in ``tours`` alone.
     """
     import shapely
 
@@ -409,24 +412,27 @@ def best_grid_tour(
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-    grids: dict[tuple[float, float], CellGrid] = {}
+    known = {} if known is None else known
     priced = []
     choices = list(product(orientations[:tried], tours))
     with one_by_one(choices, "tours") as each:
         for (direction, offset), tour in each:
-            if (direction, offset) not in grids:
-                grids[direction, offset] = cells_of(
+            if (direction, offset) not in known:
+                known[direction, offset] = cells_of(
                     region, size, angle=direction, offset=(0.0, offset)
                 )
-            candidate = _through(
-                grids[direction, offset],
-                tour,
-                turn_cost=turn_cost,
-                stepwise=stepwise,
-                transit=transit,
-                along_rows=along_rows,
-            )
-            priced.append((candidate, candidate.once_round(turn_cost, reach)))
+            if (direction, offset, tour) not in known:
+                candidate = _through(
+                    known[direction, offset],
+                    tour,
+                    turn_cost=turn_cost,
+                    stepwise=stepwise,
+                    transit=transit,
+                    along_rows=along_rows,
+                )
+                cost = candidate.once_round(turn_cost, reach)
+                known[direction, offset, tour] = candidate, cost
+            priced.append(known[direction, offset, tour])
     ranked = sorted(priced, key=lambda one: one[1])
     best = ranked[0][0]
     compared = {
