@@ -205,3 +205,38 @@ def test_borders_lie_between_rows_where_that_takes_no_longer():
         int(min(numbers_of(arcs, 240))) for arcs in found.arcs if len(numbers_of(arcs, 240)) < 240
     ]
     assert all(first % 20 == 0 for first in firsts)
+
+
+def test_rows_overlap_by_a_share_of_any_footprint():
+    """A track flown with a metre of cut saw 99.61 %, where the check without a cut said 99.9998 %."""
+    plain = SearchProblem("rectangle:300x200", robots=1, footprint=20, vehicle="multirotor")
+    narrower = plain.replaced(overlap=0.2)
+    assert narrower.chosen_footprint == 16.0
+    plan = plan_search(narrower, seed=1)
+    assert plan.grid.size == 16.0
+    assert plan_search(plain, seed=1).grid.size == 20.0
+    assert SearchProblem("square:90", overlap=0.1).chosen_footprint == 9.0
+    assert SearchProblem(
+        "square:90", robots=2, footprint=(10, 30), overlap=0.1
+    ).chosen_footprint == (9.0, 27.0)
+    camera = (
+        "multirotor,sensor_width=13,sensor_height=13,focal_length=13,altitude=40,side_overlap=0.7"
+    )
+    assert SearchProblem("square:90", vehicle=camera).chosen_footprint == pytest.approx(12.0)
+    overlapping = SearchProblem("square:90", vehicle=camera, overlap=0.25)
+    assert overlapping.chosen_footprint == pytest.approx(30.0)
+    assert overlapping.image.across == pytest.approx(40 / 30)
+    # with positions that are wrong by 1 m and corners cut by 1 m, the reserve sees all
+    route = plan.route(0, plan.stops(0)).points
+    rng = np.random.default_rng(0)
+    dense = shapely.get_coordinates(shapely.segmentize(shapely.linestrings(route), 4.0))
+    wrong = np.clip(dense + rng.uniform(-1, 1, dense.shape), 0, [300, 200])
+    region = plan.grid.region
+    assert coverage_check(region, [wrong], 20.0).covered_fraction > 0.9999
+    bare = plan_search(plain, seed=1)
+    route = bare.route(0, bare.stops(0)).points
+    dense = shapely.get_coordinates(shapely.segmentize(shapely.linestrings(route), 4.0))
+    wrong = np.clip(dense + rng.uniform(-1, 1, dense.shape), 0, [300, 200])
+    assert coverage_check(region, [wrong], 20.0).covered_fraction < 0.9995
+    with pytest.raises(InvalidInputError, match="overlap: expected"):
+        SearchProblem("square:90", overlap=1.0)

@@ -151,6 +151,16 @@ class SearchProblem(Problem):
         parse=parse_numbers,
         check=check_footprint,
     )
+    overlap: float | None = option(
+        None,
+        help=(
+            "Share of the footprint by which neighbouring rows overlap, as a reserve for corners that"
+            " vehicles cut and errors of their positions: robots fly as if they saw a footprint that"
+            " is narrower by this share. Default: 0, or the side overlap of the vehicle's camera."
+        ),
+        least=0,
+        most=0.95,
+    )
     bands: tuple[float, ...] | None = option(
         None,
         help=(
@@ -557,7 +567,10 @@ class SearchProblem(Problem):
 
     @property
     def _asked_vehicle(self) -> Vehicle:
-        return vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+        vehicle = vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+        if self.overlap is None or vehicle.image_size is None or self.footprint is not None:
+            return vehicle
+        return vehicle.replaced(side_overlap=self.overlap)
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
@@ -584,9 +597,17 @@ class SearchProblem(Problem):
         """Return the side of the footprint at an altitude, in metres.
 
         By default, the footprint is the view of the vehicle's camera or detector, or 10 m without a
-        camera or detector.
+        camera or detector. The footprint is narrower by the overlap of the rows.
         """
-        return self.footprint or self.vehicle_at(altitude).row_spacing or FOOTPRINT
+        return self._row_distance(self.vehicle_at(altitude))
+
+    def _row_distance(self, vehicle: Vehicle) -> float | tuple[float, ...]:
+        """Return the side of the footprint less its overlap, in metres: one, or one for each robot."""
+        if self.footprint is None and vehicle.image_size is not None:
+            return vehicle.row_spacing or FOOTPRINT  # without the overlap already
+        side = self.footprint or vehicle.row_spacing or FOOTPRINT
+        narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+        return tuple(narrower.tolist()) if narrower.ndim else float(narrower)
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
@@ -639,7 +660,7 @@ class SearchProblem(Problem):
         return with_default_margin(
             region,
             wanted,
-            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            footprint=float(np.min(self._row_distance(vehicle))),
             inner=inner,
             outer=outer,
             divided=self.transit,
@@ -676,7 +697,7 @@ class SearchProblem(Problem):
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
-            kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
+            kept += ("vehicle", "footprint", "overlap", "robots", "starts", "launch", "land")
         return self.canonical(
             without=("kind", *(name for name in self.declarations() if name not in kept))
         )
