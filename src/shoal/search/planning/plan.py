@@ -812,7 +812,7 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     plans = [plan for plan in all_plans if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    costs = {id(plan): _with_turns(plan, problem) for plan in plans}
+    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
     plans.sort(key=lambda plan: costs[id(plan)])
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
@@ -829,22 +829,38 @@ def _is_same(one: GridTour, other: GridTour) -> bool:
     )
 
 
-def _with_turns(plan: SearchPlan, problem: SearchProblem) -> float:
-    """Return the longest time between the departure of a robot and its return, in seconds, with
-    what the robot's turns cost in comparisons beyond their own time.
+def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
+    """Return the time that decides between plans, in seconds: the longest time between the
+    departure of a robot and its return, with what the robot's turns cost in comparisons beyond
+    their own time. Without a vehicle, robots do not return.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
     price = (problem.turn_price(own) - own) * plan.cell_seconds
-    times = [
-        end_of(sorties) - float(delay)
-        for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
-    ]
+    if plan.flies:
+        times = [
+            end_of(sorties) - float(delay)
+            for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
+        ]
+    else:
+        times = [plan.seconds(float(cells)) for cells in plan.allocation.times]
     if price <= 0:
         return max(times, default=0.0)
     return max(
         time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
         for robot, time in enumerate(times)
     )
+
+
+def plans_along(problem: SearchProblem, tour: str, seed: int) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along one tour."""
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0)
+    landing = (
+        None
+        if problem.land is None
+        else places_of(problem.land, grid_tour.grid.region, problem.robots, what="land")
+    )
+    return _team_plans(problem, grid_tour, speeds, landing, seed, 1.0)
 
 
 def without_delays(plan: SearchPlan) -> float:
