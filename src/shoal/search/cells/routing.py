@@ -583,5 +583,7 @@ class RegionPaths:
         if not region.restricted:
             return PortalGraph(self.grid)
         return PortalGraph(
-            cells_of(without_margin(replace(region, outline=region.free)), self.grid.size)
+            cells_of(
+                without_margin(replace(region, outline=region.free, searched=None)), self.grid.size
+            )
         )
