@@ -458,8 +458,10 @@ class Relaxation:
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
         value = min(program.worth(vectors, slacks, turns), self.limit)
+        if value < 0:  # without multipliers, the bound is 0
+            value, vectors, slacks, turns = 0.0, 0 * vectors, 0 * slacks, 0 * turns
         errors = self._errors(pattern, program, point)
-        return Bound(max(value, 0.0) * self.scale, vectors, slacks, turns, errors)
+        return Bound(value * self.scale, vectors, slacks, turns, errors)
 
     def _errors(
         self, pattern: Pattern, program: Program, solution: Floats
