@@ -857,10 +857,14 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     )
 
 
-def plans_along(problem: SearchProblem, tour: str, seed: int) -> list[SearchPlan]:
-    """Return the plans of all allocations that the problem compares, along one tour."""
+def plans_along(
+    problem: SearchProblem, tour: str, seed: int, known: dict[Any, Any]
+) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along one tour. The argument
+    ``known`` is that of `best_grid_tour`.
+    """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, known=known)
     landing = (
         None
         if problem.land is None
