@@ -151,6 +151,8 @@ def test_a_plain_rectangle_has_plain_rows():
 def test_what_is_preferred_is_time_or_rows():
     with pytest.raises(InvalidInputError, match="prefer: expected"):
         SearchProblem("square:100", prefer="speed")
+    with pytest.raises(InvalidInputError, match="prefer: expected plans to choose between"):
+        SearchProblem("square:100", prefer="rows", tour="moore", angle=30)
     camera = SearchProblem(
         "square:100",
         vehicle="multirotor,sensor_width=13,sensor_height=9,focal_length=9,altitude=40",
