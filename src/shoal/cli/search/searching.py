@@ -105,8 +105,12 @@ def search(
     The robots divide a closed tour through all cells of the region among themselves. If a robot
     fails, the other robots search its part of the tour.
 
+    Ctrl-C ends a long comparison of plans, and Shoal goes on with the best plan so far, except with
+    --out, --prepare and --live. A second Ctrl-C ends the command.
+
     The exit code is 1 if the search was not completed.
     """
+    from shoal.search.planning.choosing import stoppable_comparisons
     from shoal.search.run import run
 
     if compare:
@@ -131,13 +135,14 @@ def search(
     if prepare is not None:
         check_folder(prepare)
     planned = None
-    if missions is not None or fall_back:
-        planned = _mission_set(problem, options, seed=seed)
-    with (
-        nullcontext()
-        if problem.live is None
-        else patience("searching with one process per robot ...")
-    ):
+    # Robots, and readers of an episode, make the plan of a problem again: it must be the same.
+    waiting = problem.live is not None
+    is_made_again = out is not None or prepare is not None or waiting
+    stoppable = nullcontext() if is_made_again else stoppable_comparisons(say)
+    live = patience("searching with one process per robot ...") if waiting else nullcontext()
+    with stoppable, live:
+        if missions is not None or fall_back:
+            planned = _mission_set(problem, options, seed=seed)
         episode = run(problem, seed=seed) if planned is None else planned.run()
     written = [] if planned is None or missions is None else _write(planned, missions)
     if prepare is not None:

@@ -31,6 +31,7 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
+from shoal.search.planning.choosing import one_by_one
 from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
@@ -377,6 +378,7 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Return the cells and the tour with the lowest cost of one round, over all compared tours,
     angles and shifts of the rows.
@@ -401,6 +403,8 @@ def best_grid_tour(
         function compares only the tours.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
+    known : dict, optional
+        Cache of cells and of tours with their costs, for calls that differ in ``tours`` alone.
     """
     import shapely
 
@@ -408,25 +412,28 @@ def best_grid_tour(
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-    grids = [
-        cells_of(region, size, angle=direction, offset=(0.0, offset))
-        for direction, offset in orientations[:tried]
-    ]
-    grid_tours = [
-        _through(
-            grid,
-            tour,
-            turn_cost=turn_cost,
-            stepwise=stepwise,
-            transit=transit,
-            along_rows=along_rows,
-        )
-        for grid, tour in product(grids, tours)
-    ]
-    ranked = sorted(
-        ((candidate, candidate.once_round(turn_cost, reach)) for candidate in grid_tours),
-        key=lambda one: one[1],
-    )
+    known = {} if known is None else known
+    priced = []
+    choices = list(product(orientations[:tried], tours))
+    with one_by_one(choices, "tours") as each:
+        for (direction, offset), tour in each:
+            if (direction, offset) not in known:
+                known[direction, offset] = cells_of(
+                    region, size, angle=direction, offset=(0.0, offset)
+                )
+            if (direction, offset, tour) not in known:
+                candidate = _through(
+                    known[direction, offset],
+                    tour,
+                    turn_cost=turn_cost,
+                    stepwise=stepwise,
+                    transit=transit,
+                    along_rows=along_rows,
+                )
+                cost = candidate.once_round(turn_cost, reach)
+                known[direction, offset, tour] = candidate, cost
+            priced.append(known[direction, offset, tour])
+    ranked = sorted(priced, key=lambda one: one[1])
     best = ranked[0][0]
     compared = {
         candidate.tour.name: Candidate(

@@ -51,6 +51,7 @@ from shoal.search.flight.timing import (
     working_seconds,
 )
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.planning.choosing import one_by_one
 from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
@@ -784,7 +785,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     image whatever its heading.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    first = _grid_tour(problem, speeds, scale=scale)
+    known: dict[Any, Any] = {}
+    first = _grid_tour(problem, speeds, scale=scale, known=known)
     landing = (
         None
         if problem.land is None
@@ -800,7 +802,10 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         if problem.tour == AUTO and problem.passes == 1
         else {}
     )
-    tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    tours = [
+        first,
+        *(_grid_tour(problem, speeds, tour=name, scale=scale, known=known) for name in names),
+    ]
     # the best tour is also the best of its name: its plans are made once
     tours = [first, *(grid_tour for grid_tour in tours[1:] if not _is_same(grid_tour, first))]
     all_plans = [
@@ -809,7 +814,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         for plan in _team_plans(problem, grid_tour, speeds, landing, seed, scale)
     ]
     all_plans = [replace(plan, airspace=all_plans[0].airspace) for plan in all_plans]
-    plans = [plan for plan in all_plans if plan.refusal is None]
+    with one_by_one(all_plans, "plans") as each:
+        plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
     costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
@@ -851,10 +857,14 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     )
 
 
-def plans_along(problem: SearchProblem, tour: str, seed: int) -> list[SearchPlan]:
-    """Return the plans of all allocations that the problem compares, along one tour."""
+def plans_along(
+    problem: SearchProblem, tour: str, seed: int, known: dict[Any, Any]
+) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along one tour. The argument
+    ``known`` is that of `best_grid_tour`.
+    """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, known=known)
     landing = (
         None
         if problem.land is None
@@ -993,12 +1003,18 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(
-    problem: SearchProblem, speeds: NDArray[np.float64], *, scale: float, tour: str | None = None
+    problem: SearchProblem,
+    speeds: NDArray[np.float64],
+    *,
+    scale: float,
+    known: dict[Any, Any],
+    tour: str | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.
 
-    With ``tour``, the function compares no other tours.
+    With ``tour``, the function compares no other tours. The argument ``known`` is that of
+    `best_grid_tour`.
     """
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [
@@ -1019,6 +1035,7 @@ def _grid_tour(
         tours,
         reach=turn_cost * sizes[0],
         angle=problem.chosen_angle,
+        known=known,
         **options,
     )
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name

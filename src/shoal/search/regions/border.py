@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.kernels.sight import CLEAR, DOUBTFUL, bins_of, look
+from shoal.search.kernels.borders import CLEAR, DOUBTFUL, bins_of, look
 
 _BINS = 4_000_000  # largest number of bins
 _LINES = 2.0  # number of lines for each bin, if each had equally many

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,8 +40,7 @@ def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the cells whose strips run along their rows."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+    from shoal.search.kernels.cuts import source_side
 
     number = np.full(mask.shape, -1)
     count = np.count_nonzero(mask)
@@ -57,27 +54,21 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         np.bincount(rows.ravel(), minlength=count) - np.bincount(columns.ravel(), minlength=count)
     )
     gain += _BIAS
-    source, sink = count, count + 1
     one, other = np.concatenate([rows, columns], axis=1)
-    cells = np.arange(count)
-    begins = np.concatenate([one, other, np.full(count, source), cells])
-    ends = np.concatenate([other, one, cells, np.full(count, sink)])
-    capacity = np.concatenate(
-        [np.full(2 * len(one), _UNIT), np.maximum(gain, 0), np.maximum(-gain, 0)]
-    ).astype(np.int32)
-    kept = capacity > 0
-    graph = csr_array(
-        (capacity[kept], (begins[kept], ends[kept])), shape=(count + 2, count + 2), dtype=np.int32
+    begins, ends = np.concatenate([one, other]), np.concatenate([other, one])
+    order = np.argsort(begins, kind="stable")
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    inside = source_side(
+        np.searchsorted(begins[order], np.arange(count + 1)),
+        ends[order],
+        place[(order + len(one)) % max(1, len(order))],
+        np.full(len(order), _UNIT),
+        np.maximum(gain, 0),
+        np.maximum(-gain, 0),
     )
-    flow: Any = maximum_flow(graph, source, sink).flow
-    rest = graph - flow
-    rest.data[rest.data < 0] = 0
-    rest.eliminate_zeros()
-    reached = breadth_first_order(rest, source, return_predecessors=False)
-    inside = np.zeros(count + 2, dtype=np.bool_)
-    inside[reached] = True
     along = np.zeros(mask.shape, dtype=np.bool_)
-    along[mask] = inside[:count]
+    along[mask] = inside
     return along
 
 
