@@ -190,21 +190,27 @@ def main() -> None:
         _draw(results, given.figure)
 
 
-def _gaps(results: list[dict[str, Any]], place: int) -> dict[str, Any]:
-    found = {
-        name: np.array([one["gaps"][place] for one in results if one["class"] == name])
-        for name in CLASSES
-    }
-    return {name: gaps for name, gaps in found.items() if len(gaps)}
+def _gaps(results: list[dict[str, Any]], seconds: float) -> dict[str, Any]:
+    """Return the gaps of each class after a time; only of searches with this time."""
+    found: dict[str, list[float]] = {name: [] for name in CLASSES}
+    for one in results:
+        for time, gap in zip(one["seconds"], one["gaps"], strict=True):
+            if time == seconds:
+                found[one["class"]].append(gap)
+    return {name: np.array(gaps) for name, gaps in found.items() if gaps}
+
+
+def _times(results: list[dict[str, Any]]) -> list[float]:
+    return sorted({time for one in results for time in one["seconds"]})
 
 
 def print_table(results: list[dict[str, Any]]) -> None:
     """Print the shares of gaps below some limits by class, and what all plans have shown."""
-    for place, seconds in enumerate(results[0]["seconds"]):
+    for seconds in _times(results):
         print(f"{seconds:g} s")
         print("| class | problems | at most 0.1 % | 1 % | 5 % | mean gap | largest |")
         print("|---|---|---|---|---|---|---|")
-        gaps = _gaps(results, place)
+        gaps = _gaps(results, seconds)
         for name, values in {**gaps, "all": np.concatenate(list(gaps.values()))}.items():
             shares = "".join(f" {100 * np.mean(values <= limit):.0f} % |" for limit in LIMITS[:3])
             print(
@@ -229,24 +235,27 @@ def _draw(results: list[dict[str, Any]], path: Path) -> None:
 
     from shoal.views import save_figure
 
-    times = results[0]["seconds"]
+    times = _times(results)
     figure = Figure(figsize=(8, 3.2), layout="constrained")
-    for place, (axes, seconds) in enumerate(
-        zip(np.atleast_1d(figure.subplots(1, len(times), sharey=True)), times, strict=True)
-    ):
-        gaps = _gaps(results, place)
-        names = list(gaps)[::-1]
-        left = np.zeros(len(names))
+    names = list(_gaps(results, times[0]))[::-1]
+    rows = np.atleast_1d(figure.subplots(1, len(times), sharey=True))
+    for axes, seconds in zip(rows, times, strict=True):
+        gaps = _gaps(results, seconds)
+        shown = [name for name in names if name in gaps]
+        left = np.zeros(len(shown))
         for limit, shade in zip(
             LIMITS, ("#1a7f37", "#7bc47f", "#f2c94c", "#f2994a", "#c0392b"), strict=True
         ):
-            share = np.array([100 * np.mean(gaps[name] <= limit) for name in names]) - left
+            share = np.array([100 * np.mean(gaps[name] <= limit) for name in shown]) - left
             label = f"at most {100 * limit:g} %" if np.isfinite(limit) else "more"
-            axes.barh(names, share, left=left, color=shade, label=label)
+            axes.barh(
+                [names.index(name) for name in shown], share, left=left, color=shade, label=label
+            )
             left = left + share
         axes.set_xlabel("share of problems, %")
         axes.set_title(f"{seconds:g} s")
         axes.set_xlim(0, 100)
+        axes.set_yticks(range(len(names)), names)
     axes.legend(title="gap", loc="center left", bbox_to_anchor=(1, 0.5))
     save_figure(figure, path)
 

@@ -475,10 +475,11 @@ class SearchEpisode(Episode):
         """Return the problem with the contents of files in place of the file names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
-        if problem.place_is_file() or problem.no_go or problem.place.barriers:
+        if problem.place_is_file() or problem.no_go or problem.searched or problem.place.barriers:
             changes |= {
                 "region": problem.place,
                 "no_go": (),
+                "searched": (),
                 "layer": None,
                 "inner": None,
                 "hidden": None,

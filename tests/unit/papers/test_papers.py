@@ -131,7 +131,13 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         assert store.status("m-fig6").total == 20
 
 
-TRIALS = {"h-fig5": 3, "h-baselines": None, "h-markers": None, "w-fig7": None}  # others: 8
+TRIALS = {
+    "h-fig5": 3,
+    "w-many": 1,
+    "h-baselines": None,
+    "h-markers": None,
+    "w-fig7": None,
+}  # others: 8
 
 
 @pytest.mark.parametrize(
@@ -158,7 +164,7 @@ TRIALS = {"h-fig5": 3, "h-baselines": None, "h-markers": None, "w-fig7": None}  
         ("w-fig3", "aaaa"),
         ("w-fig10", "aaa"),
         ("w-fig13", "aaaaaa"),
-        ("w-many", "aanaaan"),
+        ("w-many", "aanaaaan"),
         ("w-swap", "add"),
         ("h-fig5", "nn"),
         ("h-baselines", "aaaaaa"),

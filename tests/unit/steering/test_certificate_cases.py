@@ -10,7 +10,7 @@ from shoal.steering import disk, polygon, regular_polygon
 pytest.importorskip("clarabel")
 
 from shoal.steering.certificates.relaxation import HoldGap, Relaxation
-from shoal.steering.certificates.search import PatternTree
+from shoal.steering.certificates.search import PatternTree, growth_bound
 
 
 class Walls:
@@ -147,6 +147,7 @@ def test_cases_of_plans(name):
             if tree.least_open >= tree.upper:
                 break
             tree.step()
+        assert growth_bound(relaxation) <= length * (1 + 1e-9)
         stack, ends = [tree.root], 0
         while stack:
             node = stack.pop()

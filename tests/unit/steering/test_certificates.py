@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.steering import SteeringProblem, certify, check_certificate, cylinder, polygon
+from shoal.steering.certificates.check import _BITS, _angle
 from shoal.steering.run import run
 
 pytest.importorskip("clarabel")
@@ -142,6 +144,36 @@ def test_wrong_certificates_of_disks_are_refused(round_certificate, name):
     proof = copy.deepcopy(round_certificate.proof)
     ROUND_WRONG[name](proof)
     assert not check_certificate(proof)
+
+
+def test_antipodes_have_a_bound_from_the_law_of_growth():
+    start, goal = [(-0.48, 0.02), (0.47, 0)], [(0.46, 0.03), (-0.48, -0.01)]
+    episode = run(SteeringProblem("disk", start, goal))
+    found = certify(episode, seconds=0.2)
+    assert found.gap < 0.25
+    assert found.proof["trees"][0]["proof"] == "growth"
+    assert check_certificate(json.loads(json.dumps(found.proof)))
+    higher = found.proof | {"lower_bound": found.lower_bound * 1.0001}
+    assert "proves" in check_certificate(higher).message
+    for other in ({"radius": 0.6}, {"tolerance": 0.01}, {"goal": start}):
+        assert not check_certificate(found.proof | other)
+
+
+def test_the_law_of_growth_is_for_disks(certificate):
+    proof = copy.deepcopy(certificate.proof)
+    proof["trees"][0]["proof"] = "growth"
+    assert "disks" in check_certificate(proof).message
+
+
+@pytest.mark.parametrize("cosine", [-1, -0.999, -0.3, 0, 0.5, 0.9999, 1])
+def test_angles_are_rounded_outward(cosine):
+    one = 1 << _BITS
+    low, high = (Fraction(angle, one) for angle in _angle(int(cosine * 2**60) * one, 2**60))
+    angle = Fraction(np.arccos(int(cosine * 2**60) / 2**60))
+    assert abs(float(low - angle)) < 1e-11
+    assert low <= angle + Fraction(1, 10**15)
+    assert high >= angle - Fraction(1, 10**15)
+    assert low <= high
 
 
 def test_the_search_finds_a_shorter_plan():

@@ -34,7 +34,7 @@ def test_one_who_knows_needs_three_scans(places):
                 scans.append(state.cells.tolist())
             shown.append(scans)
         assert shown.count(shown[k]) == 1
-    assert max(len("".join(confirming_commands(teeth))) for teeth in combs) <= 8 * places + 2
+    assert max(len("".join(confirming_commands(teeth))) for teeth in combs) <= 7 * places + 2
 
 
 def told_apart(group, scans, left):

@@ -142,7 +142,7 @@ def _bicriterion(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Out
     sentence = (
         "The paper leaves the analysis of two dimensions open. A comb of k places for teeth needs"
         " k / log2(cells) scans or more, as each scan shows only in which cell the particle is;"
-        f" one who knows the comb confirms it with {KNOWING} scans and 8 k + 2 moves at most. No"
+        f" one who knows the comb confirms it with {KNOWING} scans and 7 k + 2 moves at most. No"
         " schedule therefore keeps both ratios below a constant times m / log m, while scans after"
         " every move keep them within a constant times m. What remains open is the factor log m."
     )

@@ -11,6 +11,7 @@ from shoal.search.cells.visibility_graph import inside, leg_lengths
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
 
+_FEWEST = 4  # legs: a shorter path, such as around a building, keeps its bends
 _MOST = 200  # legs: a longer path keeps its bends
 
 
@@ -32,7 +33,7 @@ def with_fewer_bends(region: SearchRegion, way: Points, price: float) -> Points:
         Length in metres that a bend may cost.
     """
     count = len(way) - 1
-    if count < 3 or count > _MOST:
+    if not _FEWEST <= count <= _MOST:
         return way
     starts, ends = way[:-1], way[1:]
     lengths = leg_lengths(way)

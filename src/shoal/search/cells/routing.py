@@ -368,7 +368,8 @@ class RegionPaths:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
 
         If the straight line between the points stays inside the region, the path is this line. If
-        the straight line leaves the region, the path is the shortest path around nearby corners.
+        the straight line leaves the region, the path is the shortest path around nearby corners, or
+        a little longer with fewer bends if it would have more than two; see `with_fewer_bends`.
         With more than 1000 nearby corners, the path is a shortened path from cell to cell, and
         rarely much longer than the shortest path.
 
@@ -586,5 +587,7 @@ class RegionPaths:
         if not region.restricted:
             return PortalGraph(self.grid)
         return PortalGraph(
-            cells_of(without_margin(replace(region, outline=region.free)), self.grid.size)
+            cells_of(
+                without_margin(replace(region, outline=region.free, searched=None)), self.grid.size
+            )
         )

@@ -31,7 +31,7 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
-from shoal.search.planning.comparison import one_by_one
+from shoal.search.planning.choosing import one_by_one
 from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour

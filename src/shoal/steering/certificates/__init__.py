@@ -134,15 +134,15 @@ def certify(
     ]
     begun = told = clock()
     while (now := clock()) - begun < seconds:
-        search = min(searches, key=lambda one: one.best.lower)
-        least = search.best.lower
+        search = min(searches, key=lambda one: one.lower)
+        least = search.lower
         if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
             break
         search.step(clock)
         if progress is not None and now - told > 1:
             told = now
             progress(now - begun, least)
-    bound = max(min(one.best.lower for one in searches) * (1 - _SLACK), 0.0)
+    bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
     relaxation = searches[0].relaxation
     proof = {
         "kind": KIND,
@@ -157,7 +157,7 @@ def certify(
         "unit": relaxation.scale,
         "lower_bound": bound,
         "trees": [
-            {"order": [k + 1 for k in order], "proof": search.best.root.proof(bound)}
+            {"order": [k + 1 for k in order], "proof": search.proof(bound)}
             for order, search in zip(orders, searches, strict=True)
         ],
     }

@@ -1,8 +1,8 @@
 """Check certificates of steering in exact arithmetic, without any code of the search.
 
-The module uses whole numbers only: all coordinates are scaled so that they are whole, and the
-multipliers of a certificate are multiples of a power of two. The formulas are those of
-docs/concepts/steering/certificates.md.
+The module uses whole numbers and fractions only: all coordinates are scaled so that they are whole,
+and the multipliers of a certificate are multiples of a power of two. Roots, sines, cosines and
+angles are rounded outward. The formulas are those of docs/concepts/steering/certificates.md.
 """
 
 from __future__ import annotations
@@ -60,6 +60,15 @@ class _FlatWalls:
         if _turns(self.along) != 1:
             raise _WrongError("the corners go around more than once")
         self.normals = [(-y, x) for x, y in self.along]
+        # all corners are at most R from a centre, and all walls at least q
+        self.middle = tuple(sum(part) // self.count for part in zip(*corners, strict=True))
+        out = [(x - self.middle[0], y - self.middle[1]) for x, y in corners]
+        near = min(
+            -_dot(normal, corner) // _root(_dot(normal, normal))
+            for normal, corner in zip(self.normals, out, strict=True)
+        )
+        self.far = _root(max(_dot(corner, corner) for corner in out))
+        self.ring = self.far**2 - max(near, 0) ** 2
         xs, ys = zip(*corners, strict=True)
         self.low, self.high = (min(xs), min(ys)), (max(xs), max(ys))
         self.sides = [
@@ -108,6 +117,7 @@ class _RoundWalls:
         ):
             raise _WrongError("the directions do not go around the disk once")
         self.radius, self.directions = radius, directions
+        self.far, self.ring, self.middle = radius, 0, (0, 0)
         self.count = len(directions)
         self.low, self.high = (-radius, -radius), (radius, radius)
         self.sides: list[tuple[Pair, int]] = []
@@ -225,11 +235,13 @@ class _Task:
                 raise _WrongError("the multiplier of a constraint is negative")
             _add(total, _numbered(program.rows, index)(), -slack)
         for index, *given in leaf["cones"]:
-            x, y = (_multiple(part) for part in given)
-            length, vector = _numbered(program.cones, index)
+            factors = [_multiple(part) for part in given]
+            length, vectors = _numbered(program.cones, index)
             # t >= |v| and n >= |z| mean n t - z . v >= 0
-            _add(total, length, -_root(x * x + y * y) * self.whole)
-            for factor, part in ((x, vector[0]), (y, vector[1])):
+            size = _root(sum(factor * factor for factor in factors))
+            _add(total, length, -size * self.whole)
+            # fewer parts of z than of v, or more, are 0
+            for factor, part in zip(factors, vectors, strict=False):
                 _add(total, part, factor * self.whole)
         value = total.pop(_ONE, 0)
         for key, number in total.items():
@@ -345,8 +357,15 @@ class _Program:
         self.bounds: list[Pair] = []
         self.norms: list[Vector] = []
         self.rows: list[Callable[[], dict[int, int]]] = []
-        self.cones: list[tuple[dict[int, int], Vector]] = []
+        self.cones: list[tuple[Mapping[int, Any], tuple[Mapping[int, Any], ...]]] = []
         self.costs: list[int] = []
+        (x, y), (other_x, other_y) = task.start
+        walls = task.walls
+        # of the law of growth: sqrt(k) / R, and g
+        self.slope = Fraction(_root(walls.ring), walls.far) if task.runs else Fraction(0)
+        self.grown: dict[int, Fraction] = {
+            _ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) + Fraction(walls.ring, walls.far)
+        }
         self._build(pattern)
 
     def _vector(self, low: Pair, high: Pair) -> Vector:
@@ -399,18 +418,75 @@ class _Program:
             self.cones.append(({_ONE: walls.radius}, point))
         return point
 
+    def _at_least(self, change: Vector) -> int:
+        """Return a variable that is at least the norm of a vector and part of the length."""
+        self.bounds.append((0, self.task.limit))
+        length = len(self.bounds) - 1
+        self.costs.append(length)
+        self.cones.append(({length: 1}, change))
+        return length
+
+    def _travel(self, change: Vector) -> None:
+        """Count free translations; with the law of growth, remember the sum of their lengths."""
+        if self.task.runs:
+            self.grown[self._at_least(change)] = 1 + self.slope
+        else:
+            self.norms.append(change)
+
+    def _adjust(self, change: Vector) -> None:
+        """Count adjustments; with the law of growth, remember the sum of their lengths."""
+        if self.slope:
+            self.grown[self._at_least(change)] = self.slope
+        else:
+            self.norms.append(change)
+
+    def _touch(self, contact: Vector, item: _Hold) -> None:
+        """Begin the law of growth with a first contact, from the middle."""
+        walls, (one, other) = self.task.walls, self.task.start
+        sign = 1 - 2 * item.particle
+        apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
+        grown: dict[int, Fraction] = {_ONE: Fraction(walls.ring, walls.far)}
+        for part, size in zip(contact, apart, strict=True):
+            for key, number in part.items():
+                grown[key] = grown.get(key, Fraction(0)) - Fraction(number * size, walls.far)
+        self.grown = grown
+
+    def _spread(self, apart: Vector) -> None:
+        """Add the law of growth.
+
+        All places p are in a disk of radius R around a middle, and each wall has a distance of at
+        least q from it. With k = R² - q², the outward normal of a wall is at most a = asin(sqrt(k)
+        / R) from the direction of each of its points. Let p and o be the places of both particles
+        from the middle, D = o - p, and f = -p . o. So |D|² = |p|² + |o|² + 2 f <= 2 R² + 2 f.
+
+        An adjustment u moves o while a wall with the outward normal n holds p, and n . u >= 0. So
+        p . u >= -|p| sin a |u|, and f rises by at most sqrt(k) |u|.
+        A translation t to the next contact, of p + t (as well as of o + t), has n . t >= 0 for the
+        wall of this contact, and f rises by -t . (o + (p + t)) <= R |t| + sqrt(k) |t|.
+        At the first contact, f = -|p|² - p . D <= -q² - p . D, and D is that of the start.
+        Together, |D|² <= 2 R g, where g is k / R - p . D / R at the first contact + (1 + sqrt(k) /
+        R) (sum of the translations) + sqrt(k) / R (sum of the adjustments). In a disk, k = 0. If
+        the first contact is in a gap, -p . D / R <= |D|.
+        """
+        if self.task.runs:
+            # |v|² <= a b as |(2 v, a - b)| <= a + b
+            doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
+            least, most = dict(self.grown), dict(self.grown)
+            least[_ONE] -= 2 * self.task.walls.far
+            most[_ONE] += 2 * self.task.walls.far
+            self.cones.append((most, (*doubled, least)))
+
     def _adjusts(self, first: int, end: int, change: Vector) -> None:
         """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
         walls = self.task.walls
         axis, sine = walls.axis(first, end)
         if isinstance(walls, _FlatWalls) and end - first == 1:
-            self.norms.append(change)
+            self._adjust(change)
             self.rows.append(lambda: _along(axis, change, -1))
             return
-        self.bounds.append((0, self.task.limit))
-        length = len(self.bounds) - 1
-        self.costs.append(length)
-        self.cones.append(({length: 1}, change))
+        length = self._at_least(change)
+        if self.slope:
+            self.grown[length] = self.slope
 
         def row() -> dict[int, int]:
             return _along(axis, change, -1) | {length: sine}
@@ -435,19 +511,20 @@ class _Program:
             final = number == len(pattern) - 1
             if not isinstance(item, _Hold):
                 free = self._around(far)
-                norms.append(free)
+                self._travel(free)
                 reached = [_plus(place, free) for place in places]
                 for first, end, particle in (
                     [(0, 0, 0), (0, 0, 1)] if item is None else sorted(item)
                 ):
                     change = self._around(far)
                     if item is None:
-                        norms.append(change)
+                        self._adjust(change)
                     else:
                         self._adjusts(first, end, change)
                     reached[1 - particle] = _plus(reached[1 - particle], change)
                 if not final:
                     before = self._around(task.extent)
+                self._spread(_minus(goals[1], goals[0]) if final else before)
                 continue
             first_contact, last_contact = self._contact(item.first), self._contact(item.last)
 
@@ -456,19 +533,27 @@ class _Program:
 
             if reached is None:
                 before = _minus(places[1], places[0])
-                norms.append(_minus(first_contact, places[item.particle]))
+                way = _minus(first_contact, places[item.particle])
+                if number:
+                    self._travel(way)
+                else:
+                    norms.append(way)
+                    if task.runs:
+                        self._touch(_minus(first_contact, _constant(task.walls.middle)), item)
             else:
                 now = [first_contact, other(first_contact, before)]
                 for one, there in zip(reached, now[:: 1 - 2 * item.particle], strict=True):
                     self._equal(one, there)
                 reached = None
             after = _minus(goals[1], goals[0]) if final else self._around(task.extent)
-            way = [
+            touched = [
                 first_contact,
                 *(self._contact(between) for between in _between(item)),
                 last_contact,
             ]
-            norms += [_minus(second, first) for first, second in pairwise(way)]
+            for one, another in pairwise(touched):
+                self._travel(_minus(another, one))
+            self._spread(after)
             change = other(({}, {}), _minus(after, before))
             self._adjusts(item.least[0], item.most[1], change)
             self._inside(other(first_contact, before))
@@ -515,6 +600,69 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
     return found
 
 
+_PIECES = 256  # of the least distance, in the law of growth
+_BITS = 240  # of cosines and angles
+_HALVES = 20  # of an angle
+
+
+def _growth(task: _Task) -> Fraction:
+    """Return a bound for a disk from the law of growth, where a plan cannot be a translation.
+
+    Let d be the least |D| of a plan, D the vector between the particles. The sum of the adjustments
+    is at least as long as a path of D from the start to the goal that stays outside the disk of
+    radius d: two tangents and an arc. From then on, the translations are at least as long as
+    |D at the goal|² / 2 r - d, by the law of growth. Each piece of the interval of d has the path
+    of its lower and the translations of its upper end.
+
+    A goal within the tolerance changes D by less than 3 tolerances.
+    """
+    walls, slack = task.walls, 3 * task.tolerance
+    if not walls.radius:
+        raise _WrongError("the law of growth is for disks")
+    ends = [(two[0] - one[0], two[1] - one[1]) for one, two in (task.start, task.goal)]
+    start, goal = (isqrt(_dot(end, end)) for end in ends)
+    apart = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+    straight = isqrt(_dot(apart, apart)) - slack
+    if straight <= 0:
+        raise _WrongError("the law of growth is not for a translation")
+    one, low = 1 << _BITS, max(goal - slack, 0)
+    turn = _angle(_dot(*ends) * one, start * goal)[0] if start and goal else 0
+    most, least = min(start, goal + slack) + 1, None  # no plan has a greater d
+    for piece in range(_PIECES):
+        inner = most * piece // _PIECES - slack
+        outer = most * (piece + 1) // _PIECES + 1
+        way = straight
+        if 0 < inner < min(start, goal):
+            between = turn - sum(_angle(inner * one, end)[1] for end in (start, goal))
+            if between > 0:
+                tangents = sum(isqrt(end * end - inner * inner) for end in (start, goal))
+                way = max(way, tangents + inner * between // one - slack)
+        way += max(low * low // (2 * walls.radius) - outer, 0)
+        least = way if least is None else min(least, way)
+    assert least is not None
+    return Fraction(least, task.whole) * task.unit
+
+
+def _angle(part: int, whole: int) -> Pair:
+    """Return the angle with the cosine part / whole / 2**_BITS, rounded down and up; times 2**_BITS.
+
+    The chord c of an angle is sqrt(2 - 2 cos), that of half of it sqrt(2 - sqrt(4 - c²)). A small
+    angle a is between its chord 2 sin(a / 2) and c (1 + c² / 20).
+    """
+    one = 1 << _BITS
+    found = []
+    for cosine, up in ((-(-part // whole), 0), (part // whole, 1)):
+        square = 2 * one - 2 * max(min(cosine, one), -one)  # of the chord
+        for _ in range(_HALVES):
+            inner = (4 * one - square) * one
+            square = 2 * one - (isqrt(inner) if up else _root(inner))
+        chord = _root(square * one) if up else isqrt(square * one)
+        if up:
+            chord += chord * square // (20 * one) + 1
+        found.append(chord << _HALVES)
+    return found[0], found[1]
+
+
 def _leaves(
     task: _Task, proof: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[list[Item], Mapping[str, Any]]]:
@@ -530,6 +678,15 @@ def _leaves(
             stack += task.parts(pattern, node)[::-1]
     if stack:
         raise _WrongError(f"{len(stack)} cases are missing")
+
+
+def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
+    """Yield the bound of each leaf of a proof."""
+    if proof == "growth":
+        yield _growth(task)
+        return
+    for pattern, leaf in _leaves(task, proof):
+        yield task.value(pattern, leaf)
 
 
 def check_certificate(certificate: Mapping[str, Any]) -> Verification:
@@ -553,8 +710,7 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         count = 0
         for tree in certificate["trees"]:
             task = _Task(certificate, tree["order"])
-            for pattern, leaf in _leaves(task, tree["proof"]):
-                value = task.value(pattern, leaf)
+            for value in _values(task, tree["proof"]):
                 count += 1
                 if value < bound:
                     raise _WrongError(
@@ -605,7 +761,7 @@ def _ratio(one: int, other: int) -> int:
     return -(-one // other)
 
 
-def _add(total: dict[int, int], part: Mapping[int, int], factor: int) -> None:
+def _add(total: dict[int, Any], part: Mapping[int, Any], factor: int) -> None:
     for key, number in part.items():
         total[key] = total.get(key, 0) + factor * number
 

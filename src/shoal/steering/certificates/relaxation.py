@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 STEP = 2.0**-36  # multipliers are multiples of this
 ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
+_RARE = 60  # rows of a program that are tried only if a solution does not meet them
+_OUTSIDE = 1e-7
 _FINE = 2.0**-30  # directions of arcs are multiples of this
 
 
@@ -98,7 +100,7 @@ gaps is a hold."""
 @dataclass(frozen=True)
 class Bound:
     """A lower bound of a pattern, with the multipliers of norms, float64 (n, 2), of constraints,
-    float64 (m,), and of cones, float64 (k, 2), that prove it.
+    float64 (m,), and of cones, float64 (k, 3), that prove it.
 
     ``errors`` has, for each place of the pattern that can be divided, how much might be lost there,
     as a length, and for a hold also what to divide, and where.
@@ -123,9 +125,13 @@ class Program:
     costs : ndarray of float64, shape (variables,)
     rows : ndarray of float64, shape (m, variables + 1)
         Expressions that are at least 0.
-    cones : ndarray of float64, shape (k, 3, variables + 1)
-        The first expression is at least the norm of the other two.
+    cones : ndarray of float64, shape (k, 4, variables + 1)
+        The first expression is at least the norm of the other three.
     low, high : ndarray of float64, shape (variables,)
+    rare : ndarray of bool, shape (m,)
+        Whether a row is one of many of which few matter.
+    boxed : ndarray of bool, shape (variables,)
+        Whether ``low`` and ``high`` do not follow from the rest.
     contacts : list of tuple
         For each hold: place in the pattern, and its contacts and adjustments by name.
     gaps : list of tuple
@@ -139,6 +145,8 @@ class Program:
     cones: Floats
     low: Floats
     high: Floats
+    rare: NDArray[np.bool_]
+    boxed: NDArray[np.bool_]
     contacts: list[tuple[int, dict[str, Floats]]]
     gaps: list[tuple[int, list[int], list[int]]]
 
@@ -147,7 +155,9 @@ class Program:
         total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
         total[:-1] += self.costs
         if len(turns):
-            total -= np.hypot(*turns.T) @ self.cones[:, 0]
+            # the checker, too, rounds up
+            sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
+            total -= sizes @ self.cones[:, 0]
             total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
         rest = total[:-1]
         value = float(total[-1] + np.minimum(rest * self.low, rest * self.high).sum())
@@ -162,6 +172,10 @@ class Walls(Protocol):
     count : int
     radius : float
         Radius of the round wall around the origin; 0 if all walls are flat.
+    rings : tuple of float or None
+        For the law of growth with runs: the radius R of a circle around all walls, and R² - q²,
+        where all walls are at least q from its centre, ``middle``.
+    middle : ndarray of float64, shape (2,)
     low, high : ndarray of float64, shape (2,)
         Bounds of the workspace.
     base : list of tuple of int
@@ -172,6 +186,8 @@ class Walls(Protocol):
 
     count: int
     radius: float
+    rings: tuple[float, float] | None
+    middle: Floats
     low: Floats
     high: Floats
     base: list[Range]
@@ -224,6 +240,13 @@ class _FlatWalls(Walls):
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.base = _arcs(self.count, base)
         self.runs = self.count > base
+        self.rings = None
+        self.middle = corners.mean(axis=0)
+        if self.runs:
+            out = corners - self.middle
+            near = -np.sum(self.normals * out, axis=1) / self.lengths
+            far = float(np.max(np.sum(out * out, axis=1)))
+            self.rings = far**0.5, far - float(np.min(near)) ** 2
 
     def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
         if end - first > 1:
@@ -266,6 +289,8 @@ class _RoundWalls(Walls):
     def __init__(self, radius: float, directions: Floats, base: int) -> None:
         self.radius = radius
         self.directions = directions
+        self.rings = radius, 0.0
+        self.middle = np.zeros(2)
         self.count = len(directions)
         self.high = np.full(2, radius)
         self.low = -self.high
@@ -377,38 +402,52 @@ class Relaxation:
         from scipy.sparse import csc_matrix
 
         program = self.program(pattern)
-        norms, rows, low, high = program.norms, program.rows, program.low, program.high
-        count, size, cones = len(low), len(norms), len(program.cones)
+        count, size, cones = len(program.low), len(program.norms), len(program.cones)
         clarabel = self._clarabel
-        # the variables of the program, then the length of each norm
-        linear = len(rows) + 2 * count
-        system = np.zeros((linear + 3 * size + 3 * cones, count + size + 1))
-        system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
-        box = system[len(rows) : linear]
-        box[:count, :count], box[:count, -1] = np.eye(count), -low
-        box[count:, :count], box[count:, -1] = -np.eye(count), high
-        lengths = system[linear : linear + 3 * size].reshape(size, 3, -1)
-        lengths[:, 0, count:-1] = np.eye(size)
-        lengths[:, 1:, :count], lengths[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
-        turned = system[linear + 3 * size :].reshape(cones, 3, count + size + 1)
-        turned[:, :, :count], turned[:, :, -1] = program.cones[:, :, :-1], program.cones[:, :, -1]
-        solution = clarabel.DefaultSolver(
-            csc_matrix((count + size, count + size)),
-            np.concatenate([program.costs, np.ones(size)]),
-            csc_matrix(-system[:, :-1]),
-            system[:, -1],
-            [
-                clarabel.NonnegativeConeT(linear),
-                *(clarabel.SecondOrderConeT(3) for _ in range(size + cones)),
-            ],
-            self._settings,
-        ).solve()
+        # most walls of a polygon with many sides are far from a solution
+        used = ~program.rare if program.rare.sum() > _RARE else np.ones(len(program.rows), np.bool_)
+        while True:
+            rows = program.rows[used]
+            # the variables of the program, then the length of each norm
+            boxed = np.flatnonzero(program.boxed)
+            linear = len(rows) + 2 * len(boxed)
+            system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
+            system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
+            box = system[len(rows) : linear].reshape(2, len(boxed), count + size + 1)
+            box[0, np.arange(len(boxed)), boxed], box[0, :, -1] = 1, -program.low[boxed]
+            box[1, np.arange(len(boxed)), boxed], box[1, :, -1] = -1, program.high[boxed]
+            lengths = system[linear : linear + 3 * size].reshape(size, 3, count + size + 1)
+            lengths[:, 0, count:-1] = np.eye(size)
+            lengths[:, 1:, :count] = program.norms[:, :, :-1]
+            lengths[:, 1:, -1] = program.norms[:, :, -1]
+            turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
+            turned[:, :, :count] = program.cones[:, :, :-1]
+            turned[:, :, -1] = program.cones[:, :, -1]
+            solution = clarabel.DefaultSolver(
+                csc_matrix((count + size, count + size)),
+                np.concatenate([program.costs, np.ones(size)]),
+                csc_matrix(-system[:, :-1]),
+                system[:, -1],
+                [
+                    clarabel.NonnegativeConeT(linear),
+                    *(clarabel.SecondOrderConeT(3) for _ in range(size)),
+                    *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
+                ],
+                self._settings,
+            ).solve()
+            point = np.array(solution.x)
+            outside = ~used & (program.rows @ np.append(point[:count], 1.0) < -_OUTSIDE)
+            if not outside.any() or "Infeasible" in str(solution.status):
+                break
+            used |= outside
         dual = np.array(solution.z)
         if not np.isfinite(dual).all():
             dual = np.zeros_like(dual)
-        slacks = np.maximum(dual[: len(rows)], 0.0)
-        vectors = -dual[linear:].reshape(size + cones, 3)[:, 1:]
-        vectors, turns = vectors[:size], vectors[size:]
+        slacks = np.zeros(len(program.rows))
+        slacks[used] = np.maximum(dual[: len(rows)], 0.0)
+        split = linear + 3 * size
+        vectors = -dual[linear:split].reshape(size, 3)[:, 1:]
+        turns = -dual[split:].reshape(cones, 4)[:, 1:]
         if "Infeasible" in str(solution.status):
             vectors = np.zeros_like(vectors)
             worth = program.worth(vectors, slacks, turns)
@@ -419,7 +458,7 @@ class Relaxation:
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
         value = min(program.worth(vectors, slacks, turns), self.limit)
-        errors = self._errors(pattern, program, np.array(solution.x))
+        errors = self._errors(pattern, program, point)
         return Bound(max(value, 0.0) * self.scale, vectors, slacks, turns, errors)
 
     def _errors(
@@ -479,20 +518,33 @@ class Relaxation:
         """Return the convex program of a pattern."""
         walls = self.walls
         far = 4 + sum(
-            4 + 2 * (2 if item.holds is None else 2 * len(item.holds))
+            5 + 3 * (2 if item.holds is None else len(item.holds))
             if isinstance(item, HoldGap)
-            else 11
+            else 15
             for item in pattern
         )
         low, high, costs = np.zeros(far), np.zeros(far), np.zeros(far)
+        boxed = np.zeros(far, np.bool_)
+        rare: list[int] = []  # numbers in ``rows``
         used = 0
         norms: list[Floats] = []
         rows: list[Floats] = []
         cones: list[Floats] = []
+        radius = np.zeros((1, far + 1))
+        radius[0, -1] = walls.radius
+        # the law of growth: |difference|² <= 2 R grown, where grown is |difference at the start|
+        # + k / R + (1 + a) (sum of the translations) + a (sum of the adjustments), a = sqrt(k) / R
+        around, grown = np.zeros((1, far + 1)), np.zeros((1, far + 1))
+        out, ring = walls.rings or (0.0, 0.0)
+        if walls.rings:
+            around[0, -1] = 2 * out
+            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / out
+            slope = ring**0.5 / out
         contacts, gaps = [], []
 
-        def vector(least: Floats, most: Floats) -> Floats:
+        def vector(least: Floats, most: Floats, *, box: bool = False) -> Floats:
             nonlocal used
+            boxed[used : used + 2] = box
             new = np.zeros((2, far + 1))
             new[0, used] = new[1, used + 1] = 1
             low[used : used + 2], high[used : used + 2] = least, most
@@ -504,54 +556,84 @@ class Relaxation:
             new[:, -1] = value
             return new
 
+        def cone(least: Floats, *vector: Floats) -> None:
+            """Add the condition that an expression is at least the norm of others."""
+            new = np.zeros((4, far + 1))
+            new[0] = least
+            new[1 : 1 + sum(len(part) for part in vector)] = np.concatenate(vector)
+            cones.append(new)
+
+        def at_least(change: Floats) -> Floats:
+            """Return a variable that is at least the norm of a vector and part of the length."""
+            nonlocal used
+            length = np.zeros((1, far + 1))
+            length[0, used], high[used], costs[used] = 1, self.limit, 1
+            used += 1
+            cone(length, change)
+            return length
+
+        def travel(change: Floats) -> None:
+            """Count the length of free translations; with a law of growth, remember their sum."""
+            if walls.rings:
+                grown[0] += (1 + slope) * at_least(change)[0]
+            else:
+                norms.append(change)
+
+        def spread(apart: Floats) -> None:
+            """Add the law of growth to a program."""
+            if walls.rings:
+                # |v|² <= a b as |(2 v, a - b)| <= a + b
+                cone(grown + around, 2 * apart, grown - around)
+
         def length_of(arc: Arc, change: Floats) -> None:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
-            if (
-                walls.segment(arc.first, arc.end) is not None
-            ):  # one wall: the length is at least |change|, and axis @ change <= 0
-                norms.append(change)
+            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
+                adjust(change)
                 rows.append(-axis[None] @ change)
                 return
-            length = np.zeros((1, far + 1))
-            length[0, used], high[used], costs[used] = 1, self.limit, 1
-            used += 1
-            cones.append(np.concatenate([length, change]))
-            rows.append(sine * length - axis[None] @ change)
+            rows.append(sine * adjust(change, arc=True) - axis[None] @ change)
+
+        def adjust(change: Floats, *, arc: bool = False) -> Floats:
+            """Count the length of adjustments; with a law of growth, remember their sum."""
+            if not arc and not ring:
+                norms.append(change)
+                return change
+            length = at_least(change)
+            if ring:
+                grown[0] += slope * length[0]
+            return length
 
         def inside(point: Floats) -> None:
             normals, offsets = walls.inside_rows()
             if len(normals):
                 depth = normals @ point
                 depth[:, -1] -= offsets
+                rare.append(len(rows))
                 rows.append(depth)
             if walls.radius:
-                radius = np.zeros((1, far + 1))
-                radius[0, -1] = walls.radius
-                cones.append(np.concatenate([radius, point]))
+                cone(radius, point)
 
         def contact(between: Range) -> Floats:
             nonlocal used
             segment = walls.segment(*between)
             if segment is not None:
                 point = constant(segment[0])
-                point[:, used], high[used] = segment[1], 1
+                point[:, used], high[used], boxed[used] = segment[1], 1, True
                 used += 1
                 return point
-            point = vector(walls.low, walls.high)
+            point = vector(walls.low, walls.high, box=True)
             normals, offsets = walls.arc_rows(*between)
             depth = normals @ point
             depth[:, -1] -= offsets
             rows.append(depth)
             if walls.radius:
-                radius = np.zeros((1, far + 1))
-                radius[0, -1] = walls.radius
-                cones.append(np.concatenate([radius, point]))
+                cone(radius, point)
             return point
 
         reach, extent = np.full(2, self.limit), walls.high - walls.low
-        goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
+        goals = [vector(one - self.tolerance, one + self.tolerance, box=True) for one in self.goal]
         places = [constant(one) for one in self.start]
         if not pattern:
             apart = (goals[1] - goals[0]) - (places[1] - places[0])
@@ -563,12 +645,12 @@ class Relaxation:
             if isinstance(item, HoldGap):
                 begun = len(norms), used
                 free = vector(-reach, reach)
-                norms.append(free)
+                travel(free)
                 gap = [places[0] + free, places[1] + free]
                 if item.holds is None:
                     for particle in (0, 1):
                         change = vector(-reach, reach)
-                        norms.append(change)
+                        adjust(change)
                         gap[1 - particle] = gap[1 - particle] + change
                 else:
                     for hold in sorted(item.holds):
@@ -584,13 +666,21 @@ class Relaxation:
                 )
                 if not final:
                     before = vector(-extent, extent)
+                spread(goals[1] - goals[0] if final else before)
                 continue
             particle = item.particle
             sign = 1.0 if particle == 0 else -1.0
             first, last = contact(item.first), contact(item.last)
             if gap is None:
                 before = places[1] - places[0]
-                norms.append(first - places[particle])
+                if number:
+                    travel(first - places[particle])
+                else:
+                    norms.append(first - places[particle])
+                    if walls.rings:  # instead of |difference at the start|, its depth there
+                        apart = self.start[1] - self.start[0]
+                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / out
+                        grown[0, -1] += ring / out
             else:
                 now = [first, first + before] if particle == 0 else [first - before, first]
                 rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
@@ -599,7 +689,9 @@ class Relaxation:
             named = {"first": first, "last": last, "change": sign * (after - before)}
             way = item.way()
             named |= {name: contact(item.range(name)) for name in way[1:-1]}
-            norms += [named[other] - named[one] for one, other in pairwise(way)]
+            for one, other in pairwise(way):
+                travel(named[other] - named[one])
+            spread(after)
             length_of(item.arc, sign * (after - before))
             inside(first + sign * before)
             inside(last + sign * after)
@@ -611,12 +703,14 @@ class Relaxation:
             rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
         keep = [*range(used), far]
         return Program(
-            np.stack(norms)[:, :, keep],
+            np.stack(norms)[:, :, keep] if norms else np.zeros((0, 2, used + 1)),
             costs[:used],
             np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1)),
-            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 3, used + 1)),
+            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
             low[:used],
             high[:used],
+            np.repeat([k in rare for k in range(len(rows))], [len(part) for part in rows]),
+            boxed[:used],
             [
                 (number, {name: value[:, keep] for name, value in named.items()})
                 for number, named in contacts

@@ -26,6 +26,9 @@ from shoal.steering.certificates.relaxation import (
 )
 
 _USEFUL = 0.01  # least rise of a division by use, relative to the gap
+_HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
+_NARROW = 16  # part of a turn, of arcs that may take turns in a gap
+_PIECES = 256  # of the least distance in the law of growth
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -228,8 +231,9 @@ def _branching(
     """
 
     def rank(place: int) -> tuple[bool, float]:
-        vain = isinstance(pattern[place], HoldGap) and _divided(pattern, place) > _OFTEN
-        return vain, -errors[place][0]
+        if isinstance(pattern[place], HoldGap):
+            return _divided(pattern, place) > _OFTEN, -errors[place][0]
+        return False, -errors[place][0] * _HOLDS_FIRST
 
     place = min(errors, key=rank)
     item = pattern[place]
@@ -246,7 +250,8 @@ def _branching(
         return gap_branching(relaxation, pattern, place, frozenset(), right=last)
     near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
     known = frozenset(near[:2])
-    if len(known) < 2:
+    widest = max((arc.end - arc.first for arc in known), default=0)
+    if len(known) < 2 or (relaxation.walls.runs and widest > relaxation.walls.count // _NARROW):
         known = frozenset()
     for count in (4, 3):  # few holds in turn, again and again, become one gap
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
@@ -279,11 +284,18 @@ class Search:
         ways = (False,) if relaxation.walls.runs else (False, True)
         self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in ways]
         self._spent = [0.0] * len(ways)
+        self.growth = growth_bound(relaxation)
 
     @property
-    def best(self) -> PatternTree:
-        """The tree with the greatest bound."""
-        return max(self._trees, key=lambda tree: tree.lower)
+    def lower(self) -> float:
+        """Lower bound on the length of all plans, at most the limit."""
+        return max(self.growth, *(tree.lower for tree in self._trees))
+
+    def proof(self, enough: float) -> Any:
+        """Return a proof that no plan is shorter than ``enough``, as JSON."""
+        if self.growth >= enough:
+            return "growth"
+        return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
 
     @property
     def shortest(self) -> PatternTree:
@@ -296,3 +308,32 @@ class Search:
         begun = clock()
         self._trees[number].step()
         self._spent[number] += clock() - begun
+
+
+def growth_bound(relaxation: Relaxation) -> float:
+    """Return the bound of a disk from the law of growth, as the checker computes it; 0 if there is
+    none.
+    """
+    radius = relaxation.walls.radius
+    start, goal = (points[1] - points[0] for points in (relaxation.start, relaxation.goal))
+    slack = 3 * relaxation.tolerance
+    straight = float(np.hypot(*(goal - start))) - slack
+    if not radius or straight <= 0:
+        return 0.0
+    far = [float(np.hypot(*end)) for end in (start, goal)]
+    most = min(far[0], far[1] + slack)
+    outer = most * np.arange(1, _PIECES + 1) / _PIECES
+    inner = most * np.arange(_PIECES) / _PIECES - slack
+    way = np.full(_PIECES, straight)
+    around = (inner > 0) & (inner < min(far))
+    if around.any():
+        least = inner[around]
+        turn = np.arccos(np.clip(start @ goal / (far[0] * far[1]), -1, 1))
+        between = turn - sum(np.arccos(least / end) for end in far)
+        path = sum(np.sqrt(end**2 - least**2) for end in far) + least * between - slack
+        way[around] = np.where(between > 0, np.maximum(path, straight), straight)
+    way += np.maximum(max(far[1] - slack, 0.0) ** 2 / (2 * radius) - outer, 0)
+    # the checker rounds down
+    return float(
+        min(way.min() * (1 - 1e-12) * relaxation.scale, relaxation.limit * relaxation.scale)
+    )

@@ -8,7 +8,7 @@ there for every policy, and grows almost as fast as the number of cells.
 tooth of one cell or none. A policy that maps all combs of k places with n particles makes
 at least k / log2 C(c, n) scans after the one at the start, where c <= 4 k + 3 is the number of
 cells that a comb may have. One who knows the comb confirms it with 3 scans in all and at most
-8 k + 2 moves. For m cells and a fixed number of particles, no policy therefore has a ratio of scans
+7 k + 2 moves. For m cells and a fixed number of particles, no policy therefore has a ratio of scans
 below a constant times m / log m, and scans after every move have a ratio of O(m).
 
 Proof. A scan shows one of at most C(c, n) sets of cells. A policy decides by what it has seen, so
