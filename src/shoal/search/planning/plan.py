@@ -1008,8 +1008,8 @@ def _grid_tour(
     speeds: NDArray[np.float64],
     *,
     scale: float,
-    known: dict[Any, Any],
     tour: str | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.
