@@ -57,12 +57,15 @@ def test_arms_in_two_directions_have_fewer_turns():
 
 def test_a_link_costs_the_turns_at_its_ends():
     ends = np.array([[[0, 0], [0, 5]], [[0, 8], [0, 9]], [[1, 5], [1, 0]], [[2, 2], [2, 2]]], float)
-    cost = runs.step
-    assert cost(ends, 2.0, 0, 1, 1, 0) == 3.0  # straight on
-    assert cost(ends, 2.0, 0, 1, 2, 0) == 1.0 + 4.0  # to the next row and back
-    assert cost(ends, 0.0, 0, 1, 2, 0) == 1.0
-    assert cost(ends, 2.0, 0, 1, 1, 1) == 4.0 + 2.0  # straight on, but from the wrong end
-    assert cost(ends, 2.0, 2, 1, 3, 0) == pytest.approx(5**0.5 + 4.0)
+
+    def cost(turn, one, out, other, into):
+        return runs.step(runs.costs_of(ends, turn), one, out, other, into)
+
+    assert cost(2.0, 0, 1, 1, 0) == 3.0  # straight on
+    assert cost(2.0, 0, 1, 2, 0) == 1.0 + 4.0  # to the next row and back
+    assert cost(0.0, 0, 1, 2, 0) == 1.0
+    assert cost(2.0, 0, 1, 1, 1) == 4.0 + 2.0  # straight on, but from the wrong end
+    assert cost(2.0, 2, 1, 3, 0) == pytest.approx(5**0.5 + 4.0)
 
 
 def test_a_path_around_a_round_lake_bends_seldom():
