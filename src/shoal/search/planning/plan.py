@@ -599,9 +599,14 @@ class SearchPlan:
         end = self.places[robot] if self.landing is None else self.landing[robot]
         first, last = self.positions(stops[[0, -1]])[:, :2]
         ways = (self.leg(self.places[robot], first), self.leg(last, end))
-        allowed = self.grid.region.outline.buffer(TOUCH)
-        out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
+        out, back = (
+            float(shapely.linestrings(way).difference(self._allowed).length) for way in ways
+        )
         return out, back
+
+    @cached_property
+    def _allowed(self) -> Any:
+        return self.grid.region.outline.buffer(TOUCH)
 
     def _route_round(
         self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]
@@ -1007,8 +1012,8 @@ def _grid_tour(
     speeds: NDArray[np.float64],
     *,
     scale: float,
-    known: dict[Any, Any],
     tour: str | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.
