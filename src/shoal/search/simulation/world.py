@@ -440,6 +440,8 @@ class Air:
     def __init__(self, scenario: Scenario, rng: Generator) -> None:
         self.sent = self.lost = 0
         self._scenario, self._rng = scenario, rng
+        # a generator of its own, so that the bytes of a message do not decide what else happens
+        self._damage_rng = np.random.default_rng([scenario.seed, 4])
         self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
         self._bad = BadLinks(set)
         self._recorded: list[bytes] = []
@@ -483,7 +485,7 @@ class Air:
                     if isinstance(come, bytes)
                     else self._senders[link.sender].messages(come, _clock(link.time))[0]
                 )
-                come = damage(whole, self._rng)
+                come = damage(whole, self._damage_rng)
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:
