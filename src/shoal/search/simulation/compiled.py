@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import partition
 from shoal.search.kernels.protocol import events
-from shoal.search.kernels.protocol.numbers import LINGER, RELAYED, REPEATED
+from shoal.search.kernels.protocol.numbers import LINGER, MOST_RELAYED, RELAYED, REPEATED
 from shoal.search.kernels.protocol.worlds import (
     A_LAUNCH,
     A_LENGTH,
@@ -64,6 +65,37 @@ def is_compiled(scenario: Scenario) -> bool:
         and scenario.packet == 0
         and media <= set(_MEDIA)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What has happened in a simulated search.
+
+    Parameters
+    ----------
+    cells, times : tuple of ndarray
+        Tour indices of the cells that each robot searched (int64), and the times (float64).
+    states : tuple of tuple of (float, str)
+        Times and statuses of each robot.
+    found : tuple of dict of int to int
+        Bitset of the robots that found something in each cell, as each robot knows at the end.
+    declared : dict of int to float
+        Time at which each robot declared completion, by the number of the robot (from 1).
+    sent, lost, takeovers : int
+        As in `shoal.search.simulation.trace.SearchTrace`.
+    covered_at : float
+        Time at which honest robots had searched all cells.
+    """
+
+    cells: tuple[NDArray[np.int64], ...]
+    times: tuple[NDArray[np.float64], ...]
+    states: tuple[tuple[tuple[float, str], ...], ...]
+    found: tuple[dict[int, int], ...]
+    declared: dict[int, float]
+    sent: int
+    lost: int
+    takeovers: int
+    covered_at: float
 
 
 class CompiledSearches:
@@ -143,7 +175,7 @@ class CompiledSearches:
         b, m, n = self.count, self.m, self.n
         words, media = (n + 63) // 64, len(self.rules.media)
         bursts = "bursts" in {medium.kind for medium in self.scenario.network.media}
-        relayed = min(m, 1 + max(RELAYED, (m + 3) // 4))
+        relayed = min(m, 1 + max(RELAYED, min((m + 3) // 4, MOST_RELAYED)))
         facts, findings = words + m, 1
         self.worlds = Worlds(
             control=np.zeros(b, dtype=CONTROL),
@@ -156,7 +188,6 @@ class CompiledSearches:
             own=np.zeros((b, m, words), dtype=np.uint64),
             avoided=np.zeros((b, m, words), dtype=np.uint64),
             claims=np.zeros((b, m, n if self.rules.multiplicity > 1 else 0), dtype=np.int32),
-            told=np.zeros((b, m, m), dtype=np.int32),
             covered=np.zeros((b, n), dtype=np.int32),
             occupied=np.zeros((b, n), dtype=np.int32),
             owner=np.zeros((b, facts), dtype=np.int32),
@@ -165,7 +196,10 @@ class CompiledSearches:
             head=np.zeros((b, n), dtype=np.int32),
             known=np.zeros((b, m, facts), dtype=np.uint64),
             before=np.zeros((b, m, REPEATED, facts), dtype=np.uint64),
-            repeated=np.zeros((b, facts), dtype=np.uint64),
+            span=np.zeros((b, facts, 2), dtype=np.int32),
+            after=np.zeros((b, 64 * facts), dtype=np.int32),
+            linked=np.zeros((b, facts, 2), dtype=np.uint64),
+            begun=np.zeros((b, 64), dtype=np.int64),
             finder=np.zeros((b, 64 * findings), dtype=np.int32),
             place=np.zeros((b, 64 * findings), dtype=np.int32),
             reported=np.zeros((b, m, findings), dtype=np.uint64),
@@ -196,6 +230,7 @@ class CompiledSearches:
             settled=np.zeros((b, words), dtype=np.uint64),
             offered=np.zeros((b, m), dtype=np.int64),
             others=np.zeros((b, m), dtype=np.int64),
+            telling=np.zeros((b, m), dtype=np.int64),
             fronts=np.zeros((b, m, 3)),
             runs=np.zeros((b, 0 if self.ordered else n + 4 * m + 16), dtype=RUN),
         )
@@ -261,10 +296,49 @@ class CompiledSearches:
 
     def run(self, world: int, until: float, *, most: int = _EVENTS) -> None:
         """Simulate all events of a world up to a time, or at most so many events."""
-        while not events.run(
-            self.tour, self.rules, self.partitions, self.worlds, world, until, most
-        ):
+        self.worlds.control[world].most = most
+        while not events.run(self.tour, self.rules, self.partitions, self.worlds, world, until):
             self._serve(world)
+
+    def outcome(self, world: int) -> Outcome:
+        """Return what has happened in a world so far."""
+        w, control = self.worlds, self.worlds.control[world]
+        cells: list[list[int]] = [[] for _ in range(self.m)]
+        times: list[list[float]] = [[] for _ in range(self.m)]
+        states: list[list[tuple[float, str]]] = [[] for _ in range(self.m)]
+        count = int(control.visits)
+        for (i, cell, _), time in zip(
+            w.visits[world, :count].tolist(), w.visited[world, :count].tolist(), strict=True
+        ):
+            cells[i].append(cell)
+            times[i].append(time)
+        count = int(control.states)
+        for (i, state), time in zip(
+            w.states[world, :count].tolist(), w.stated[world, :count].tolist(), strict=True
+        ):
+            states[i].append((time, STATES[state]))
+        declared = w.robots[world]["declared"]
+        order = np.argsort(declared, kind="stable")
+        return Outcome(
+            tuple(np.array(one, dtype=np.int64) for one in cells),
+            tuple(np.array(one, dtype=np.float64) for one in times),
+            tuple(tuple(one) for one in states),
+            tuple(self._found(world, i) for i in range(self.m)),
+            {int(i) + 1: float(declared[i]) for i in order if declared[i] < inf},
+            int(control.sent),
+            int(control.lost),
+            int(control.takeovers),
+            float(control.covered_at),
+        )
+
+    def _found(self, world: int, i: int) -> dict[int, int]:
+        """Return the bitset of the robots that found something in each cell, as a robot knows."""
+        w, found = self.worlds, {}
+        for finding in range(int(self.worlds.control[world].findings)):
+            if int(w.reported[world, i, finding >> 6]) >> (finding & 63) & 1:
+                cell = int(w.place[world, finding])
+                found[cell] = found.get(cell, 0) | 2 << int(w.finder[world, finding])
+        return found
 
     def _serve(self, world: int) -> None:
         """Give a world what it asks for."""
@@ -343,10 +417,20 @@ class CompiledSearches:
         if control.slots == 0:
             double(
                 1,
-                *"messages free receivers beats lags word bits finding_word finding_bits".split(),
+                *[
+                    "messages",
+                    "free",
+                    "receivers",
+                    "beats",
+                    "lags",
+                    "word",
+                    "bits",
+                    "finding_word",
+                    "finding_bits",
+                ],
             )
         if control.words + 1 > w.owner.shape[1]:
-            double(1, "owner", "cells", "next", "repeated")
+            double(1, "owner", "cells", "next", "after", "linked", "span")
             double(2, "known", "word", "bits")
             double(3, "before")
         if control.findings + 1 > w.finder.shape[1]:
@@ -375,9 +459,7 @@ def _longer(array: NDArray[Any], axis: int, length: int) -> NDArray[Any]:
     return longer
 
 
-def _put(
-    keys: NDArray[np.int64], lengths: NDArray[np.float64], key: int, length: float
-) -> None:
+def _put(keys: NDArray[np.int64], lengths: NDArray[np.float64], key: int, length: float) -> None:
     """Put an entry into an open hash table, in the way in which kernels look for it."""
     at = ((key * _MIX & _WORD) >> 40) & (len(keys) - 1)
     while keys[at] >= 0:

@@ -30,12 +30,6 @@ from shoal.search.protocol.state import Brief
 from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of
 
-TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
-
-
-# time between two attempts, in units of the time in which a robot of speed 1 searches one cell
-RETRY = 0.25
-
 
 @dataclass(frozen=True)
 class Scenario:
@@ -188,6 +182,14 @@ class Scenario:
         if not isinstance(distances, CellDistances):
             return self.brief.everything
         return distances.reach(self.starts[number - 1], self.blocked)
+
+
+def size_of(scenario: Scenario) -> int:
+    """Return the size of a search: the number of robots, times the number of cells or half the
+    square of the number of robots, whichever is larger.
+    """
+    robots = len(scenario.starts)
+    return robots * max(len(scenario.brief.tour_cost), robots**2 // 2)
 
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:

@@ -15,6 +15,7 @@ from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.kernels.protocol.numbers import LOOK, RETRY, TRIES
 from shoal.search.problem.network import (
     BadLinks,
     Battery,
@@ -27,7 +28,7 @@ from shoal.search.problem.network import (
     true_rate,
 )
 from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Receiver, Sender
-from shoal.search.protocol.robot import LOOK, Decision, advance
+from shoal.search.protocol.robot import Decision, advance
 from shoal.search.protocol.state import (
     Action,
     Begin,
@@ -47,7 +48,7 @@ from shoal.search.protocol.state import (
     is_live,
     step_cost,
 )
-from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
+from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.masks import members
 
 _RECORDED = 1000  # number of recorded messages for replay attacks

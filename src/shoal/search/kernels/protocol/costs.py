@@ -132,8 +132,14 @@ def length_of_run(bits, first, done, count, n):
         end = end_of_run(bits, low, min(first + count, n))
         if end < n or end == first + count:
             return end - low
-        return n - low + (
-            end_of_run(bits, 0, first + count - n) if first + count > n and holds(bits, 0) else 0
+        return (
+            n
+            - low
+            + (
+                end_of_run(bits, 0, first + count - n)
+                if first + count > n and holds(bits, 0)
+                else 0
+            )
         )
     return end_of_run(bits, low - n, first + count - n) - (low - n)
 
@@ -336,9 +342,7 @@ def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh):
                 if away:
                     cost = from_launch(tour, control, number, start, cell)
                     away = False
-                cost += way(tour, control, here, cell, fresh) + search_cost(
-                    tour, cell, count, step
-                )
+                cost += way(tour, control, here, cell, fresh) + search_cost(tour, cell, count, step)
                 here, fresh = (cell + step * (count - 1)) % n, 0
                 done = at + count
             remove_arc(wanted, first, size, step, n)

@@ -25,15 +25,14 @@ from shoal.search.kernels.protocol.costs import (
     way,
 )
 from shoal.search.kernels.protocol.helping import cell_to_help, is_taken, leaves_to_others
-from shoal.search.kernels.protocol.knowledge import is_live, lag_at, silence_limit
-from shoal.search.kernels.protocol.numbers import NEWS
+from shoal.search.kernels.protocol.knowledge import is_live, silence_limit
+from shoal.search.kernels.protocol.numbers import ARRIVAL
 from shoal.search.kernels.protocol.worlds import (
     A_PARTITION,
     COMPLETE,
     HOME,
     LISTENING,
     NOTHING,
-    NOWHERE,
     SEARCHING,
     WAITING,
 )
@@ -123,9 +122,7 @@ def allot(tour, rules, partitions, w, b, i, time):
     for k in range(w.left.shape[1]):
         w.left[b, k] &= ~w.own[b, i, k]
     place = (division, own, np.int64(i), robot.start, robot.at_launch)
-    alone = cost_alone(
-        tour, control, rules, partitions, place, w.left[b], robot.cell, robot.fresh
-    )
+    alone = cost_alone(tour, control, rules, partitions, place, w.left[b], robot.cell, robot.fresh)
     last = max(
         time + alone / robot.rate, after_others(tour, rules, partitions, w, b, i, division, own)
     )
@@ -194,9 +191,7 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
         place = (division, index, number, other.start, np.int64(1))
         for k in range(bits.shape[0]):
             theirs[k] |= bits[k]
-        cost = cost_alone(
-            tour, control, rules, partitions, place, bits, other.start, np.int64(1)
-        )
+        cost = cost_alone(tour, control, rules, partitions, place, bits, other.start, np.int64(1))
         some = True
         end = max(end, robot.began + other.listening + longest_time(rules, cost, other.rate))
     if not some:
@@ -206,16 +201,12 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
     arcs, last = add_arcs(partitions, division, own, rules.multiplicity, bits, n)
     place = (division, own, np.int64(i), robot.start, robot.at_launch)
     fill(bits, n)
-    everything = cost_alone(
-        tour, control, rules, partitions, place, bits, robot.cell, robot.fresh
-    )
+    everything = cost_alone(tour, control, rules, partitions, place, bits, robot.cell, robot.fresh)
     here = last if arcs else robot.cell
     launched = robot.at_launch if arcs == 0 else np.int64(0)
     place = (division, own, np.int64(i), robot.start, launched)
-    rest = cost_alone(
-        tour, control, rules, partitions, place, theirs, here, np.int64(arcs == 0)
-    )
-    return end + NEWS * rules.beat + max(everything, rest) / robot.rate
+    rest = cost_alone(tour, control, rules, partitions, place, theirs, here, np.int64(arcs == 0))
+    return end + ARRIVAL * rules.beat + max(everything, rest) / robot.rate
 
 
 @in_place_kernel
@@ -226,9 +217,7 @@ def longest_time(rules, cost, rate):
     if cost == np.inf:
         return np.inf
     charges = np.int64(2 * cost // rules.energy) if rules.energy < np.inf else 0
-    return (
-        cost + (charges * rules.energy if charges else 0.0)
-    ) / rate + charges * rules.recharge
+    return (cost + (charges * rules.energy if charges else 0.0)) / rate + charges * rules.recharge
 
 
 @in_place_kernel
@@ -341,17 +330,13 @@ def cell_of_others(tour, rules, partitions, w, b, i, mine, time, limit):
         for k in range(left.shape[0]):
             left[k] = wanted[k]
         remove(left, cell)
-        need += cost_alone(
-            tour, control, rules, partitions, place, left, cell, np.int64(0)
-        )
+        need += cost_alone(tour, control, rules, partitions, place, left, cell, np.int64(0))
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, np.inf
     for k in range(left.shape[0]):
         left[k] = wanted[k]
     some = not is_empty(wanted)
-    alone = cost_alone(
-        tour, control, rules, partitions, place, left, robot.cell, robot.fresh
-    )
+    alone = cost_alone(tour, control, rules, partitions, place, left, robot.cell, robot.fresh)
     last = robot.deadline - alone / robot.rate
     if some and time >= last - 1e-9:
         if mine >= 0:
@@ -394,9 +379,7 @@ def takes_over(tour, rules, partitions, w, b, i, time):
     if robot.partition < 0 or robot.aim < 0:
         return False
     n = tour.cells
-    for part in range(
-        partitions.starts[robot.partition], partitions.starts[robot.partition + 1]
-    ):
+    for part in range(partitions.starts[robot.partition], partitions.starts[robot.partition + 1]):
         here = again = False
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, count, step = (
@@ -405,9 +388,7 @@ def takes_over(tour, rules, partitions, w, b, i, time):
                 partitions.step[arc],
             )
             here = here or arc_holds(first, count, step, robot.aim, n)
-            again = again or (
-                robot.aimed >= 0 and arc_holds(first, count, step, robot.aimed, n)
-            )
+            again = again or (robot.aimed >= 0 and arc_holds(first, count, step, robot.aimed, n))
         if here:
             other = partitions.robots[part]
             limit = silence_limit(robot, rules)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ZERO
-from shoal.search.kernels.protocol.costs import between, from_launch, holds, length, way
 from shoal.search.kernels.protocol.costs import add as add_cell
+from shoal.search.kernels.protocol.costs import between, from_launch, holds, length, way
 from shoal.search.kernels.protocol.deciding import (
     DECLARE,
     GO,
@@ -28,7 +27,7 @@ from shoal.search.kernels.protocol.knowledge import (
     pause_before_beacon,
     write_beacon,
 )
-from shoal.search.kernels.protocol.numbers import AVOIDED, RETRY, TRIES
+from shoal.search.kernels.protocol.numbers import AVOIDED, DECISIONS, RETRY, TRIES
 from shoal.search.kernels.protocol.worlds import (
     ARRIVE_HOME,
     BEGIN,
@@ -50,7 +49,6 @@ from shoal.search.kernels.protocol.worlds import (
     PARTITION,
     PAUSE,
     PAUSED,
-    PROMPT,
     RANDOM,
     RANGE,
     SEARCHING,
@@ -244,7 +242,6 @@ def broadcast(tour, rules, w, b, i, slot):
     """Send a beacon to all other robots. Copies without delay arrive in one event."""
     robot, message, control = w.robots[b, i], w.messages[b, slot], w.control[b]
     message.receivers, message.cursor, message.references = 0, 0, 0
-    first = control.posted
     for other in range(w.robots.shape[1]):
         if other == i:
             continue
@@ -370,12 +367,21 @@ def advance(tour, rules, partitions, w, b):
             if not allot(tour, rules, partitions, w, b, i, time):
                 return False
         action, cell, wake = NONE, np.int64(-1), np.inf
-        if (
-            robot.status == SEARCHING or robot.status == WAITING
-        ) and robot.target == NOWHERE:
-            action, cell, wake = decide(tour, rules, partitions, w, b, i, time)
-            if control.need != NOTHING:
-                return False
+        if (robot.status == SEARCHING or robot.status == WAITING) and robot.target == NOWHERE:
+            if (
+                control.heard
+                and robot.status == WAITING
+                and time < robot.waits_until
+                and (robot.unheeded + 1) * DECISIONS < robot.peers
+            ):
+                robot.unheeded += 1
+                wake = robot.waits_until
+            else:
+                action, cell, wake = decide(tour, rules, partitions, w, b, i, time)
+                if control.need != NOTHING:
+                    return False
+                if action == NONE or action == DECLARE:
+                    robot.unheeded, robot.waits_until = 0, wake
         control.action, control.cell, control.waking = action, cell, wake
         if robot.shown != robot.status:
             note_state(w, b, i, robot.status)
@@ -442,6 +448,7 @@ def send_beacon(tour, rules, w, b, i):
         robot.lingering -= 1
     control.slots -= 1
     slot = np.int64(w.free[b, control.slots])
+    control.last = slot
     write_beacon(w, b, i, slot, control.time, tour.cells)
     broadcast(tour, rules, w, b, i, slot)
 
@@ -461,7 +468,7 @@ def play_next(rules, w, b):
     if kind == HEARD:
         if robot.alive and time >= robot.paused_until:
             hear(w, b, i, what, time, rules)
-            control.pending, control.stage = i, 0
+            control.pending, control.stage, control.heard = i, 0, 1
         w.messages[b, what].references -= 1
         if w.messages[b, what].references == 0:
             release(w, b, what)
@@ -500,7 +507,7 @@ def play_next(rules, w, b):
         robot.cell, robot.fresh, robot.at_launch = robot.start, 1, 1
         robot.target, robot.left = NOWHERE, rules.energy
     if decides:
-        control.pending, control.stage = i, 0
+        control.pending, control.stage, control.heard = i, 0, 0
 
 
 @in_place_kernel
@@ -512,7 +519,7 @@ def deliver_next(rules, w, b, slot):
     robot = w.robots[b, i]
     if robot.alive and control.time >= robot.paused_until:
         hear(w, b, i, slot, control.time, rules)
-        control.pending, control.stage = i, 0
+        control.pending, control.stage, control.heard = i, 0, 1
     if message.cursor == message.receivers:
         drop_first(w, b)
         message.references -= 1
@@ -533,8 +540,8 @@ def start(w, b, faults):
 
 
 @in_place_kernel
-def run(tour, rules, partitions, w, b, until, most):
-    """Simulate a world up to the time ``until``, at most ``most`` events. Return False if the world
+def run(tour, rules, partitions, w, b, until):
+    """Simulate a world up to the time ``until``, at most ``control.most`` events. Return False if the world
     needs something first (``control.need``).
     """
     control = w.control[b]
@@ -542,9 +549,9 @@ def run(tour, rules, partitions, w, b, until, most):
     while True:
         if control.pending >= 0 and not advance(tour, rules, partitions, w, b):
             return False
-        if control.queued == 0 or w.times[b, 0] > until or most == 0:
+        if control.queued == 0 or w.times[b, 0] > until or control.most == 0:
             return True
         if not is_ready(rules, w, b):
             return False
-        most -= 1
+        control.most -= 1
         play_next(rules, w, b)

@@ -203,9 +203,7 @@ def best_run(tour, w, b, speed, at, runs):
     for k in range(runs):
         run = w.runs[b, k]
         way = length(tour, w.control[b], at, run.first) / speed
-        alone = (
-            min(run.late + run.count / run.pace, longest) if run.pace != 0.0 else 2 * longest
-        )
+        alone = min(run.late + run.count / run.pace, longest) if run.pace != 0.0 else 2 * longest
         ahead = cells_to_skip(run, way, speed)
         # the time without the helper, minus the time until the helper has searched its cells
         gain = alone - way - (run.count - ahead) / speed
@@ -260,11 +258,7 @@ def is_taken(w, b, i, cell, time, limit):
     for other in range(w.counts.shape[2]):
         if w.counts[b, i, other] >= 0 and other != i:
             peer = w.peers[b, i, other]
-            if (
-                peer.place == cell
-                and peer.status == SEARCHING
-                and time - peer.heard <= limit
-            ):
+            if peer.place == cell and peer.status == SEARCHING and time - peer.heard <= limit:
                 return True
     return False
 

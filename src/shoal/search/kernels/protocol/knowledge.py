@@ -13,7 +13,6 @@ import numpy as np
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.bits import ONE, ZERO, lowest
 from shoal.search.kernels.protocol.costs import add, holds
-from shoal.search.kernels.protocol.worlds import COMPLETE, LISTENING
 from shoal.search.kernels.protocol.numbers import (
     BEATS,
     CRAWL,
@@ -25,6 +24,8 @@ from shoal.search.kernels.protocol.numbers import (
     LONGEST_SILENCE,
     MARK,
     MOST,
+    MOST_RELAYED,
+    NEWS,
     RELAYED,
     RELUCTANCE,
     REPEATED,
@@ -32,41 +33,38 @@ from shoal.search.kernels.protocol.numbers import (
     SHORTEST_SILENCE,
     TOLERATED,
 )
+from shoal.search.kernels.protocol.worlds import COMPLETE, LISTENING
+
+
+@in_place_kernel
+def fact_of(w, b, other, cell):
+    """Return the fact that a robot claims to have searched a cell, or -1 if it does not."""
+    fact = np.int64(w.head[b, cell])
+    while fact >= 0 and w.owner[b, fact >> 6] != other:
+        fact = np.int64(w.next[b, fact])
+    return fact
 
 
 @in_place_kernel
 def knows(w, b, i, other, cell):
     """Return whether a robot knows that another robot claims to have searched a cell."""
-    fact = w.head[b, cell]
-    while fact >= 0:
-        if w.owner[b, fact >> 6] == other:
-            return holds(w.known[b, i], fact)
-        fact = w.next[b, fact]
-    return False
+    fact = fact_of(w, b, other, cell)
+    return fact >= 0 and holds(w.known[b, i], fact)
 
 
 @in_place_kernel
-def has_claimed(w, b, i, cell):
-    """Return whether a robot itself has searched a cell."""
-    return holds(w.own[b, i], cell)
-
-
-@in_place_kernel
-def learn(w, b, i, fact, rules):
-    """Let a robot learn one fact that it does not know."""
-    robot = w.robots[b, i]
-    other, cell = np.int64(w.owner[b, fact >> 6]), np.int64(w.cells[b, fact])
-    before = cell > 0 and knows(w, b, i, other, cell - 1)
-    after = cell + 1 < w.head.shape[1] and knows(w, b, i, other, cell + 1)
-    robot.intervals += 1 - before - after
-    w.told[b, i, other] += 1
-    add(w.known[b, i], fact)
-    if rules.multiplicity == 1:
-        add(w.done[b, i], cell)
-        return
-    w.claims[b, i, cell] += 1
-    if w.claims[b, i, cell] == rules.multiplicity:
-        add(w.done[b, i], cell)
+def learn(w, b, i, word, new, rules):
+    """Let a robot learn the facts of a word that it does not know."""
+    w.known[b, i, word] |= new
+    while new != ZERO:
+        cell = np.int64(w.cells[b, (word << 6) + lowest(new)])
+        if rules.multiplicity == 1:
+            add(w.done[b, i], cell)
+        else:
+            w.claims[b, i, cell] += 1
+            if w.claims[b, i, cell] == rules.multiplicity:
+                add(w.done[b, i], cell)
+        new &= new - ONE
 
 
 @in_place_kernel
@@ -79,13 +77,35 @@ def claim(w, b, i, cell, rules):
         w.owner[b, control.words] = i
         robot.word = control.words
         control.words += 1
+        w.span[b, robot.word, 0] = w.span[b, robot.word, 1] = cell
     fact = (robot.word << 6) + (robot.facts & 63)
+    w.span[b, robot.word, 0] = min(w.span[b, robot.word, 0], cell)
+    w.span[b, robot.word, 1] = max(w.span[b, robot.word, 1], cell)
     robot.facts += 1
     w.cells[b, fact] = cell
+    w.after[b, fact] = -1
+    if cell > 0:
+        link(w, b, fact, fact_of(w, b, i, cell - 1))
+    if cell + 1 < w.head.shape[1]:
+        link(w, b, fact_of(w, b, i, cell + 1), fact)
     w.next[b, fact] = w.head[b, cell]
     w.head[b, cell] = fact
     add(w.own[b, i], cell)
-    learn(w, b, i, fact, rules)
+    learn(w, b, i, fact >> 6, ONE << np.uint64(fact & 63), rules)
+
+
+@in_place_kernel
+def link(w, b, fact, before):
+    """Note that a robot claims a cell with one fact, and the cell before with another one."""
+    if fact < 0 or before < 0:
+        return
+    w.after[b, fact] = before
+    if fact >> 6 == before >> 6:
+        bit = ONE << np.uint64(fact & 63)
+        if before == fact - 1:
+            w.linked[b, fact >> 6, 0] |= bit
+        elif before == fact + 1:
+            w.linked[b, fact >> 6, 1] |= bit
 
 
 @in_place_kernel
@@ -98,17 +118,7 @@ def find(w, b, i, cell):
     finding = control.findings
     w.place[b, finding], w.finder[b, finding] = cell, i
     control.findings += 1
-    w.robots[b, i].findings += not has_finding(w, b, i, cell)
     add(w.reported[b, i], finding)
-
-
-@in_place_kernel
-def has_finding(w, b, i, cell):
-    """Return whether a robot knows that something was found in a cell."""
-    for finding in range(w.control[b].findings):
-        if w.place[b, finding] == cell and holds(w.reported[b, i], finding):
-            return True
-    return False
 
 
 @in_place_kernel
@@ -119,9 +129,8 @@ def hear(w, b, i, slot, time, rules):
     for k in range(message.words):
         word = w.word[b, slot, k]
         new = w.bits[b, slot, k] & ~known[word]
-        while new != ZERO:
-            learn(w, b, i, (word << 6) + lowest(new), rules)
-            new &= new - ONE
+        if new != ZERO:
+            learn(w, b, i, word, new, rules)
     for k in range(message.heartbeats):
         other, count = w.beats[b, slot, k, 0], w.beats[b, slot, k, 1]
         before = np.int64(w.counts[b, i, other])
@@ -146,12 +155,7 @@ def hear(w, b, i, slot, time, rules):
         peer.status, peer.lag, peer.heard = w.beats[b, slot, k, 2], lag, time
     for k in range(message.findings):
         word = w.finding_word[b, slot, k]
-        new = w.finding_bits[b, slot, k] & ~w.reported[b, i, word]
-        while new != ZERO:
-            finding = (word << 6) + lowest(new)
-            robot.findings += not has_finding(w, b, i, w.place[b, finding])
-            add(w.reported[b, i], finding)
-            new &= new - ONE
+        w.reported[b, i, word] |= w.finding_bits[b, slot, k]
 
 
 # Beacons
@@ -159,39 +163,112 @@ def hear(w, b, i, slot, time, rules):
 
 @in_place_kernel
 def width_of_window(w, b, i, n):
-    """Return how many cells from the cell ``window`` on the next beacon repeats facts of; see
+    """Return how many cells from the cell ``window`` on the next beacon repeats facts of: the half,
+    quarter, ... of the tour in which few enough intervals of facts begin; see
     `shoal.search.protocol.robot._window`.
     """
-    robot = w.robots[b, i]
-    total = robot.intervals + robot.findings
+    robot, begun = w.robots[b, i], w.begun[b]
+    begun[:] = 0
+    known = w.known[b, i]
+    for k in range(w.control[b].words):
+        bits = known[k]
+        if not w.span[b, k, 0] <= robot.window <= w.span[b, k, 1]:
+            bits &= ~((bits << ONE) & w.linked[b, k, 0] | (bits >> ONE) & w.linked[b, k, 1])
+        while bits != ZERO:
+            fact = (k << 6) + lowest(bits)
+            bits &= bits - ONE
+            after = w.after[b, fact]
+            cell = np.int64(w.cells[b, fact])
+            if after < 0 or not holds(known, after):
+                begun[level_of((cell - robot.window) % n, n)] += 1
+            elif cell == robot.window:  # cut by the beginning of the section
+                begun[begun.shape[0] - 1] += 1
+    for k in range((w.control[b].findings + 63) >> 6):
+        bits = w.reported[b, i, k]
+        while bits != ZERO:
+            finding = (k << 6) + lowest(bits)
+            bits &= bits - ONE
+            if is_first_finding(w, b, i, finding):
+                cell = np.int64(w.place[b, finding])
+                begun[level_of((cell - robot.window) % n, n)] += 1
+    cut = begun[begun.shape[0] - 1]
+    total = np.int64(0)
+    for k in range(begun.shape[0] - 1):
+        total += begun[k]
     rounds = LAST_ROUND if robot.status == COMPLETE else ROUND
     share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
     if total <= share:
         return n
-    # the more cells a section has, the more intervals it has: one pass finds how many cells fit
-    intervals, fitting = 0, n
-    for k in range(n):
-        cell = (robot.window + k) % n
-        fact = w.head[b, cell]
-        while fact >= 0:
-            if holds(w.known[b, i], fact):
-                other = np.int64(w.owner[b, fact >> 6])
-                joins = k > 0 and cell > 0 and knows(w, b, i, other, cell - 1)
-                # the section has come round to the cell before its first
-                joins_next = (
-                    k == n - 1 and cell + 1 < n and n > 1 and knows(w, b, i, other, cell + 1)
-                )
-                intervals += 1 - joins - joins_next
-            fact = w.next[b, fact]
-        if robot.findings and has_finding(w, b, i, cell):
-            intervals += 1
-        if intervals > share:
-            fitting = k
-            break
-    width = n
-    while width > 1 and width > fitting:
-        width = (width + 1) // 2
+    total += cut
+    width, level = n, 0
+    while width > 1 and total > share:
+        total -= begun[level]
+        width, level = (width + 1) // 2, level + 1
     return width
+
+
+@in_place_kernel
+def level_of(ahead, n):
+    """Return how often the width of a section of n cells is halved as long as it contains a cell
+    so far ahead.
+    """
+    width, level = n, 0
+    while width > 1:
+        width = (width + 1) // 2
+        if ahead >= width:
+            return level
+        level += 1
+    return level
+
+
+@in_place_kernel
+def is_first_finding(w, b, i, finding):
+    """Return whether no earlier finding in the same cell is known to a robot."""
+    for other in range(finding):
+        if w.place[b, other] == w.place[b, finding] and holds(w.reported[b, i], other):
+            return False
+    return True
+
+
+@in_place_kernel
+def choose_news(w, b, i, turn):
+    """Mark the robots of which the next beacon tells what is new: the robot itself, and of the
+    others with news as many as fit, in turn.
+    """
+    telling = w.telling[b]
+    telling[:] = 0
+    for k in range(w.control[b].words):
+        if w.known[b, i, k] & ~w.before[b, i, turn, k] != ZERO:
+            telling[w.owner[b, k]] = 1
+    telling[i] = 0
+    others = 0
+    for other in range(telling.shape[0]):
+        others += telling[other]
+    first = w.robots[b, i].count * NEWS % others if others > NEWS else 0
+    order = 0
+    for other in range(telling.shape[0]):
+        if telling[other]:
+            telling[other] = (order - first) % others < NEWS
+            order += 1
+    telling[i] = 1
+
+
+@in_place_kernel
+def facts_in(w, b, word, bits, first, width, n):
+    """Return those facts of a word whose cells are in a section of the tour."""
+    low, size = np.int64(w.span[b, word, 0]), w.span[b, word, 1] - w.span[b, word, 0]
+    at = (low - first) % n
+    if at + size < width:
+        return bits
+    if at >= width and at + size < n:
+        return ZERO
+    inside, rest = ZERO, bits
+    while rest != ZERO:
+        bit = lowest(rest)
+        if (w.cells[b, (word << 6) + bit] - first) % n < width:
+            inside |= ONE << np.uint64(bit)
+        rest &= rest - ONE
+    return inside
 
 
 @in_place_kernel
@@ -211,17 +288,16 @@ def write_beacon(w, b, i, slot, time, n):
     width, turn = width_of_window(w, b, i, n), robot.announced % REPEATED
     known, before = w.known[b, i], w.before[b, i, turn]
     count = w.control[b].words
-    repeated = w.repeated[b]
-    if width < n:
-        for k in range(width):
-            fact = w.head[b, (robot.window + k) % n]
-            while fact >= 0:
-                add(repeated, fact)
-                fact = w.next[b, fact]
     message.words = 0
+    bounded = w.counts.shape[2] > NEWS + 1
+    if bounded:
+        choose_news(w, b, i, turn)
     for k in range(count):
-        bits = known[k] if width == n else known[k] & (~before[k] | repeated[k])
-        repeated[k] = ZERO
+        bits = known[k]
+        if bits != ZERO and width < n:
+            repeated = facts_in(w, b, k, bits, robot.window, width, n)
+            told = not bounded or w.telling[b, w.owner[b, k]]
+            bits = (bits & ~before[k]) | repeated if told else repeated
         if bits != ZERO:
             w.word[b, slot, message.words], w.bits[b, slot, message.words] = k, bits
             message.words += 1
@@ -299,7 +375,7 @@ def write_heartbeats(w, b, i, slot, time):
 @in_place_kernel
 def relayed_of(peers):
     """Return how many heartbeats of others a beacon relays."""
-    return max(RELAYED, (peers + 3) // 4)
+    return max(RELAYED, min((peers + 3) // 4, MOST_RELAYED))
 
 
 @in_place_kernel
@@ -331,9 +407,7 @@ def silence_limit(robot, rules):
 @in_place_kernel
 def is_live(w, b, i, other, time, limit):
     """Return whether a robot presumes that another is alive. ``limit`` is its `silence_limit`."""
-    return other == i or (
-        w.counts[b, i, other] >= 0 and time - w.peers[b, i, other].heard <= limit
-    )
+    return other == i or (w.counts[b, i, other] >= 0 and time - w.peers[b, i, other].heard <= limit)
 
 
 @in_place_kernel

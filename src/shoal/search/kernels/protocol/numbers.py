@@ -9,17 +9,22 @@ REPEATED = 4  # number of beacons that repeat a new fact
 ROUND, LAST_ROUND = 16, 4
 LEAST, MOST = 8, 1000  # minimum and maximum number of intervals of known facts per beacon
 # minimum number of other robots' heartbeats per beacon; for more than 24 other robots, a beacon has
-# a quarter
-RELAYED = 6
+# a quarter, up to the maximum number
+RELAYED, MOST_RELAYED = 6, 24
+NEWS = 32  # maximum number of other robots whose new facts a beacon tells
 LAG_UNIT = 1 / 16
 LINGER = 12  # number of beacons that a robot sends after the search is complete
 
 # decisions
-NEWS = 2.0  # beacon periods until the news of the last searched cell has arrived
+ARRIVAL = 2.0  # beacon periods until the news of the last searched cell has arrived
 AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot
 # cells: cost of the way from the centre of a cell to an obstacle in the next cell, and back
 LOOK = 1.0
 WORTH = 1.0  # a robot helps only if it saves more than the time for this number of cells
+
+# a waiting robot that knows more than so many others decides about so often per beacon period, and
+# otherwise whenever it hears a message
+DECISIONS = 64
 
 # beliefs
 FALSE_POSITIVE_RATE = 0.01  # false-positive rate of the failure detector

@@ -28,7 +28,6 @@ LOSS, BURSTS, RANGE, PARTITION, DELAY, DUPLICATES, CORRUPTION = range(7)
 NOTHING, A_LENGTH, A_LAUNCH, A_PARTITION, MEMORY, RANDOM = range(6)
 
 
-
 def record(**kinds: str) -> np.dtype[Any]:
     """Return the type of a record whose fields compiled and plain code read as attributes."""
     return np.dtype((np.record, np.dtype(list(kinds.items()), align=True)))
@@ -38,8 +37,8 @@ ROBOT = record(
     **dict.fromkeys(
         (
             "start status cell fresh at_launch target aim partition own count allotted_to lost got"
-            " window lingering avoided announced word facts intervals findings peers place alive"
-            " liar searching going aimed tries offer offered_for order shown"
+            " window lingering avoided announced word facts peers place alive"
+            " liar searching going aimed tries offer offered_for order shown unheeded"
         ).split(),
         "i8",
     ),
@@ -47,6 +46,7 @@ ROBOT = record(
         (
             "rate cost next_beat allotted_at began deadline left since lag avoided_until listening"
             " energy full paused_until wake travelled waited declared"
+            " waits_until"
         ).split(),
         "f8",
     ),
@@ -62,9 +62,7 @@ its destination ``place`` begins in the cell ``origin``.
 """
 
 MESSAGE = record(
-    **dict.fromkeys(
-        "sender references cursor receivers heartbeats words findings".split(), "i8"
-    )
+    **dict.fromkeys("sender references cursor receivers heartbeats words findings".split(), "i8")
 )
 """A beacon on the air: the numbers of entries in the arrays of `Air`."""
 
@@ -72,7 +70,7 @@ CONTROL = record(
     **dict.fromkeys(
         (
             "posted queued words findings visits states slots drawn pending stage need need_one"
-            " need_other sent lost takeovers uncovered action cell"
+            " need_other sent lost takeovers uncovered action cell heard last most"
         ).split(),
         "i8",
     ),
@@ -158,7 +156,6 @@ class Worlds(NamedTuple):
     own: NDArray[np.uint64]  # (B, m, W): cells that the robot has searched
     avoided: NDArray[np.uint64]  # (B, m, W)
     claims: NDArray[np.int32]  # (B, m, N) if the multiplicity is above 1
-    told: NDArray[np.int32]  # (B, m, m): number of cells that the other has reported
     covered: NDArray[np.int32]  # (B, N): number of honest robots that searched the cell
     occupied: NDArray[np.int32]  # (B, N): number of robots that search in the cell
     # facts
@@ -168,7 +165,10 @@ class Worlds(NamedTuple):
     head: NDArray[np.int32]  # (B, N): the latest fact of each cell, or -1
     known: NDArray[np.uint64]  # (B, m, F)
     before: NDArray[np.uint64]  # (B, m, REPEATED, F): known at the latest beacons
-    repeated: NDArray[np.uint64]  # (B, F): work space
+    span: NDArray[np.int32]  # (B, F, 2): the smallest and the largest cell of each word of facts
+    after: NDArray[np.int32]  # (B, 64 F): the fact of the same robot for the cell before, or -1
+    linked: NDArray[np.uint64]  # (B, F, 2): facts with ``after`` just before, and just behind
+    begun: NDArray[np.int64]  # (B, 64): work space
     # findings, as facts: a robot that found something in a cell
     finder: NDArray[np.int32]  # (B, 64 G)
     place: NDArray[np.int32]  # (B, 64 G)
@@ -204,5 +204,6 @@ class Worlds(NamedTuple):
     settled: NDArray[np.uint64]  # (B, W)
     offered: NDArray[np.int64]  # (B, m)
     others: NDArray[np.int64]  # (B, m)
+    telling: NDArray[np.int64]  # (B, m)
     fronts: NDArray[np.float64]  # (B, m, 3): cell, pace and lateness
     runs: Any  # (B, N + 4 m + 16) of RUN
