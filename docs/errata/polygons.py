@@ -166,7 +166,7 @@ def _polygons() -> tuple[str, bool]:
         (8, (0.13, 0.06), 6),
         (10, (0.002, 0.001), 8),
     ):
-        filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
+        filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=5)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
         words.append(
             f"in a polygon with {sides} sides, the printed {claimed} moves reach {share:.2f} % of"

@@ -18,9 +18,6 @@ _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 _ALONG = 1e-9  # sine of the largest angle between collinear lines
 
 
-_AT_ONCE = 100_000  # number of segments tested in one call
-
-
 # number of points of a path among which `pulled` looks for the farthest visible point
 _LOOK_AHEAD = 64
 
@@ -41,14 +38,7 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
     starts, ends : ndarray of float64, shape (n, 2)
         Start and end of each segment in metres. Each start must lie inside the region.
     """
-    import shapely
-
-    clear = np.empty(len(starts), dtype=np.bool_)
-    for low in range(0, len(starts), _AT_ONCE):
-        part = slice(low, low + _AT_ONCE)
-        lines = shapely.linestrings(np.stack([starts[part], ends[part]], axis=1))
-        clear[part] = ~shapely.intersects(region.border, lines)
-    return clear
+    return ~region.border.is_met(starts, ends)
 
 
 class VisibilityGraph:
@@ -232,6 +222,14 @@ class VisibilityGraph:
         ]
         rounding = _ALONG * np.hypot(*directions.T)
         return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
+
+
+def visibility_graph(region: SearchRegion) -> VisibilityGraph:
+    """Return the visibility graph of a region, which all plans for the region share."""
+    if "graph" not in region.for_paths:
+        region.for_paths["graph"] = VisibilityGraph(region)
+    graph: VisibilityGraph = region.for_paths["graph"]
+    return graph
 
 
 def _chain(came: NDArray[np.int64], node: int) -> list[int]:

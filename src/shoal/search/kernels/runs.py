@@ -227,8 +227,10 @@ def sweep(chains, chain, from_last, from_right, cells, at):
 
 
 @kernel
-def shorten(ends, order, backwards, disturbances):
+def shorten(ends, order, backwards, turn, disturbances):
     """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
+
+    A link costs its length, and ``turn`` for each of its ends at which the direction changes.
 
     A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the
     disturbed tour. The kernel keeps a disturbed tour only if it is shorter than the best tour so
@@ -238,8 +240,8 @@ def shorten(ends, order, backwards, disturbances):
     if n <= _LONGEST + 2:
         return
     active, rest = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
-    exchange(ends, order, backwards, active, rest)
-    best = length(ends, order, backwards)
+    exchange(ends, order, backwards, turn, active, rest)
+    best = length(ends, order, backwards, turn)
     kept, kept_backwards = order.copy(), backwards.copy()
     state, span = np.uint64(1), min(n - 1, _SPAN)
     drawn = np.empty(3, dtype=np.int64)
@@ -259,8 +261,8 @@ def shorten(ends, order, backwards, disturbances):
                 backwards[order[(i + k) % n]] = 1 - backwards[order[(i + k) % n]]
         for k in (-1, 0, parts - part - 1, parts - part, parts - 1, parts):
             active[order[(i + k) % n]] = True
-        exchange(ends, order, backwards, active, rest)
-        found = length(ends, order, backwards)
+        exchange(ends, order, backwards, turn, active, rest)
+        found = length(ends, order, backwards, turn)
         if found < best - _LESS:
             best = found
             kept[:], kept_backwards[:] = order, backwards
@@ -269,7 +271,7 @@ def shorten(ends, order, backwards, disturbances):
 
 
 @kernel
-def exchange(ends, order, backwards, active, rest):
+def exchange(ends, order, backwards, turn, active, rest):
     """Shorten a closed tour of runs until no exchange at an active run makes the tour shorter.
 
     An active run is a run at which an exchange may still shorten the tour. After the last exchange,
@@ -285,21 +287,21 @@ def exchange(ends, order, backwards, active, rest):
             i = 0
             while order[i] != run:
                 i += 1
-            found = exchange_link(ends, order, backwards, active, i) or exchange_link(
-                ends, order, backwards, active, (i + 1) % n
+            found = exchange_link(ends, order, backwards, turn, active, i) or exchange_link(
+                ends, order, backwards, turn, active, (i + 1) % n
             )
             for count in range(1, _LONGEST + 1):
                 for back in (0, count - 1):
                     if not found:
                         found = move_runs(
-                            ends, order, backwards, active, rest, (i - back) % n, count
+                            ends, order, backwards, turn, active, rest, (i - back) % n, count
                         )
             if found:
                 active[run], helped = True, True
 
 
 @in_place_kernel
-def exchange_link(ends, order, backwards, active, k):
+def exchange_link(ends, order, backwards, turn, active, k):
     """Replace link k and another link by two links with a smaller total length (2-opt), if such
     links exist.
 
@@ -314,9 +316,9 @@ def exchange_link(ends, order, backwards, active, k):
         before, first, last, after = order[low - 1], order[low], order[high - 1], order[high]
         if before == last:
             continue
-        now = link(ends, backwards, before, first) + link(ends, backwards, last, after)
-        then = step(ends, before, 1 - backwards[before], last, 1 - backwards[last])
-        then += step(ends, first, backwards[first], after, backwards[after])
+        now = link(ends, backwards, turn, before, first) + link(ends, backwards, turn, last, after)
+        then = step(ends, turn, before, 1 - backwards[before], last, 1 - backwards[last])
+        then += step(ends, turn, first, backwards[first], after, backwards[after])
         if then - now < best:
             best, other = then - now, j
     if other < 0:
@@ -329,7 +331,7 @@ def exchange_link(ends, order, backwards, active, k):
 
 
 @in_place_kernel
-def move_runs(ends, order, backwards, active, rest, i, count):
+def move_runs(ends, order, backwards, turn, active, rest, i, count):
     """Move the ``count`` runs that begin at place i of the order to another place, if the tour
     becomes shorter (Or-opt).
 
@@ -339,20 +341,20 @@ def move_runs(ends, order, backwards, active, rest, i, count):
     first, last = order[i], order[(i + count - 1) % n]
     before, after = order[i - 1], order[(i + count) % n]
     saved = (
-        link(ends, backwards, before, first)
-        + link(ends, backwards, last, after)
-        - link(ends, backwards, before, after)
+        link(ends, backwards, turn, before, first)
+        + link(ends, backwards, turn, last, after)
+        - link(ends, backwards, turn, before, after)
     )
     best, place, turned = _LESS, -1, False
     for k in range(n - count - 1):
         one, other = order[(i + count + k) % n], order[(i + count + k + 1) % n]
         out, into = 1 - backwards[one], backwards[other]
-        there = link(ends, backwards, one, other)
-        ahead = step(ends, one, out, first, backwards[first]) + step(
-            ends, last, 1 - backwards[last], other, into
+        there = link(ends, backwards, turn, one, other)
+        ahead = step(ends, turn, one, out, first, backwards[first]) + step(
+            ends, turn, last, 1 - backwards[last], other, into
         )
-        back = step(ends, one, out, last, 1 - backwards[last]) + step(
-            ends, first, backwards[first], other, into
+        back = step(ends, turn, one, out, last, 1 - backwards[last]) + step(
+            ends, turn, first, backwards[first], other, into
         )
         if saved + there - min(ahead, back) > best:
             best, place, turned = saved + there - min(ahead, back), k, back < ahead
@@ -390,24 +392,41 @@ def reverse(order, backwards, begin, end):
 
 
 @in_place_kernel
-def link(ends, backwards, one, other):
-    """Return the distance from the exit of a run to the entry of the next run."""
-    return step(ends, one, 1 - backwards[one], other, backwards[other])
+def link(ends, backwards, turn, one, other):
+    """Return the cost of the link from the exit of a run to the entry of the next run."""
+    return step(ends, turn, one, 1 - backwards[one], other, backwards[other])
 
 
 @in_place_kernel
-def step(ends, one, out, other, into):
-    """Return the distance from one end of a run to one end of another run. End 0 is the first cell,
-    and end 1 is the last cell.
+def step(ends, turn, one, out, other, into):
+    """Return the cost of a link from one end of a run to one end of another run: its length, and
+    the price ``turn`` for each change of direction. End 0 is the first cell, and end 1 is the last
+    cell.
     """
-    rows, cols = ends[one, out, 0] - ends[other, into, 0], ends[one, out, 1] - ends[other, into, 1]
-    return np.sqrt(rows * rows + cols * cols)
+    rows, cols = ends[other, into, 0] - ends[one, out, 0], ends[other, into, 1] - ends[one, out, 1]
+    cost = np.sqrt(rows * rows + cols * cols)
+    if turn > 0:
+        cost += turn * (bends(ends, one, out, rows, cols) + bends(ends, other, into, -rows, -cols))
+    return cost
 
 
 @in_place_kernel
-def length(ends, order, backwards):
-    """Return the total length of all links of a tour."""
+def bends(ends, run, end, rows, cols):
+    """Return 0 if the direction (rows, cols) continues a run beyond one of its ends, and 1
+    otherwise.
+    """
+    down, right = (
+        ends[run, end, 0] - ends[run, 1 - end, 0],
+        ends[run, end, 1] - ends[run, 1 - end, 1],
+    )
+    ahead = down * rows + right * cols > 0 and abs(down * cols - right * rows) < _LESS
+    return 0.0 if ahead else 1.0
+
+
+@in_place_kernel
+def length(ends, order, backwards, turn):
+    """Return the total cost of all links of a tour."""
     total = 0.0
     for k in range(len(order)):
-        total += link(ends, backwards, order[k - 1], order[k])
+        total += link(ends, backwards, turn, order[k - 1], order[k])
     return total

@@ -43,7 +43,13 @@ from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
-from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
+from shoal.search.flight.timing import (
+    Trajectory,
+    turn_cells,
+    turn_shares,
+    turns_of,
+    working_seconds,
+)
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.orientation import (
     Candidate,
@@ -694,7 +700,8 @@ def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
     size = cell_side(check_footprints(problem.chosen_footprint, problem.robots), speeds)
-    angles = other_angles(problem.place, size, turn_cells(problem.chosen_vehicle, size))
+    price = problem.turn_price(turn_cells(problem.chosen_vehicle, size))
+    angles = other_angles(problem.place, size, price)
     plans, refusal = [], None
     for angle in angles:
         try:
@@ -767,7 +774,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     plans = [plan for plan in all_plans if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    plans.sort(key=without_delays)
+    costs = {id(plan): _with_turns(plan, problem) for plan in plans}
+    plans.sort(key=lambda plan: costs[id(plan)])
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -780,6 +788,24 @@ def _is_same(one: GridTour, other: GridTour) -> bool:
     """Return whether two tours lead through the same cells in the same order."""
     return np.array_equal(one.tour.cells, other.tour.cells) and np.array_equal(
         one.grid.viewpoints, other.grid.viewpoints
+    )
+
+
+def _with_turns(plan: SearchPlan, problem: SearchProblem) -> float:
+    """Return the longest time between the departure of a robot and its return, in seconds, with
+    what the robot's turns cost in comparisons beyond their own time.
+    """
+    own = turn_cells(plan.vehicle, plan.grid.size)
+    price = (problem.turn_price(own) - own) * plan.cell_seconds
+    times = [
+        end_of(sorties) - float(delay)
+        for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
+    ]
+    if price <= 0:
+        return max(times, default=0.0)
+    return max(
+        time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
+        for robot, time in enumerate(times)
     )
 
 
@@ -928,12 +954,19 @@ def _grid_tour(
     turn_cost = turn_cells(vehicle, sizes[0])
     options: dict[str, Any] = {
         "transit": problem.transit,
-        "turn_cost": turn_cost,
+        "turn_cost": problem.turn_price(turn_cost),
         "stepwise": problem.stepwise,
     }
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
     options["along_rows"] = isinstance(problem.angle, float) or None
-    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **options)
+    first = best_grid_tour(
+        problem.place,
+        sizes[0],
+        tours,
+        reach=turn_cost * sizes[0],
+        angle=problem.chosen_angle,
+        **options,
+    )
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(
         first.tour.row_angle(first.grid.angle)

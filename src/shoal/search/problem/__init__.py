@@ -49,10 +49,13 @@ AUTO_TOUR = "spanning-tree"
 shortest in every region.
 """
 
-AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the
-rows.
+AUTO_TOURS = ("boustrophedon", "strips", "spanning-tree")
+"""The tours that ``auto`` compares if the problem names a vehicle or what it prefers, or if the
+planner chooses the angle of the rows.
 """
+
+TURN_PRICES = {"time": 0.85, "rows": 3.0}
+"""What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
@@ -218,11 +221,20 @@ class SearchProblem(Problem):
         "auto",
         help=(
             f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means"
-            " boustrophedon. If turns take time or Shoal chooses the angle of the rows, auto means"
-            " the faster tour of spanning-tree and boustrophedon. In any other search, auto means"
-            " spanning-tree."
+            " boustrophedon. With a vehicle or --prefer, or if Shoal chooses the angle of the rows,"
+            " auto means the best of boustrophedon, strips (without a given angle) and"
+            " spanning-tree. In any other search, auto means spanning-tree."
         ),
         names=tuple(TOURS),
+    )
+    prefer: str | None = option(
+        None,
+        help=(
+            "What counts between plans: time (each turn adds the time for 0.85 cells, or its own if"
+            " it takes longer), or rows (each turn adds the time for 3 cells): long straight rows"
+            " in few pieces. Default: rows for a vehicle with a camera, else time."
+        ),
+        choices=tuple(TURN_PRICES),
     )
     allocation: str = option(
         "auto",
@@ -502,7 +514,19 @@ class SearchProblem(Problem):
             return (self.tour,)
         if self.passes > 1:
             return AUTO_TOURS[:1]
-        return AUTO_TOURS if turn_cost or self.chosen_angle is None else (AUTO_TOUR,)
+        compares = turn_cost or self.chosen_angle is None or self.prefer or self.vehicle is not None
+        if not compares:
+            return (AUTO_TOUR,)
+        # strips run in two directions, and a given angle is that of the rows
+        along = isinstance(self.angle, float)
+        return tuple(name for name in AUTO_TOURS if not along or name != "strips")
+
+    def turn_price(self, turn_cost: float) -> float:
+        """Return what a turn costs in comparisons of plans, in cells, if it takes the time for
+        ``turn_cost`` cells.
+        """
+        chosen = self.prefer or ("time" if self.image is None else "rows")
+        return max(turn_cost, TURN_PRICES[chosen])
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:

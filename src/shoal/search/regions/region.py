@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.regions.border import Border
 from shoal.search.regions.outline import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -150,16 +151,22 @@ class SearchRegion:
         return grown
 
     @cached_property
-    def border(self) -> Any:
-        """The border of `reach` as a prepared Shapely geometry.
+    def for_paths(self) -> dict[str, Any]:
+        """Cache of what depends on ``free`` and ``bends`` alone. A region of which robots see less
+        shares it.
+        """
+        return {}
+
+    @property
+    def border(self) -> Border:
+        """The border of `reach`.
 
         A segment that starts inside the region and does not meet the border of `reach` lies inside
         the region.
         """
-        import shapely
-
-        border = shapely.boundary(self.reach)
-        shapely.prepare(border)
+        if "border" not in self.for_paths:
+            self.for_paths["border"] = Border(self.reach)
+        border: Border = self.for_paths["border"]
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
