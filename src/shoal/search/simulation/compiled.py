@@ -298,7 +298,7 @@ class CompiledSearches:
         """Simulate all events of a world up to a time, or at most so many events."""
         self.worlds.control[world].most = most
         while not events.run(self.tour, self.rules, self.partitions, self.worlds, world, until):
-            self._serve(world)
+            self.serve(world)
 
     def outcome(self, world: int) -> Outcome:
         """Return what has happened in a world so far."""
@@ -340,7 +340,7 @@ class CompiledSearches:
                 found[cell] = found.get(cell, 0) | 2 << int(w.finder[world, finding])
         return found
 
-    def _serve(self, world: int) -> None:
+    def serve(self, world: int) -> None:
         """Give a world what it asks for."""
         control = self.worlds.control[world]
         need, one, other = int(control.need), int(control.need_one), int(control.need_other)

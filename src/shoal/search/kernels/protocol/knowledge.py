@@ -169,19 +169,18 @@ def width_of_window(w, b, i, n):
     """
     robot, begun = w.robots[b, i], w.begun[b]
     begun[:] = 0
-    known = w.known[b, i]
+    known, afters, cells, first = w.known[b, i], w.after[b], w.cells[b], robot.window
     for k in range(w.control[b].words):
         bits = known[k]
-        if not w.span[b, k, 0] <= robot.window <= w.span[b, k, 1]:
+        if not w.span[b, k, 0] <= first <= w.span[b, k, 1]:
             bits &= ~((bits << ONE) & w.linked[b, k, 0] | (bits >> ONE) & w.linked[b, k, 1])
         while bits != ZERO:
             fact = (k << 6) + lowest(bits)
             bits &= bits - ONE
-            after = w.after[b, fact]
-            cell = np.int64(w.cells[b, fact])
+            after, ahead = afters[fact], cells[fact] - first
             if after < 0 or not holds(known, after):
-                begun[level_of((cell - robot.window) % n, n)] += 1
-            elif cell == robot.window:  # cut by the beginning of the section
+                begun[level_of(ahead + n if ahead < 0 else ahead, n)] += 1
+            elif ahead == 0:  # cut by the beginning of the section
                 begun[begun.shape[0] - 1] += 1
     for k in range((w.control[b].findings + 63) >> 6):
         bits = w.reported[b, i, k]
@@ -262,10 +261,11 @@ def facts_in(w, b, word, bits, first, width, n):
         return bits
     if at >= width and at + size < n:
         return ZERO
-    inside, rest = ZERO, bits
+    inside, rest, cells = ZERO, bits, w.cells[b]
     while rest != ZERO:
         bit = lowest(rest)
-        if (w.cells[b, (word << 6) + bit] - first) % n < width:
+        ahead = cells[(word << 6) + bit] - first
+        if (ahead + n if ahead < 0 else ahead) < width:
             inside |= ONE << np.uint64(bit)
         rest &= rest - ONE
     return inside
@@ -295,9 +295,9 @@ def write_beacon(w, b, i, slot, time, n):
     for k in range(count):
         bits = known[k]
         if bits != ZERO and width < n:
-            repeated = facts_in(w, b, k, bits, robot.window, width, n)
             told = not bounded or w.telling[b, w.owner[b, k]]
-            bits = (bits & ~before[k]) | repeated if told else repeated
+            new = bits & ~before[k] if told else ZERO
+            bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
         if bits != ZERO:
             w.word[b, slot, message.words], w.bits[b, slot, message.words] = k, bits
             message.words += 1
