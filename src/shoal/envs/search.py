@@ -40,6 +40,7 @@ class SearchWorlds(Worlds):
         If a field is unknown or invalid, or if compiled code cannot simulate the problem.
     """
 
+    batch: SearchBatch
     action_space: gymnasium.spaces.MultiDiscrete
 
     def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:

@@ -81,7 +81,7 @@ class SearchBatch:
         if cells.shape[1] == 2:
             ways = ways[ways[:, 0] == 0, 1:]
         around = cells[:, None] + ways
-        inside = ((around >= 0) & (around < position.shape)).all(axis=2)
+        inside = np.all((around >= 0) & (around < position.shape), axis=2)
         beside = np.where(
             inside, position[tuple(np.moveaxis(np.where(inside[..., None], around, 0), 2, 0))], -1
         )

@@ -333,7 +333,8 @@ class CompiledSearches:
 
     def _found(self, world: int, i: int) -> dict[int, int]:
         """Return the bitset of the robots that found something in each cell, as a robot knows."""
-        w, found = self.worlds, {}
+        w = self.worlds
+        found: dict[int, int] = {}
         for finding in range(int(self.worlds.control[world].findings)):
             if int(w.reported[world, i, finding >> 6]) >> (finding & 63) & 1:
                 cell = int(w.place[world, finding])
@@ -397,7 +398,7 @@ class CompiledSearches:
                 np.append(old.robots, [part.robot - 1 for part in parts]),
                 np.append(old.arcs, len(old.first) + ends),
                 np.append(old.first, np.array([arc.first for arc in arcs], dtype=np.int64)),
-                np.append(old.count, np.array([arc.count for arc in arcs], dtype=np.int64)),
+                np.append(old.sizes, np.array([arc.count for arc in arcs], dtype=np.int64)),
                 np.append(old.step, np.array([arc.step for arc in arcs], dtype=np.int64)),
             )
         robots["offer"][i], robots["offered_for"][i] = number, len(known)

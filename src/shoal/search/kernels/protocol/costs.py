@@ -330,7 +330,7 @@ def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh):
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, size, step = (
                 partitions.first[arc],
-                partitions.count[arc],
+                partitions.sizes[arc],
                 partitions.step[arc],
             )
             done = 0

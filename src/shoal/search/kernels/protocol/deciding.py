@@ -158,7 +158,7 @@ def add_arcs(partitions, division, own, multiplicity, bits, n):
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, count, step = (
                 partitions.first[arc],
-                partitions.count[arc],
+                partitions.sizes[arc],
                 partitions.step[arc],
             )
             for k in range(count):
@@ -236,7 +236,7 @@ def own_cell(tour, rules, partitions, robot, wanted):
         part = begin + (robot.own + ahead) % parts
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, step = partitions.first[arc], partitions.step[arc]
-            at, _ = next_stretch(wanted, first, 0, partitions.count[arc], step, tour.cells)
+            at, _ = next_stretch(wanted, first, 0, partitions.sizes[arc], step, tour.cells)
             if at >= 0:
                 return (first + step * at) % tour.cells
     return -1
@@ -384,7 +384,7 @@ def takes_over(tour, rules, partitions, w, b, i, time):
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, count, step = (
                 partitions.first[arc],
-                partitions.count[arc],
+                partitions.sizes[arc],
                 partitions.step[arc],
             )
             here = here or arc_holds(first, count, step, robot.aim, n)

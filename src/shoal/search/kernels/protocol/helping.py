@@ -88,7 +88,7 @@ def offered_parts(tour, rules, partitions, w, b, i, time, limit):
                 w.wanted[b],
                 partitions.first[arc],
                 0,
-                partitions.count[arc],
+                partitions.sizes[arc],
                 partitions.step[arc],
                 tour.cells,
             )
@@ -104,7 +104,7 @@ def add_runs(tour, rules, partitions, w, b, i, arc, others, runs, time):
     """Add the runs of remaining cells in an arc, in the order of the search, and return the number
     of runs. A new run begins where another robot searches.
     """
-    first, size, step = partitions.first[arc], partitions.count[arc], partitions.step[arc]
+    first, size, step = partitions.first[arc], partitions.sizes[arc], partitions.step[arc]
     fronts = find_fronts(tour, rules, w, b, i, first, size, step, others, time)
     done, n = 0, tour.cells
     while done < size:

@@ -138,7 +138,7 @@ class Partitions(NamedTuple):
     robots: NDArray[np.int64]
     arcs: NDArray[np.int64]
     first: NDArray[np.int64]
-    count: NDArray[np.int64]
+    sizes: NDArray[np.int64]
     step: NDArray[np.int64]
 
 
