@@ -29,7 +29,7 @@ from shoal.search import TourCost, make_tour
 from shoal.search.problem.network import Battery, Crash, Liar, Pause, Slow, network_of
 from shoal.search.protocol.messages import Sender
 from shoal.search.protocol.state import Brief
-from shoal.search.simulation.compiled import CompiledSearches, is_compiled
+from shoal.search.simulation.compiled import CompiledSearches, can_compile
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 
@@ -154,7 +154,7 @@ def random_searches(count: int, plain: int) -> int:
     while done < count:
         scenario = random_scenario(number)
         number += 1
-        if not is_compiled(scenario):
+        if not can_compile(scenario):
             left += 1
             continue
         until = 60 * scenario.brief.tour_cost.whole * scenario.brief.multiplicity + 1000

@@ -14,7 +14,7 @@ from shoal.search import TourCost, make_tour
 from shoal.search.problem.network import network_of
 from shoal.search.protocol.messages import Beacon
 from shoal.search.protocol.state import Brief
-from shoal.search.simulation.compiled import STATES, CompiledSearches, is_compiled
+from shoal.search.simulation.compiled import STATES, CompiledSearches, can_compile
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 
@@ -32,7 +32,7 @@ def compiled_scenarios(numbers, largest=5, robots=6):
     try:
         for number in numbers:
             scenario = random_scenario(number)
-            if is_compiled(scenario):
+            if can_compile(scenario):
                 yield scenario
     finally:
         search_scenarios._LARGEST, search_scenarios._MOST_ROBOTS = before

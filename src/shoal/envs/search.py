@@ -18,7 +18,7 @@ from shoal.envs.options import (
     option_errors,
     split_fields,
 )
-from shoal.envs.search_v0 import DIRECTIONS, PLANES, picture_of, text_of
+from shoal.envs.search_v0 import DIRECTIONS, PLANES, search_picture, search_text
 from shoal.envs.worlds import WorldEnv, Worlds, WorldsVectorEnv
 from shoal.search.problem import SearchProblem
 from shoal.search.simulation.agents import SearchBatch
@@ -143,11 +143,11 @@ class SearchWorlds(Worlds):
 
     def characters(self, world: int) -> str:
         """Return a search as text, with one character for each cell."""
-        return text_of(self.batch.codes(world), self.problem.robots)
+        return search_text(self.batch.codes(world), self.problem.robots)
 
     def picture(self, world: int) -> NDArray[np.uint8]:
         """Return a picture of a search; uint8, shape (height, width, 3)."""
-        return picture_of(self.batch.codes(world), self.problem.robots)
+        return search_picture(self.batch.codes(world), self.problem.robots)
 
 
 class SearchEnv(WorldEnv):

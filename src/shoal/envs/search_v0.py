@@ -382,10 +382,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return codes
 
     def _text(self) -> str:
-        return text_of(self._codes(), self.problem.robots)
+        return search_text(self._codes(), self.problem.robots)
 
     def _picture(self) -> NDArray[np.uint8]:
-        return picture_of(self._codes(), self.problem.robots)
+        return search_picture(self._codes(), self.problem.robots)
 
     def close(self) -> None:
         """Close the window of the environment if the environment has opened one."""
@@ -401,7 +401,7 @@ def _stacked(codes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
 
 
-def text_of(codes: NDArray[np.int64], robots: int) -> str:
+def search_text(codes: NDArray[np.int64], robots: int) -> str:
     """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a robot,
     x for a dead robot.
     """
@@ -411,7 +411,7 @@ def text_of(codes: NDArray[np.int64], robots: int) -> str:
     return "\n".join("".join(row) for row in signs[_stacked(codes)])
 
 
-def picture_of(codes: NDArray[np.int64], robots: int) -> NDArray[np.uint8]:
+def search_picture(codes: NDArray[np.int64], robots: int) -> NDArray[np.uint8]:
     """Return a picture of a search; uint8, shape (height, width, 3)."""
     from shoal.views.drawing.charts import MUTED
     from shoal.views.search.history import robot_colour

@@ -56,7 +56,7 @@ def test_all_numbers_are_those_of_the_pettingzoo_environment(variant):
         assert {f"robot_{i + 1}" for i in np.flatnonzero(info["alive"])} >= set(agents.agents)
         assert terminated == (not agents.agents and not any(stopped.values()))
         assert truncated == any(stopped.values())
-        assert env._worlds.characters(0) == search_v0.text_of(
+        assert env._worlds.characters(0) == search_v0.search_text(
             agents._codes(), agents.problem.robots
         )
 

@@ -17,7 +17,7 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.kernels.protocol import agents
 from shoal.search.planning.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
-from shoal.search.simulation.compiled import CompiledSearches, is_compiled
+from shoal.search.simulation.compiled import CompiledSearches, can_compile
 from shoal.search.simulation.scenario import Scenario, scenario_of
 
 PLANES = 5
@@ -67,7 +67,7 @@ class SearchBatch:
         self.problem, self.plan = problem, plan_search(problem)
         self.tour, self.max_steps = self.plan.tour, max_steps
         scenario = scenario_of(problem, self.plan, 0)
-        if not is_compiled(scenario):
+        if not can_compile(scenario):
             raise InvalidInputError(
                 "search: expected footprints of one cell, no obstacles, and messages without key,"
                 " packet, replays and forgeries in many worlds at once, got another problem, which"

@@ -55,7 +55,7 @@ _DRAWN = 1 << 12  # random numbers drawn at once
 _EVENTS = 1 << 62
 
 
-def is_compiled(scenario: Scenario) -> bool:
+def can_compile(scenario: Scenario) -> bool:
     """Return whether compiled code can simulate a scenario."""
     media = {medium.kind for medium in scenario.network.media}
     return (
@@ -68,7 +68,7 @@ def is_compiled(scenario: Scenario) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class SearchOutcome:
     """What has happened in a simulated search.
 
     Parameters
@@ -104,7 +104,7 @@ class CompiledSearches:
     Parameters
     ----------
     scenarios : sequence of Scenario
-        Scenarios that `is_compiled` accepts. They differ only in their starts, rates, faults,
+        Scenarios that `can_compile` accepts. They differ only in their starts, rates, faults,
         targets and seeds.
     ordered : bool
         Whether somebody else tells the robots where to go (`order`), in place of the protocol.
@@ -300,7 +300,7 @@ class CompiledSearches:
         while not events.run(self.tour, self.rules, self.partitions, self.worlds, world, until):
             self.serve(world)
 
-    def outcome(self, world: int) -> Outcome:
+    def outcome(self, world: int) -> SearchOutcome:
         """Return what has happened in a world so far."""
         w, control = self.worlds, self.worlds.control[world]
         cells: list[list[int]] = [[] for _ in range(self.m)]
@@ -319,7 +319,7 @@ class CompiledSearches:
             states[i].append((time, STATES[state]))
         declared = w.robots[world]["declared"]
         order = np.argsort(declared, kind="stable")
-        return Outcome(
+        return SearchOutcome(
             tuple(np.array(one, dtype=np.int64) for one in cells),
             tuple(np.array(one, dtype=np.float64) for one in times),
             tuple(tuple(one) for one in states),

@@ -130,6 +130,14 @@ class Scenario:
             )
 
     @property
+    def size(self) -> int:
+        """Size of the search: the number of robots, times the number of cells or half the square of
+        the number of robots, whichever is larger.
+        """
+        robots = len(self.starts)
+        return robots * max(len(self.brief.tour_cost), robots**2 // 2)
+
+    @property
     def uncertain(self) -> bool:
         """Whether something can go wrong: faults, lost or changed messages, or obstacles."""
         return bool(self.faults or self.network.media or self.obstacles)
@@ -182,14 +190,6 @@ class Scenario:
         if not isinstance(distances, CellDistances):
             return self.brief.everything
         return distances.reach(self.starts[number - 1], self.blocked)
-
-
-def size_of(scenario: Scenario) -> int:
-    """Return the size of a search: the number of robots, times the number of cells or half the
-    square of the number of robots, whichever is larger.
-    """
-    robots = len(scenario.starts)
-    return robots * max(len(scenario.brief.tour_cost), robots**2 // 2)
 
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:

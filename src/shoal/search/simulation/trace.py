@@ -22,8 +22,8 @@ from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar
 from shoal.search.protocol.state import Brief, step_cost
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
-from shoal.search.simulation.compiled import CompiledSearches, is_compiled
-from shoal.search.simulation.scenario import Scenario, size_of
+from shoal.search.simulation.compiled import CompiledSearches, can_compile
+from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import bits_to_array, members
 
@@ -293,7 +293,7 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Simulate a scenario, and return the trace of the search."""
     late = max(scenario.brief.delays, default=0.0)
     until = late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0
-    if is_compiled(scenario) and size_of(scenario) > _PLAIN:
+    if can_compile(scenario) and scenario.size > _PLAIN:
         return _compiled_trace(scenario, until)
     world = SearchWorld(scenario).run(until=until)
     logs = tuple(
