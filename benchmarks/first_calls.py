@@ -65,6 +65,7 @@ COMMANDS = {
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         "search circle:40 --robots 2 --footprint 6 --angle auto",
+        "search rectangle:540x540 --robots 8 --footprint 10",  # large enough for compiled simulation
         *(
             f"tour {name} cave:20x15"
             for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")
