@@ -57,12 +57,13 @@ def test_arms_in_two_directions_have_fewer_turns():
 
 def test_a_link_costs_the_turns_at_its_ends():
     ends = np.array([[[0, 0], [0, 5]], [[0, 8], [0, 9]], [[1, 5], [1, 0]], [[2, 2], [2, 2]]], float)
+    priced, free = runs.costs_of(ends, 2.0), runs.costs_of(ends, 0.0)
     cost = runs.step
-    assert cost(ends, 2.0, 0, 1, 1, 0) == 3.0  # straight on
-    assert cost(ends, 2.0, 0, 1, 2, 0) == 1.0 + 4.0  # to the next row and back
-    assert cost(ends, 0.0, 0, 1, 2, 0) == 1.0
-    assert cost(ends, 2.0, 0, 1, 1, 1) == 4.0 + 2.0  # straight on, but from the wrong end
-    assert cost(ends, 2.0, 2, 1, 3, 0) == pytest.approx(5**0.5 + 4.0)
+    assert cost(priced, 0, 1, 1, 0) == 3.0  # straight on
+    assert cost(priced, 0, 1, 2, 0) == 1.0 + 4.0  # to the next row and back
+    assert cost(free, 0, 1, 2, 0) == 1.0
+    assert cost(priced, 0, 1, 1, 1) == 4.0 + 2.0  # straight on, but from the wrong end
+    assert cost(priced, 2, 1, 3, 0) == pytest.approx(5**0.5 + 4.0)
 
 
 def test_a_path_around_a_round_lake_bends_seldom():
@@ -151,6 +152,8 @@ def test_a_plain_rectangle_has_plain_rows():
 def test_what_is_preferred_is_time_or_rows():
     with pytest.raises(InvalidInputError, match="prefer: expected"):
         SearchProblem("square:100", prefer="speed")
+    with pytest.raises(InvalidInputError, match="prefer: expected plans to choose between"):
+        SearchProblem("square:100", prefer="rows", tour="moore", angle=30)
     camera = SearchProblem(
         "square:100",
         vehicle="multirotor,sensor_width=13,sensor_height=9,focal_length=9,altitude=40",

@@ -159,6 +159,17 @@ def test_antipodes_have_a_bound_from_the_law_of_growth():
         assert not check_certificate(found.proof | other)
 
 
+@pytest.mark.parametrize("name", ["square", "regular:20", "disk"])
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+def test_translations_are_proven_optimal(name, shift):
+    start = np.array([(0.1, 0.2), (0.15, 0.3)])
+    episode = run(SteeringProblem(name, start, start + np.array([shift, 0])))
+    found = certify(episode, seconds=20)
+    assert found.lower_bound <= episode.length
+    assert found.lower_bound == pytest.approx(shift, abs=0.003)  # the tolerance
+    assert check_certificate(found.proof)
+
+
 def test_the_law_of_growth_is_for_disks(certificate):
     proof = copy.deepcopy(certificate.proof)
     proof["trees"][0]["proof"] = "growth"

@@ -358,8 +358,11 @@ class RegionPaths:
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
         self.grid = grid
         self.transit = transit
-        # plans compare routes that have most of their legs in common
-        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = {}
+        # Plans compare routes that have most of their legs in common, and the plan that is chosen
+        # has the legs of its tour. So all paths of a grid share what they have found.
+        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
+            vars(grid).setdefault("ways", {}).setdefault(transit, {})
+        )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.

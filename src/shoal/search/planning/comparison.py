@@ -88,11 +88,12 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
-    first = plans_along(problem, names[0], seed)
+    known: dict[Any, Any] = {}
+    first = plans_along(problem, names[0], seed, known)
     if problem.launch is None:  # random starts are cells, which differ from tour to tour
         places = tuple((x, y) for x, y in first[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
-    rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed)]
+    rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
     found = [_figures(plan, problem) for plan in (*first, *rest)]
     return sorted(found, key=lambda one: (one.refusal is not None, one.price))
 

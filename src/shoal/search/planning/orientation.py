@@ -446,7 +446,7 @@ def best_grid_tour(
         if angle is None or len(tours) > 1
         else ()
     )
-    chosen = replace(best, compared=tuple(chosen_among))
+    chosen: GridTour = replace(best, compared=tuple(chosen_among))
     vars(chosen)["route"] = best.route  # known already
     return chosen
 

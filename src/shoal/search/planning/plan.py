@@ -599,9 +599,14 @@ class SearchPlan:
         end = self.places[robot] if self.landing is None else self.landing[robot]
         first, last = self.positions(stops[[0, -1]])[:, :2]
         ways = (self.leg(self.places[robot], first), self.leg(last, end))
-        allowed = self.grid.region.outline.buffer(TOUCH)
-        out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
+        out, back = (
+            float(shapely.linestrings(way).difference(self._allowed).length) for way in ways
+        )
         return out, back
+
+    @cached_property
+    def _allowed(self) -> Any:
+        return self.grid.region.outline.buffer(TOUCH)
 
     def _route_round(
         self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]
@@ -857,10 +862,14 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     )
 
 
-def plans_along(problem: SearchProblem, tour: str, seed: int) -> list[SearchPlan]:
-    """Return the plans of all allocations that the problem compares, along one tour."""
+def plans_along(
+    problem: SearchProblem, tour: str, seed: int, known: dict[Any, Any]
+) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along one tour. The argument
+    ``known`` is that of `best_grid_tour`.
+    """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, known=known)
     landing = (
         None
         if problem.land is None
@@ -1003,8 +1012,8 @@ def _grid_tour(
     speeds: NDArray[np.float64],
     *,
     scale: float,
-    known: dict[Any, Any],
     tour: str | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.

@@ -484,6 +484,16 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 "stay_inside: expected launch or landing points outside the region, got none"
             )
+        if (
+            self.prefer is not None
+            and self.tour not in (AUTO, "boustrophedon", "strips")
+            and isinstance(self.angle, float)
+            and self.vehicle is None
+        ):
+            raise InvalidInputError(
+                "prefer: expected plans to choose between (a tour of rows or auto, the angle auto, or"
+                f" a vehicle), got the tour {self.tour} at {self.angle:g} degrees"
+            )
         if self.launch is not None and "starts" in self.given:
             raise InvalidInputError(
                 "starts: expected no starts together with launch points, got"

@@ -21,7 +21,7 @@ Pair = tuple[int, int]
 Vector = tuple[dict[int, int], dict[int, int]]
 _ONE = -1  # key of the constant of an expression
 
-Arc = tuple[int, int, int]  # first wall, wall after the last, particle
+WallArc = tuple[int, int, int]  # first wall, wall after the last, particle
 
 
 class _Hold(NamedTuple):
@@ -36,7 +36,7 @@ class _Hold(NamedTuple):
 
 
 # An item of a pattern is a hold, or a gap: a list of its arcs, or None for all contacts.
-Item = _Hold | list[Arc] | None
+Item = _Hold | list[WallArc] | None
 
 
 class _WrongError(Exception):
@@ -308,7 +308,7 @@ class _Task:
         begins, ends = (whole, between) if backwards else (between, whole)
         return _Hold(particle, begins, ends, whole, whole)
 
-    def _mask(self, arc: Arc, particle: int) -> int:
+    def _mask(self, arc: WallArc, particle: int) -> int:
         """Return the walls of an arc of a particle as bits, those of particle 1 after all of 0."""
         first, end, owner = arc
         count = self.walls.count
@@ -322,7 +322,7 @@ class _Task:
         return bits << (count * particle)
 
     def _needed(
-        self, gap: Item, known: list[Arc], neighbour: _Hold | None, *, backwards: bool
+        self, gap: Item, known: list[WallArc], neighbour: _Hold | None, *, backwards: bool
     ) -> int:
         """Return the contacts with which a gap may begin (or end), as bits."""
         count = self.walls.count
@@ -731,7 +731,7 @@ def _multiple(given: float) -> int:
     return int(given * STEP)
 
 
-def _arc(given: Sequence[int]) -> Arc:
+def _arc(given: Sequence[int]) -> WallArc:
     first, end, particle = given
     if not all(isinstance(x, int) for x in given) or particle not in (0, 1) or first >= end:
         raise _WrongError(f"no arc is {list(given)}")

@@ -28,7 +28,7 @@ Range = tuple[int, int]
 """Walls from the first number up to, but without, the second; counted on after a whole turn."""
 
 
-class Arc(NamedTuple):
+class WallArc(NamedTuple):
     """Contacts of one particle, 0 or 1, with walls that follow each other.
 
     The walls of a disk are `ROUND_WALLS` arcs.
@@ -73,9 +73,9 @@ class Hold(NamedTuple):
         return ["first", "last"]
 
     @property
-    def arc(self) -> Arc:
+    def arc(self) -> WallArc:
         """All walls of the contacts."""
-        return Arc(self.least[0], self.most[1], self.particle)
+        return WallArc(self.least[0], self.most[1], self.particle)
 
     @property
     def single(self) -> bool:
@@ -89,7 +89,7 @@ class HoldGap:
     walls if it is None.
     """
 
-    holds: frozenset[Arc] | None = None
+    holds: frozenset[WallArc] | None = None
 
 
 Pattern = tuple[Hold | HoldGap, ...]
@@ -458,8 +458,10 @@ class Relaxation:
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
         value = min(program.worth(vectors, slacks, turns), self.limit)
+        if value < 0:  # without multipliers, the bound is 0
+            value, vectors, slacks, turns = 0.0, 0 * vectors, 0 * slacks, 0 * turns
         errors = self._errors(pattern, program, point)
-        return Bound(max(value, 0.0) * self.scale, vectors, slacks, turns, errors)
+        return Bound(value * self.scale, vectors, slacks, turns, errors)
 
     def _errors(
         self, pattern: Pattern, program: Program, solution: Floats
@@ -585,7 +587,7 @@ class Relaxation:
                 # |v|² <= a b as |(2 v, a - b)| <= a + b
                 cone(grown + around, 2 * apart, grown - around)
 
-        def length_of(arc: Arc, change: Floats) -> None:
+        def length_of(arc: WallArc, change: Floats) -> None:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
@@ -746,7 +748,7 @@ class GapBranching:
     """
 
     place: int
-    known: frozenset[Arc]
+    known: frozenset[WallArc]
     right: bool
     choices: tuple[Hold, ...]
 
@@ -767,7 +769,7 @@ Branching = GapBranching | HoldBranching
 
 
 def gap_branching(
-    relaxation: Relaxation, pattern: Pattern, place: int, known: frozenset[Arc], *, right: bool
+    relaxation: Relaxation, pattern: Pattern, place: int, known: frozenset[WallArc], *, right: bool
 ) -> GapBranching:
     """Return the branching of a gap, with as few choices as possible."""
     gap, walls = pattern[place], relaxation.walls
@@ -779,7 +781,7 @@ def gap_branching(
     if not known and not walls.runs and isinstance(neighbour, Hold):
         excluded = {neighbour.arc}  # the gap begins after the last contact with that wall
     if gap.holds is None:
-        every = [Arc(*part, particle) for part in walls.base for particle in (0, 1)]
+        every = [WallArc(*part, particle) for part in walls.base for particle in (0, 1)]
     else:
         every = sorted(gap.holds)
     choices = []
@@ -804,14 +806,14 @@ def use_branchings(
     gap, walls = pattern[place], relaxation.walls
     assert isinstance(gap, HoldGap)
     every = gap.holds or frozenset(
-        Arc(*part, particle) for part in walls.base for particle in (0, 1)
+        WallArc(*part, particle) for part in walls.base for particle in (0, 1)
     )
     for arc in sorted(every) if len(every) > 1 else []:
         hold = walls.hold(arc.particle, arc[:2], right=right)
         yield GapBranching(place, every - {arc}, right, (hold,))
 
 
-def _without(arc: Arc, excluded: Iterable[Arc], count: int) -> list[Range]:
+def _without(arc: WallArc, excluded: Iterable[WallArc], count: int) -> list[Range]:
     """Return the parts of an arc outside some others; ``count`` walls are a whole turn."""
     parts = [(arc.first, arc.end)]
     for other in excluded:

@@ -293,7 +293,7 @@ class Search:
 
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
-        if self.growth >= enough:
+        if self.growth and self.growth >= enough:
             return "growth"
         return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
 
