@@ -207,7 +207,7 @@ class FaultEstimate:
     inputs do.
 
     For each of `FAULTS`, the score is the sum of the logarithms of the odds, which never falls
-    below 0 (a CUSUM test): a fault may also begin during a drive.
+    below 0 (a test by cumulative sums): a fault may also begin during a drive.
     """
 
     def __init__(self) -> None:
