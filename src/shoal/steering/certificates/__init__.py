@@ -37,7 +37,7 @@ class Certificate:
         No plan is shorter, in the unit of the workspace.
     proof : dict or None
         JSON object for `check_certificate`; None if the bound has no proof tree, because the
-        workspace is not a polygon.
+        workspace is neither a convex polygon nor a disk.
     """
 
     episode: SteeringEpisode
@@ -82,6 +82,7 @@ def certify(
     *,
     seconds: float = 60.0,
     progress: Callable[[float, float], None] | None = None,
+    clock: Callable[[], float] = monotonic,
 ) -> Certificate:
     """Return a lower bound on the length of all plans for the problem of an episode, and its proof.
 
@@ -93,13 +94,16 @@ def certify(
         Time of the search, which also ends at a gap of 0.01 %.
     progress : callable, optional
         Called about once in a second with the seconds so far and the lower bound.
+    clock : callable, optional
+        Returns the seconds that ``seconds`` limits; `time.process_time` counts the time of the
+        processor.
 
     Raises
     ------
     InvalidInputError
         If the problem has noise, an uneven field or stated errors: its plans have no least length.
     MissingExtraError
-        If Clarabel is not installed (``pip install 'shoal[certify]'``).
+        If the search needs Clarabel, and it is not installed (``pip install 'shoal[certify]'``).
 
     Examples
     --------
@@ -114,67 +118,93 @@ def certify(
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
-    simple = place.kind == "polygon" and len(start) == 2 and not problem.particle_radius
-    if not episode or not simple or problem.friction < inf:
+    if not episode or not has_proof(problem):
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None)
-    from shoal.steering.certificates.relaxation import HoldGap, Relaxation
-    from shoal.steering.certificates.search import PatternTree
+    from shoal.steering.certificates.relaxation import Hold, Relaxation, round_directions
+    from shoal.steering.certificates.search import Search
 
     orders: Sequence[tuple[int, ...]] = (
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
     limit = episode.length
-    trees = [
-        PatternTree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
+    searches = [
+        Search(Relaxation(place, start, goal[list(order)], problem.tolerance, limit))
         for order in orders
     ]
-    begun = told = monotonic()
-    while (now := monotonic()) - begun < seconds:
-        tree = min(trees, key=lambda one: one.least_open)
-        if tree.least_open * (1 + _ENOUGH) >= min(one.upper for one in trees):
+    begun = told = clock()
+    while (now := clock()) - begun < seconds:
+        search = min(searches, key=lambda one: one.lower)
+        least = search.lower
+        if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
             break
-        tree.step()
+        search.step(clock)
         if progress is not None and now - told > 1:
             told = now
-            progress(now - begun, min(one.lower for one in trees))
-    bound = max(min(one.lower for one in trees) * (1 - _SLACK), 0.0)
+            progress(now - begun, least)
+    bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
+    relaxation = searches[0].relaxation
     proof = {
         "kind": KIND,
-        "corners": place.vertices.tolist(),
+        **_outline(problem),
+        **({"directions": round_directions().tolist()} if place.round else {}),
+        "runs": relaxation.walls.runs,
         "start": start.tolist(),
         "goal": goal.tolist(),
         "tolerance": problem.tolerance,
         "interchangeable": problem.interchangeable,
         "limit": limit,
-        "unit": trees[0].relaxation.scale,
+        "unit": relaxation.scale,
         "lower_bound": bound,
         "trees": [
-            {"order": [k + 1 for k in order], "proof": tree.root.proof()}
-            for order, tree in zip(orders, trees, strict=True)
+            {"order": [k + 1 for k in order], "proof": search.proof(bound)}
+            for order, search in zip(orders, searches, strict=True)
         ],
     }
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, tree = min(zip(orders, trees, strict=True), key=lambda pair: pair[1].upper)
-    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit:
+    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
+    tree = search.shortest
+    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit and not place.round:
+        holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
+        walls = len(place.vertices)
         episode = improved(
-            episode, order, [item for item in tree.best.pattern if not isinstance(item, HoldGap)]
+            episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds]
         )
     return Certificate(replace(episode, lower_bound=bound), bound, proof)
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
-    """Refuse a problem whose plans have no least length, and a search without Clarabel."""
+    """Refuse a problem whose plans have no least length, and a search without the Clarabel that it
+    needs.
+    """
     check_number(seconds, what="certify", above=0)
     if problem.noisy or problem.bounds is not None:
         raise InvalidInputError(
             "certify: expected a problem without noise, uneven field and stated errors, because"
             " only its plans have a least length"
         )
-    import_extra("clarabel", "certificates need Clarabel", extra="certify")
+    if has_proof(problem):
+        import_extra("clarabel", "certificates need Clarabel", extra="certify")
+
+
+def has_proof(problem: SteeringProblem) -> bool:
+    """Return whether the bounds of a problem have proof trees."""
+    return (
+        problem.place.kind in ("polygon", "disk")
+        and problem.n_particles == 2
+        and not problem.particle_radius
+        and problem.friction == inf
+    )
+
+
+def _outline(problem: SteeringProblem) -> dict[str, Any]:
+    place = problem.place
+    if place.round:
+        return {"center": place.center.tolist(), "radius": place.radius}
+    return {"corners": place.vertices.tolist()}
 
 
 def check_certificate_of(
@@ -184,11 +214,11 @@ def check_certificate_of(
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
         return Verification(False, f"the file is no {KIND}")
     start, goal = problem.endpoints(seed)
-    place = problem.place
-    if place.kind != "polygon" or problem.friction < inf or problem.particle_radius:
-        return Verification(False, "certificates are for points in polygons without sliding")
-    stated = {
-        "corners": place.vertices.tolist(),
+    if not has_proof(problem):
+        return Verification(
+            False, "certificates are for two points in convex polygons and disks, without sliding"
+        )
+    stated = _outline(problem) | {
         "start": start.tolist(),
         "goal": goal.tolist(),
         "tolerance": problem.tolerance,
