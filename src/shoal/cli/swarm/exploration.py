@@ -404,7 +404,17 @@ def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
 
 
 def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
-    """Return a row with the result in words: found free cells and walls, or covered cells."""
+    """Return a row with the result in words: found free cells and walls, covered cells, or where
+    the particles are.
+    """
+    if episode.task == "gathering":
+        cells = episode.final()[0].cells
+        if episode.targets is not None:
+            inside, room = int(episode.targets[tuple(cells.T)].sum()), int(episode.targets.sum())
+            return ("gathered", f"{inside} of {len(cells)} particles, in a region of {room} cells")
+        places = {tuple(cell) for cell in cells.tolist()}
+        where = f"1 cell, {min(places)}" if len(places) == 1 else f"{len(places)} cells"
+        return ("gathered", f"{len(cells)} particles in {where}")
     if episode.targets is not None:
         wanted = int(episode.targets.sum())
         return (
