@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.board import Board, offsets_of
 from shoal.swarm.kernels import gathering as kernels
 
+MOST_CELLS = 3000
+"""Most free cells of a map for whose pairs of cells a table is computed. The table has 36 MB then."""
+
 
 def moves_of(
     free: NDArray[np.bool_],
@@ -106,7 +109,7 @@ def fewest_to_meet(
     ahead: NDArray[np.int64], may_stay: NDArray[np.bool_], goal: NDArray[np.bool_], rule: str
 ) -> NDArray[np.int32]:
     """Return the smallest number of commands that bring two particles together, for each pair of m
-    cells (int32, shape (m * m,)): into two goal cells, or without goal cells into one cell. The
+    cells (int32, shape (m * m,)): into goal cells, or without goal cells into one cell. The
     number is -1 for pairs that no commands bring together.
 
     ``ahead`` and ``may_stay`` are those of `shoal.swarm.theory.command_bounds.moves_of`.
@@ -118,7 +121,6 @@ def fewest_to_meet(
         may_stay,
         rule == "tilt",
         goal,
-        rule != "merge",
         fewest,
         np.zeros(m * m, dtype=np.int32),
         np.zeros((2, m + 1), dtype=np.int64),

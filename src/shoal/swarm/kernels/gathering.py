@@ -96,20 +96,19 @@ def sources_of(ahead, may_stay, slides, command, cell, out):
 
 
 @in_place_kernel
-def meet_pairs(ahead, may_stay, slides, goal, distinct, fewest, queue, ends):
+def meet_pairs(ahead, may_stay, slides, goal, fewest, queue, ends):
     """Write to ``fewest`` the smallest number of commands that bring two particles together, for
     each pair of cells: into goal cells, or without goal cells into any common cell. -1 stays where
     no commands do.
 
-    The search goes backwards from all pairs of goal cells. If ``distinct`` is true, no two particles
-    end in the same cell.
+    The search goes backwards from all pairs of goal cells.
     """
     m, last = ahead.shape[1], 0
     for x in range(m):
         for y in range(m):
             ends_here = x == y
             if goal.shape[0] > 0:
-                ends_here = goal[x] and goal[y] and not (distinct and x == y)
+                ends_here = goal[x] and goal[y]
             if ends_here:
                 fewest[x * m + y] = 0
                 queue[last] = x * m + y

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_choice, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import RULES, decode
-from shoal.swarm.grid.pairs import Ground, ground_of
+from shoal.swarm.grid.pairs import MOST_CELLS, Ground, ground_of
 from shoal.swarm.grid.state import RULE_CODES
 from shoal.swarm.kernels import gathering as kernels
 from shoal.swarm.policies.protocol import Decision, View
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
 CHOICES = {"closest": kernels.CLOSEST, "farthest": kernels.FARTHEST}
-MOST_CELLS = 3000
-"""Most free cells of a map for whose pairs the number of commands until they meet is computed. The
-table has 36 MB then.
-"""
 WIDTH = 64
 PATIENCE = 200  # moves without a smaller estimate after which a pair is brought together
 LEVELS = 4096  # moves of a beam search
