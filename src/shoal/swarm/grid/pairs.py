@@ -58,8 +58,8 @@ class Ground(NamedTuple):
     fewest : ndarray of int32, shape (m * m,) or (0,)
         The fewest commands for each pair of cells, or empty for a large map.
     near : ndarray of int64, shape (m,)
-        The length of the shortest path from each cell to the region, or without a region to a cell
-        at an end of a longest path.
+        The length of the shortest path from each cell to the region. Without a region, 0 if there is
+        a table of pairs, and else the path to a cell that is far from others.
     """
 
     cells: NDArray[np.int64]
@@ -101,7 +101,8 @@ def ground_of(
         aims = np.array([kernels.measure_paths_from(ahead, 0, -1, near, queue)])
     queue[: aims.size] = aims
     kernels.measure_paths(ahead, aims.size, -1, near, queue)
-    near = np.zeros_like(near) if pairs else near
+    if region is None and pairs:
+        near[:] = 0  # any cell will do
     return Ground(cells, ahead, goal, fewest, near)
 
 

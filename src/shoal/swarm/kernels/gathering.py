@@ -198,13 +198,14 @@ def is_gathered(swarm, count, goal):
 
 
 @in_place_kernel
-def estimate(swarm, count, fewest, near):
+def estimate(swarm, count, fewest, near, rule):
     """Return the estimate of a swarm: the mean over its cells of the most commands that a particle
     there needs to meet another, plus `EACH` for each cell.
 
-    Without a table ``fewest`` of pairs, a cell counts with its distance ``near`` from the goal.
+    Without a table ``fewest`` of pairs, a cell counts with its distance ``near`` from the goal, and
+    where particles share no cell, `EACH` is for each cell outside the goal.
     """
-    total = 0
+    total, weighed = 0, 0
     m = near.shape[0]
     every = 1 + (count - 1) // PARTNERS
     for i in range(count):
@@ -214,7 +215,8 @@ def estimate(swarm, count, fewest, near):
             for j in range(0, count, every):
                 farthest = max(farthest, fewest[row + swarm[j]])
         total += farthest
-    return total / count + EACH * count
+        weighed += 1 if fewest.shape[0] > 0 or rule == MERGE or near[swarm[i]] > 0 else 0
+    return total / count + EACH * weighed
 
 
 @in_place_kernel
@@ -283,7 +285,7 @@ def search_plan(
     for i in range(start.shape[0]):
         swarms[0, i] = start[i]
     counts[0], size, stamp = start.shape[0], 1, 0
-    least, level_of_least, slot_of_least = estimate(start, start.shape[0], fewest, near), 0, 0
+    least, level_of_least, slot_of_least = estimate(start, start.shape[0], fewest, near, rule), 0, 0
     for i in range(mark.shape[0]):
         mark[i] = -1
     for i in range(seen.shape[0]):
@@ -306,7 +308,7 @@ def search_plan(
                     continue
                 seen[place] = name
                 child_counts[made] = count
-                scores[made] = estimate(child, count, fewest, near)
+                scores[made] = estimate(child, count, fewest, near, rule)
                 order[children.shape[0] + made] = slot * moves + command
                 if is_gathered(child, count, goal):
                     plan[level] = command

@@ -137,12 +137,15 @@ class GatherBeam:
             view.targets,
             view.rule,
             1 if merges else len(view.occupied),
-            pairs=len(view.belief.open) <= MOST_CELLS,
+            pairs=view.rule != "tilt" and len(view.belief.open) <= MOST_CELLS,
         )
         swarm = ground.swarm(view.occupied)
         if ground.fewest.size and (ground.fewest[swarm[:, None] * ground.cells.size + swarm] < 0).any():
             return "", None
         plan, gathered = searched(ground, swarm, view.rule, self.width)
+        if not merges and not gathered:  # nothing is lost with another estimate
+            alone = ground._replace(fewest=ground.fewest[:0])
+            plan, gathered = searched(alone, swarm, view.rule, self.width)
         if gathered or not merges:
             return decode(plan), None
         for code in plan.tolist():
