@@ -18,7 +18,8 @@ def moved(free: np.ndarray, cells, letter: str, rule: str) -> tuple:
     # the foremost particle first, so that those ahead have moved already
     ordered = sorted(cells, key=lambda cell: -(cell[0] * row + cell[1] * column))
     done: list[tuple[int, int]] = []
-    for cell in ordered:
+    for start in ordered:
+        cell = start
         for _ in range(1 if rule != "tilt" else max(shape)):
             ahead = (cell[0] + row, cell[1] + column)
             if not is_free(ahead) or (rule != "merge" and ahead in done):

@@ -44,7 +44,7 @@ def moves_of(
     return ahead, may_stay
 
 
-class Ground(NamedTuple):
+class PairGrid(NamedTuple):
     """A map as the kernels of gathering see it.
 
     Attributes
@@ -74,9 +74,9 @@ class Ground(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def ground_of(
+def pair_grid(
     free: Board, region: Board | None, rule: str, particles: int, *, pairs: bool
-) -> Ground:
+) -> PairGrid:
     """Return a map in the form of the kernels.
 
     Parameters
@@ -103,7 +103,7 @@ def ground_of(
     kernels.measure_paths(ahead, aims.size, -1, near, queue)
     if region is None and pairs:
         near[:] = 0  # any cell will do
-    return Ground(cells, ahead, goal, fewest, near)
+    return PairGrid(cells, ahead, goal, fewest, near)
 
 
 def fewest_to_meet(

@@ -44,7 +44,7 @@ def follow(field, rule, region, plan, at, trace, memory):
             travelled += moved
             if moved > 0:
                 before, left = left, stragglers(field.occupied, region, field.frontier)
-                gathered += max(0, before - left)
+                gathered += before - left
             if rule != TILT or moved == 0:
                 break
         trace.commands[played] = plan[at]

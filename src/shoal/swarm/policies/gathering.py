@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_choice, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import RULES, decode
-from shoal.swarm.grid.pairs import MOST_CELLS, Ground, ground_of
+from shoal.swarm.grid.pairs import MOST_CELLS, PairGrid, pair_grid
 from shoal.swarm.grid.state import RULE_CODES
 from shoal.swarm.kernels import gathering as kernels
 from shoal.swarm.policies.protocol import Decision, View
@@ -69,22 +69,22 @@ class Pairwise:
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the commands that bring two particles together, or the last one to the region."""
-        ground = ground_of(view.belief.open, view.targets, view.rule, 1, pairs=False)
-        swarm = ground.swarm(view.occupied)
-        return united(ground, swarm, self.pair, replans=self.path == "dynamic"), None
+        grid = pair_grid(view.belief.open, view.targets, view.rule, 1, pairs=False)
+        swarm = grid.swarm(view.occupied)
+        return bring_together(grid, swarm, self.pair, replans=self.path == "dynamic"), None
 
 
-def united(ground: Ground, swarm: NDArray[np.int64], pair: str, *, replans: bool) -> str:
+def bring_together(grid: PairGrid, swarm: NDArray[np.int64], pair: str, *, replans: bool) -> str:
     """Return the commands that bring two particles together, or "" if no two can meet."""
     room = 1024
-    steps, queue, mark = (np.zeros(ground.cells.size, dtype=np.int64) for _ in range(3))
+    steps, queue, mark = (np.zeros(grid.cells.size, dtype=np.int64) for _ in range(3))
     while True:
         plan = np.zeros(room, dtype=np.int8)
         length = kernels.unite_pair(
-            ground.ahead,
+            grid.ahead,
             swarm,
             swarm.size,
-            ground.goal,
+            grid.goal,
             CHOICES[pair],
             replans,
             steps,
@@ -132,41 +132,41 @@ class GatherBeam:
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the commands up to the end, or up to the next pair that is brought together."""
         merges = view.rule == "merge"
-        ground = ground_of(
+        grid = pair_grid(
             view.belief.open,
             view.targets,
             view.rule,
             1 if merges else len(view.occupied),
             pairs=view.rule != "tilt" and len(view.belief.open) <= MOST_CELLS,
         )
-        swarm = ground.swarm(view.occupied)
-        if ground.fewest.size and (ground.fewest[swarm[:, None] * ground.cells.size + swarm] < 0).any():
+        swarm = grid.swarm(view.occupied)
+        if grid.fewest.size and (grid.fewest[swarm[:, None] * grid.cells.size + swarm] < 0).any():
             return "", None
-        plan, gathered = searched(ground, swarm, view.rule, self.width)
+        plan, gathered = plan_with_beam(grid, swarm, view.rule, self.width)
         if not merges and not gathered:  # nothing is lost with another estimate
-            alone = ground._replace(fewest=ground.fewest[:0])
-            plan, gathered = searched(alone, swarm, view.rule, self.width)
+            alone = grid._replace(fewest=grid.fewest[:0])
+            plan, gathered = plan_with_beam(alone, swarm, view.rule, self.width)
         if gathered or not merges:
             return decode(plan), None
         for code in plan.tolist():
-            swarm = np.unique(np.where(ground.ahead[code, swarm] < 0, swarm, ground.ahead[code, swarm]))
-        return decode(plan) + united(ground, swarm, "closest", replans=True), None
+            swarm = np.unique(np.where(grid.ahead[code, swarm] < 0, swarm, grid.ahead[code, swarm]))
+        return decode(plan) + bring_together(grid, swarm, "closest", replans=True), None
 
 
-def searched(
-    ground: Ground, swarm: NDArray[np.int64], rule: str, width: int
+def plan_with_beam(
+    grid: PairGrid, swarm: NDArray[np.int64], rule: str, width: int
 ) -> tuple[NDArray[np.int8], bool]:
     """Return the commands that a beam search finds, and whether they gather the swarm."""
-    commands, m = ground.ahead.shape
+    commands, m = grid.ahead.shape
     n, made = swarm.size, width * commands
     plan = np.zeros(LEVELS + 1, dtype=np.int8)
     names = np.random.default_rng(0).integers(1, 2**63, size=m, dtype=np.uint64)
     length, gathered = kernels.search_plan(
-        ground.ahead,
+        grid.ahead,
         RULE_CODES[rule],
-        ground.goal,
-        ground.fewest,
-        ground.near,
+        grid.goal,
+        grid.fewest,
+        grid.near,
         swarm,
         np.zeros((width, n), dtype=np.int64),
         np.zeros(width, dtype=np.int64),

@@ -182,9 +182,7 @@ def search_gathering(
             if seen.get(there, most_states) <= moves + 1:
                 continue
             if len(seen) >= most_states:
-                raise InvalidInputError(
-                    f"optimum: expected at most {most_states} states, got more"
-                )
+                raise InvalidInputError(f"optimum: expected at most {most_states} states, got more")
             seen[there] = moves + 1
             left = estimate(there)
             if left >= 0:
