@@ -16,7 +16,7 @@ import shoal.envs
 from shoal.envs import swarm as observations
 from shoal.swarm.grid.board import LETTERS
 
-IDS = ["shoal/Mapping-v0", "shoal/Coverage-v0", "shoal/SubsetCoverage-v0", "shoal/Gathering-v0"]
+IDS = ["shoal/Mapping-v0", "shoal/Coverage-v0", "shoal/SubsetCoverage-v0"]
 SMALL = {"map": "vessels:100", "particles": 20}
 VARIANTS = {
     "planes": {},

@@ -273,3 +273,28 @@ def test_the_command_gathers(capsys, tmp_path):
     region.write_text("..###\n.####\n...##\n")
     assert run_command(gathers) == 0
     assert "6 of 6 particles, in a region of 6 cells" in capsys.readouterr().out
+
+
+def test_the_environment_pays_for_cells_that_are_gathered():
+    envs = pytest.importorskip("shoal.envs")
+    env = envs.SwarmEnv(task="gathering", map="vessels:60", particles=5, max_moves=500)
+    first = env.reset(seed=4)[1]
+    episode = run(
+        SwarmProblem("vessels:60", task="gathering", particles=5, policy="gather-beam"), seed=4
+    )
+    ended = False
+    for command in episode.trace.commands.tolist():
+        assert not ended
+        _, _, ended, _, info = env.step(command)
+    assert ended
+    assert info["frontier"] == 0
+    assert info["moves"] == episode.moves
+    options = {"classified_reward": 0.0, "move_price": 0.0, "final_bonus": 0.0}
+    paid = envs.SwarmEnv(
+        task="gathering",
+        map="vessels:60",
+        particles=5,
+        **(options | {"classified_reward": 1.0}),
+    )
+    paid.reset(seed=4)
+    assert sum(paid.step(one)[1] for one in episode.trace.commands.tolist()) == first["frontier"]
