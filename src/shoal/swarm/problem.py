@@ -312,8 +312,8 @@ class SwarmProblem(Problem):
             " closest-frontier:ties=row-major or manual:llurr. The policy offline is for coverage"
             " only, and pairwise and gather-beam are for gathering. auto stands for best if the task"
             " is mapping with a scan after each move and with rule block or merge, on huge maps with"
-            " a smaller budget, for gather-beam in a gathering, and for closest-frontier in all"
-            " other cases."
+            " a smaller budget, for gather-beam in a gathering (for pairwise on maps of more than"
+            " 6000 cells), and for closest-frontier in all other cases."
         ),
         **_registered(_policies),
     )
@@ -594,6 +594,7 @@ class SwarmProblem(Problem):
 
     def _choose_policy(self, workspace: GridWorkspace, task: Task) -> tuple[Policy, bool]:
         """Return the policy, and whether it is ``auto`` and the size of the map decided."""
+        from shoal.swarm.grid.pairs import MOST_CELLS
         from shoal.swarm.policies import make_policy, with_budget
         from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
@@ -601,6 +602,8 @@ class SwarmProblem(Problem):
         given = {name: value for name, value in limits.items() if value is not None}
         if isinstance(task, Gathering) and isinstance(self.policy, str):
             name = "gather-beam" if self.policy in ("auto", "best") else self.policy
+            if self.policy == "auto" and workspace.n_free > MOST_CELLS and self.rule == "merge":
+                name = "pairwise"
             return with_budget(make_policy(name), **given), False
         if not isinstance(self.policy, str) or self.policy != "auto":
             return with_budget(make_policy(self.policy), **given), False

@@ -199,10 +199,13 @@ def test_the_table_of_pairs_is_right():
 
 
 def test_maps_without_a_table_of_pairs_are_gathered_too():
-    problem = SwarmProblem(
-        "vessels:4000", task="gathering", particles=20, policy="gather-beam:width=4"
-    )
-    assert run(problem, seed=2).status == "complete"
+    problem = SwarmProblem("vessels:6100", task="gathering", particles=20)
+    assert problem.setup.policy.name == "pairwise"
+    for policy in ("auto", "gather-beam:width=4"):
+        assert run(problem.replaced(policy=policy), seed=2).status == "complete"
+    block = problem.replaced(rule="block", region=problem.place.cells[:3000].tolist())
+    assert block.setup.policy.name == "gather-beam"
+    assert run(block, seed=2).status == "complete"
 
 
 @pytest.mark.parametrize(

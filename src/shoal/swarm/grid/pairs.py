@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.board import Board, offsets_of
 from shoal.swarm.kernels import gathering as kernels
 
-MOST_CELLS = 3000
-"""Most free cells of a map for whose pairs of cells a table is computed. The table has 36 MB then."""
+MOST_CELLS = 6000
+"""Most free cells of a map for whose pairs of cells a table is computed. The table has 144 MB then,
+and its computation takes as much again.
+"""
 
 
 def moves_of(
