@@ -15,7 +15,10 @@ import pytest
 from playwright.sync_api import Page
 from tests.browser.waiting import settle, until
 
+from shoal.swarm import SwarmProblem
+from shoal.swarm.run import run as run_swarm
 from shoal.views.player import render
+from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser
 
@@ -173,6 +176,22 @@ def test_every_move_agrees_with_the_slow_simulation(open_player, rule, task):
         )
         expected = reference(free, shape, start, commands, rule, targets)
         assert shown == [expected[n] for n in order]
+
+
+@pytest.mark.parametrize("region", [None, [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0)]])
+def test_a_gathering_shows_how_many_cells_are_left(open_player, region):
+    problem = SwarmProblem(
+        "rectangle:6x9", task="gathering", particles=5, region=region, rule="merge"
+    )
+    played = run_swarm(problem, seed=3)
+    page = open_player(page_data(played))
+    shown = page.evaluate(
+        "(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot().frontier))",
+        list(range(played.moves + 1)),
+    )
+    assert shown == [played.first_frontier, *played.trace.frontier.tolist()]
+    assert shown[-1] == 0
+    assert page.locator("#shareWord").inner_text() == "gathered"
 
 
 @pytest.mark.parametrize("task", ["mapping", "coverage"])
