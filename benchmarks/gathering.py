@@ -65,11 +65,16 @@ def compare_policies(given: argparse.Namespace) -> None:
                     lower_bound(e.workspace, e.start, task="gathering", rule="merge").moves
                     for e in episodes
                 ]
-                print(f"{name}: {problem.place.n_free} free cells, bound {statistics.fmean(bounds):.1f}")
+                print(
+                    f"{name}: {problem.place.n_free} free cells, bound {statistics.fmean(bounds):.1f}"
+                )
             moves = statistics.fmean(e.moves for e in episodes)
             seconds = statistics.fmean(e.seconds for e in episodes)
             ratio = moves / statistics.fmean(bounds)
-            print(f"  {policy:24} {moves:8.1f} moves, {ratio:5.2f} x bound, {seconds:.3f} s", flush=True)
+            print(
+                f"  {policy:24} {moves:8.1f} moves, {ratio:5.2f} x bound, {seconds:.3f} s",
+                flush=True,
+            )
 
 
 def check_small_maps(given: argparse.Namespace) -> None:
@@ -90,7 +95,9 @@ def check_small_maps(given: argparse.Namespace) -> None:
             except InvalidInputError:
                 continue  # no commands gather the particles
             possible += 1
-            bound = lower_bound(workspace, start, task="gathering", targets=targets, rule=rule).moves
+            bound = lower_bound(
+                workspace, start, task="gathering", targets=targets, rule=rule
+            ).moves
             assert bound <= best, (seed, rule, bound, best)
             region = None if targets is None else np.argwhere(targets).tolist()
             episode = run(

@@ -80,16 +80,15 @@ def count_bound(
         kept = 1 if goal is None else int(np.count_nonzero(goal))
         excess = int(np.count_nonzero(particles)) - kept
         a_command = [
-            np.count_nonzero(~free[cells + offset] & free[cells - offset]) for offset in offsets
+            int(np.count_nonzero(~free[cells + step] & free[cells - step])) for step in offsets
         ]
     else:
         assert goal is not None
         excess = int(np.count_nonzero(outside))
-        a_command = [
-            excess if rule == "tilt" else np.count_nonzero(goal[cells + offset] & ~goal[cells])
-            for offset in offsets
-        ]
-    needed = -(-excess // max(1, *map(int, a_command))) if excess > 0 else 0
+        a_command = [int(np.count_nonzero(goal[cells + step] & ~goal[cells])) for step in offsets]
+        if rule == "tilt":
+            a_command = [excess]
+    needed = -(-excess // max(1, *a_command)) if excess > 0 else 0
     done = not outside.any() if goal is not None else np.count_nonzero(particles) == 1
     return 0 if done else max(1, needed)
 
