@@ -301,3 +301,22 @@ def test_the_environment_pays_for_cells_that_are_gathered():
     )
     paid.reset(seed=4)
     assert sum(paid.step(one)[1] for one in episode.trace.commands.tolist()) == first["frontier"]
+
+
+def test_the_studio_and_sweeps_run_gatherings(tmp_path):
+    from shoal.studio.work import play_live
+
+    told = []
+    problem = SwarmProblem("vessels:60", task="gathering", particles=5)
+    episode = play_live(problem, 2, lambda kind, what: told.append((kind, what)))
+    assert episode.status == "complete"
+    shares = [what[0] for kind, what in told if kind == "progress"]
+    assert shares == sorted(shares)
+    assert shares[-1] == 0.99
+    file = tmp_path / "sweep.toml"
+    file.write_text(
+        'name = "gathering"\ntrials = 2\n[problem]\nkind = "swarm"\nmap = "vessels:60"\n'
+        'task = "gathering"\nparticles = 5\n[axes]\npolicy = ["pairwise", "gather-beam"]\n'
+    )
+    store = tmp_path / "store.sqlite"
+    assert run_command(["sweep", "run", str(file), "--store", str(store), "--workers", "0"]) == 0
