@@ -9,7 +9,7 @@ from shoal.swarm.grid.pairs import moves_of
 from shoal.swarm.theory.small_world import SmallWorld
 
 MOST_SETS = 300_000
-MOST_CELLS = 1200
+MOST_CELLS = 3000
 
 
 def fewest_commands(
@@ -131,7 +131,7 @@ def fewest_for_pairs(
         n > 1,
         rule == "tilt",
         np.zeros(2 * size, dtype=np.bool_),
-        np.zeros(2 * size, dtype=np.int64),
+        np.zeros(2 * size, dtype=np.int32),
         ends,
         fewest,
     )
