@@ -145,7 +145,9 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
         say("piece", {"commands": decode(trace.commands), "scans": scans})
         counts["moves"] += trace.moves
         counts["classified"] += int(trace.classified.sum())
-        say("progress", (max(0, min(0.99, counts["classified"] / goal)), f"{counts['moves']} moves"))
+        say(
+            "progress", (max(0, min(0.99, counts["classified"] / goal)), f"{counts['moves']} moves")
+        )
 
     episode = run(problem, seed=seed, on_trace=on_trace)
     say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})
