@@ -179,7 +179,7 @@ def test_every_move_agrees_with_the_slow_simulation(open_player, rule, task):
 
 
 FIELDS = {
-    "target": [{"targets": [(0, 8), (5, 0)]}],
+    "target": [{"target": [(0, 8), (5, 0)]}],
     "gathering": [
         {"rule": "merge"},
         {"rule": "merge", "region": [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0)]},
