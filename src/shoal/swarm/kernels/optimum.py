@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.moves import ONE, ZERO, popcount
+from shoal.swarm.kernels.moves import ZERO, popcount
 
 FAR = 32767  # more commands than any plan here has
 FOUND, IMPOSSIBLE, FULL, UNEXPLORED = 0, 1, 2, 3
@@ -30,7 +30,7 @@ class Graph(NamedTuple):
     tried : ndarray of uint64, shape (places, commands, words)
         The wanted cells that each command classifies.
     alone : ndarray of bool, shape (places,)
-        Whether all particles are in one cell.
+        Whether all particles are in one cell, under a rule other than tilt.
     """
 
     ahead: NDArray[np.int32]
@@ -229,7 +229,8 @@ def search(graph, prices, states, progress, wanted):
         if ahead[place, 0] < 0:
             return UNEXPLORED
         if graph.alone[place]:
-            # A probe of a single cell with particles takes the place of a later one at another cell.
+            # Particles in one cell probe a wall without a move. A probe now takes the place of any
+            # later one of the same wall. Not so under tilt, where a slide probes a wall at its end.
             for c in range(commands):
                 for i in range(words):
                     if ahead[place, c] == place and left[i] & tried[place, c, i] != ZERO:

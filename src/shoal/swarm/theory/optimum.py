@@ -89,7 +89,7 @@ def explore(world: SmallWorld, particles: int, left: int, mapping: bool) -> tupl
     all_ahead[: len(ahead)] = ahead
     raw = b"".join(cells.to_bytes(8 * words, "little") for row in tried for cells in row)
     all_tried[: len(tried)] = np.frombuffer(raw, dtype="<u8").reshape(-1, commands, words)
-    alone = np.array([place.bit_count() == 1 for place in places])
+    alone = np.array([world.rule != "tilt" and place.bit_count() == 1 for place in places])
     return Graph(all_ahead, all_tried, alone), len(index)
 
 
