@@ -348,5 +348,5 @@ def optimum(
             "optimum: expected a particle in every connected part with cells to cover, got a part"
             " without a particle"
         )
-    about = particles, left, task == "mapping", letters_of(workspace.ndim)
-    return Optimum(*search_optimum(world, *about, most_states))
+    letters = letters_of(workspace.ndim)
+    return Optimum(*search_optimum(world, particles, left, task == "mapping", letters, most_states))

@@ -239,20 +239,24 @@ def _tabulated(graph: Graph, lists: NDArray[np.int64]) -> Prices:
     return prices
 
 
-def _states(capacity: int, words: int, before: States | None = None) -> States:
+def _states(capacity: int, words: int, smaller: States | None = None) -> States:
     """Return room for states, with those of a smaller room and an empty hash table."""
-    whole = np.int32
-    slots = np.full(1 << (2 * capacity - 1).bit_length(), -1, dtype=whole)
+    place, moves, before, command = np.zeros((4, capacity), dtype=np.int32)
+    queued, following = np.full((2, 2 * capacity), -1, dtype=np.int32)
     states = States(
-        *(np.zeros(capacity, dtype=whole) for _ in range(4)),
-        np.zeros((capacity, words), dtype=np.uint64),
-        np.zeros(capacity, dtype=np.bool_),
-        slots,
-        *(np.full(2 * capacity, -1, dtype=whole) for _ in range(2)),
-        np.full(MOST_MOVES, -1, dtype=whole),
+        place=place,
+        moves=moves,
+        before=before,
+        command=command,
+        left=np.zeros((capacity, words), dtype=np.uint64),
+        expanded=np.zeros(capacity, dtype=np.bool_),
+        slots=np.full(1 << (2 * capacity - 1).bit_length(), -1, dtype=np.int32),
+        queued=queued,
+        following=following,
+        heads=np.full(MOST_MOVES, -1, dtype=np.int32),
     )
-    if before is not None:
-        for new, old in zip(states, before, strict=True):
-            if new is not slots:
-                new[: len(old)] = old
+    if smaller is not None:
+        for name, old in smaller._asdict().items():
+            if name != "slots":
+                getattr(states, name)[: len(old)] = old
     return states
