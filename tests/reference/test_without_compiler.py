@@ -243,7 +243,7 @@ for shape in ((3, 4), (1, 8), (2, 65)):
             print(lower_bound(space, start, **about), lower_bound(space, start, rule=rule))
             print(optimum(space, start, **about))
             if rule != "tilt":
-                print(optimum(space, start, rule=rule), optimum(space, start, task="mapping", rule=rule))
+                print(optimum(space, start, rule=rule))
 """
 
 
