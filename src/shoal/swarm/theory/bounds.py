@@ -278,7 +278,7 @@ class Optimum:
     commands : str
         A plan with the minimum number of moves, as command letters.
     states : int
-        Number of different states that the search has found, including states that it has not
+        Number of different states that the last search has found, including states that it has not
         expanded.
     """
 
@@ -319,7 +319,7 @@ def optimum(
     ------
     InvalidInputError
         Raised if particles cannot reach a cell that they must classify, or if the search needs more
-        than ``most_states`` states.
+        than ``most_states`` states or 20 000 sets of cells with particles.
 
     Examples
     --------
