@@ -132,7 +132,11 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
     ("words", "said"),
     [
         (["map", "line:7", "--cell-size", "a"], "--cell-size: expected MM, got 'a'"),
-        (["map", "line:7", "--start", "a,b"], "--start: expected CELLS, got 'a,b'"),
+        (
+            ["map", "line:7", "--start", "a,b"],
+            "--start: expected row,column pairs such as '0,3 0,4', inlet:ROW,COLUMN or the file of"
+            " a map, got 'a,b'",
+        ),
         (
             ["map", "line:7", "--start", "0,1", "--placement", "uniform"],
             "placement: expected no placement together with start",
