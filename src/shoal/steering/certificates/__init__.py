@@ -17,6 +17,7 @@ from shoal.steering.certificates.check import check_certificate
 from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex import Points
 
 KIND = "steering certificate"
 CERTIFIED = 1e-3
@@ -114,21 +115,14 @@ def certify(
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
-    simple = place.kind == "polygon" and len(start) == 2 and not problem.particle_radius
-    if not episode or not simple or problem.friction < inf:
+    limit = episode.length
+    search = _search_of(problem, start, goal, limit) if episode else None
+    if search is None:
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None)
-    from shoal.steering.certificates.relaxation import HoldGap, Relaxation
-    from shoal.steering.certificates.search import PatternTree
+    from shoal.steering.certificates.relaxation import HoldGap
 
-    orders: Sequence[tuple[int, ...]] = (
-        list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
-    )
-    limit = episode.length
-    trees = [
-        PatternTree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
-        for order in orders
-    ]
+    trees = search.trees
     begun = told = monotonic()
     while (now := monotonic()) - begun < seconds:
         tree = min(trees, key=lambda one: one.least_open)
@@ -141,29 +135,80 @@ def certify(
     bound = max(min(one.lower for one in trees) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
-        "corners": place.vertices.tolist(),
-        "start": start.tolist(),
-        "goal": goal.tolist(),
-        "tolerance": problem.tolerance,
-        "interchangeable": problem.interchangeable,
-        "limit": limit,
-        "unit": trees[0].relaxation.scale,
+        **_stated(problem, start, goal),
+        **search.proof(),
         "lower_bound": bound,
-        "trees": [
-            {"order": [k + 1 for k in order], "proof": tree.root.proof()}
-            for order, tree in zip(orders, trees, strict=True)
-        ],
     }
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, tree = min(zip(orders, trees, strict=True), key=lambda pair: pair[1].upper)
-    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit:
+    order, tree = min(zip(search.orders, trees, strict=True), key=lambda pair: pair[1].upper)
+    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit and place.kind == "polygon":
         episode = improved(
             episode, order, [item for item in tree.best.pattern if not isinstance(item, HoldGap)]
         )
     return Certificate(replace(episode, lower_bound=bound), bound, proof)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The trees of a search, of which each treats one case, and what makes a certificate of them."""
+
+    trees: Sequence[Any]
+    orders: Sequence[tuple[int, ...]]
+    proof: Callable[[], dict[str, Any]]
+
+
+def _search_of(problem: SteeringProblem, start: Points, goal: Points, limit: float) -> Any:
+    """Return the search for a proof, or None if there is none for such problems."""
+    place = problem.place
+    if problem.n_particles != 2 or problem.particle_radius or problem.friction < inf:
+        return None
+    from shoal.steering.certificates.cells import cells_of
+    from shoal.steering.certificates.relaxation import Relaxation
+    from shoal.steering.certificates.routes import RouteSearch
+    from shoal.steering.certificates.search import PatternTree
+
+    orders = list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
+    if place.kind != "polygon":
+        cells = cells_of(place)
+        if cells is None or not limit:
+            return None
+        found = RouteSearch(cells, start, goal, orders, problem.tolerance, limit)
+        return found if found.trees else None
+    trees = [
+        PatternTree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
+        for order in orders
+    ]
+    return _Search(
+        trees,
+        orders,
+        lambda: {
+            "limit": limit,
+            "unit": trees[0].relaxation.scale,
+            "trees": [
+                {"order": [k + 1 for k in order], "proof": tree.root.proof()}
+                for order, tree in zip(orders, trees, strict=True)
+            ],
+        },
+    )
+
+
+def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
+    """Return the problem as a certificate states it."""
+    place = problem.place
+    rings = [ring.tolist() for ring in place.rings]
+    where = {"rings": rings} if place.kind == "region" else {"corners": rings[0]}
+    if place.dimensions == 3:
+        where["height"] = place.height
+    return {
+        **where,
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "tolerance": problem.tolerance,
+        "interchangeable": problem.interchangeable,
+    }
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
@@ -183,18 +228,9 @@ def check_certificate_of(
     """Check that a certificate is right, and that it is one of ``problem``."""
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
         return Verification(False, f"the file is no {KIND}")
-    start, goal = problem.endpoints(seed)
-    place = problem.place
-    if place.kind != "polygon" or problem.friction < inf or problem.particle_radius:
-        return Verification(False, "certificates are for points in polygons without sliding")
-    stated = {
-        "corners": place.vertices.tolist(),
-        "start": start.tolist(),
-        "goal": goal.tolist(),
-        "tolerance": problem.tolerance,
-        "interchangeable": problem.interchangeable,
-    }
-    for name, value in stated.items():
+    if problem.place.round or problem.friction < inf or problem.particle_radius:
+        return Verification(False, "certificates are for points and flat walls without sliding")
+    for name, value in _stated(problem, *problem.endpoints(seed)).items():
         if certificate.get(name) != value:
             return Verification(False, f"the certificate is for another problem: see {name}")
     return check_certificate(certificate)

@@ -73,6 +73,7 @@ class _Task:
         if self._turns() != 1:
             raise _WrongError("the corners go around more than once")
         self.normals = [(-y, x) for x, y in self.along]
+        self.every = [(wall, particle) for wall in range(len(corners)) for particle in (0, 1)]
         xs, ys = zip(*self.corners, strict=True)
         self.extent = (max(xs) - min(xs), max(ys) - min(ys))
 
@@ -210,15 +211,14 @@ class _Task:
         gap = pattern[place]
         if isinstance(gap, tuple):
             raise _WrongError(f"a pattern has no gap at {place}")
-        every = [(wall, particle) for wall in range(len(self.corners)) for particle in (0, 1)]
         known = [(wall, particle) for wall, particle in node["known"]]
-        if not set(known) <= set(every):
+        if not set(known) <= set(self.every):
             raise _WrongError("a gap has an unknown hold")
         within: list[Item] = [known] if known else []
         middles: list[list[Item]] = [within]
         middles += [
             [gap, hold, *within] if node["side"] == "last" else [*within, hold, gap]
-            for hold in (every if gap is None else sorted(gap))
+            for hold in (self.every if gap is None else sorted(gap))
             if hold not in known
         ]
         before, after = list(pattern[:place]), list(pattern[place + 1 :])
@@ -251,6 +251,22 @@ def _leaves(
         raise _WrongError(f"{len(stack)} cases are missing")
 
 
+def _polygon_leaves(
+    certificate: Mapping[str, Any],
+) -> Iterator[tuple[_Task, list[Item], Mapping[str, Any]]]:
+    for tree in certificate["trees"]:
+        task = _Task(
+            certificate["corners"],
+            certificate["start"],
+            [certificate["goal"][k - 1] for k in tree["order"]],
+            certificate["tolerance"],
+            certificate["limit"],
+            certificate["unit"],
+        )
+        for pattern, leaf in _leaves(task, tree["proof"]):
+            yield task, pattern, leaf
+
+
 def check_certificate(certificate: Mapping[str, Any]) -> Verification:
     """Check in exact arithmetic that no plan is shorter than the bound of a certificate.
 
@@ -263,29 +279,21 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
     certificate : mapping
         The JSON object that `shoal.steering.certify` returns as `Certificate.proof`.
     """
+    from shoal.steering.certificates.check_routes import route_leaves  # which uses this module
+
     try:
         bound = Fraction(certificate["lower_bound"])
-        orders = [tree["order"] for tree in certificate["trees"]]
+        cells = "rings" in certificate or "height" in certificate
+        orders = [tree["order"] for tree in certificate["orders" if cells else "trees"]]
         needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
         if sorted(orders) != needed:
             raise _WrongError(f"expected proofs for the orders {needed}, got {orders}")
         count = 0
-        for tree in certificate["trees"]:
-            task = _Task(
-                certificate["corners"],
-                certificate["start"],
-                [certificate["goal"][k - 1] for k in tree["order"]],
-                certificate["tolerance"],
-                certificate["limit"],
-                certificate["unit"],
-            )
-            for pattern, leaf in _leaves(task, tree["proof"]):
-                value = task.value(pattern, leaf)
-                count += 1
-                if value < bound:
-                    raise _WrongError(
-                        f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}"
-                    )
+        for task, pattern, leaf in (route_leaves if cells else _polygon_leaves)(certificate):
+            value = task.value(pattern, leaf)
+            count += 1
+            if value < bound:
+                raise _WrongError(f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}")
     except _WrongError as error:
         return Verification(False, f"the certificate is wrong: {error}")
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:

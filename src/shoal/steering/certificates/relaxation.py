@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import pairwise
 from math import frexp, inf
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
 
-Hold = tuple[int, int]  # wall, and the particle that it holds, 0 or 1
+Hold = tuple[int, ...]  # wall, and the particle that it holds, 0 or 1
 
 STEP = 2.0**-36  # multipliers are multiples of this
 
@@ -42,6 +42,25 @@ class Bound:
     norms: NDArray[np.float64]
     slacks: NDArray[np.float64]
     loads: dict[int, float]
+
+    def proof(self) -> dict[str, Any]:
+        """Return the multipliers as JSON."""
+        slacks = [[int(k), float(self.slacks[k])] for k in np.flatnonzero(self.slacks)]
+        return {"norms": self.norms.tolist(), "slacks": slacks}
+
+
+class Programs(Protocol):
+    """The convex programs of all patterns of one task."""
+
+    scale: float
+    limit: float
+    holds: list[Hold]
+
+    def follows(self, first: Hold, second: Hold) -> bool:
+        """Return whether ``second`` can come directly after ``first``."""
+
+    def bound(self, pattern: Pattern) -> Bound:
+        """Return the lower bound of all plans of a pattern, at most the limit."""
 
 
 class Relaxation:
@@ -250,7 +269,7 @@ def _useless(corners: NDArray[np.float64]) -> set[tuple[Hold, Hold]]:
         (following[0] - point[0], following[1] - point[1])
         for point, following in zip(points, points[1:] + points[:1], strict=True)
     ]
-    found = set()
+    found: set[tuple[Hold, Hold]] = set()
     for one, first in enumerate(along):
         for other, second in enumerate(along):
             if first[0] * second[1] == first[1] * second[0]:
@@ -284,8 +303,13 @@ class Branching:
     known: frozenset[Hold] = frozenset()
     right: bool = False
 
+    def proof(self) -> dict[str, Any]:
+        """Return the division as JSON."""
+        known = [list(hold) for hold in sorted(self.known)]
+        return {"place": self.place, "known": known, "side": "last" if self.right else "first"}
 
-def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[Pattern]:
+
+def branches(relaxation: Programs, pattern: Pattern, how: Branching) -> list[Pattern]:
     """Return the patterns into which a branching divides a pattern."""
     before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
     assert isinstance(gap, HoldGap)

@@ -13,7 +13,7 @@ from shoal.steering.certificates.relaxation import (
     Branching,
     HoldGap,
     Pattern,
-    Relaxation,
+    Programs,
     branches,
 )
 
@@ -26,7 +26,7 @@ class Node:
 
     pattern: Pattern
     bound: Bound
-    how: Branching | None = None
+    how: Any = None
     parts: list[Node] | None = None
 
     @property
@@ -40,13 +40,9 @@ class Node:
         while stack:
             node = stack.pop()
             if node.how is None:
-                kept = np.flatnonzero(node.bound.slacks)
-                slacks = [[int(k), float(node.bound.slacks[k])] for k in kept]
-                found.append({"norms": node.bound.norms.tolist(), "slacks": slacks})
+                found.append(node.bound.proof())
             else:
-                known = [list(hold) for hold in sorted(node.how.known)]
-                side = "last" if node.how.right else "first"
-                found.append({"place": node.how.place, "known": known, "side": side})
+                found.append(node.how.proof())
                 stack += (node.parts or [])[::-1]
         return found
 
@@ -56,7 +52,7 @@ class PatternTree:
 
     Parameters
     ----------
-    relaxation : Relaxation
+    relaxation : Programs
 
     Attributes
     ----------
@@ -65,7 +61,7 @@ class PatternTree:
         The shortest pattern without gaps so far; its bound is the infimum of its plans.
     """
 
-    def __init__(self, relaxation: Relaxation) -> None:
+    def __init__(self, relaxation: Programs) -> None:
         self.relaxation = relaxation
         self.root = self._node((HoldGap(),))
         self.best: Node | None = None
@@ -92,10 +88,13 @@ class PatternTree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        node.how = _branching(node.pattern, node.bound.loads)
-        node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, node.how)]
-        for one in node.parts:
+        self._divide(node)
+        for one in node.parts or []:
             self._push(one)
+
+    def _divide(self, node: Node) -> None:
+        node.how = how = _branching(node.pattern, node.bound.loads)
+        node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, how)]
 
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))

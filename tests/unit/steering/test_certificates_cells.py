@@ -1,0 +1,152 @@
+"""Certificates for regions and prisms: cells, routes, bounds below all plans, wrong ones refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from shoal.steering import SteeringProblem, certify, check_certificate, polygon, prism, region
+from shoal.steering.certificates import check_certificate_of
+from shoal.steering.certificates.cells import cells_of
+from shoal.steering.certificates.geodesics import geodesic_bound
+from shoal.steering.run import run
+from shoal.steering.workspaces.convex import signed_area
+
+pytest.importorskip("clarabel")
+
+ELL = region([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])
+BLOCK = [(0.8, 0.5), (1.2, 0.5), (1.2, 0.9), (0.8, 0.9)]
+ONE = region([(0, 0), (2, 0), (2, 1.4), (0, 1.4)], [BLOCK])
+
+
+@pytest.fixture(scope="module")
+def around():
+    """A certificate with an obstacle, which both particles can pass on both sides."""
+    problem = SteeringProblem(ONE, [(0.2, 0.3), (0.5, 0.35)], [(1.6, 1.2), (1.4, 0.8)], time=0.5)
+    return problem, certify(run(problem), seconds=1)
+
+
+def test_an_obstacle_has_a_proof(around):
+    problem, found = around
+    alone = geodesic_bound(problem, problem.start, problem.goal)
+    assert found.lower_bound > 1.02 * alone
+    assert found.episode.length >= found.lower_bound
+    proof = json.loads(json.dumps(found.proof))
+    assert len(proof["orders"][0]["trees"]) > 1  # ways around both sides
+    assert check_certificate_of(problem, proof)
+    assert not check_certificate_of(SteeringProblem(ELL, problem.start, problem.start), proof)
+
+
+def _first_leaf(proof):
+    return next(node for node in proof["orders"][0]["trees"][0]["proof"] if "norms" in node)
+
+
+def _without_tree(proof):
+    proof["orders"][0]["trees"].pop()
+
+
+def _without_closed(proof):
+    proof["orders"][0]["covers"][0]["closed"].pop()
+
+
+def _closed_short(proof):
+    for leaf in proof["orders"][0]["covers"][0]["closed"]:
+        leaf["norms"] = [[0.0, 0.0] for _ in leaf["norms"]]
+
+
+def _heavy_leg(proof):
+    leaf = _first_leaf(proof)
+    leaf["legs"] = [weight + 0.5 for weight in leaf["legs"]]
+
+
+def _without_cell(proof):
+    proof["cells"].pop()
+
+
+def _other_start(proof):
+    proof["orders"][0]["covers"][0]["cell"] = (proof["orders"][0]["covers"][0]["cell"] + 1) % 4
+
+
+def _free_door(proof):
+    """An obstacle less, with its place in a cell."""
+    proof["rings"].pop()
+    proof["cells"] = [[0, 1, 2, 3]]
+
+
+WRONG = {
+    "higher": lambda proof: proof.update(lower_bound=proof["lower_bound"] * 1.001),
+    "limit": lambda proof: proof.update(limit=proof["limit"] * 1.5),
+    "no tree": _without_tree,
+    "no closed door": _without_closed,
+    "closed though short": _closed_short,
+    "leg": _heavy_leg,
+    "no cell": _without_cell,
+    "start": _other_start,
+    "no obstacle": _free_door,
+    "hull": lambda proof: proof["hull"].append([2, 1]),
+    "tolerance": lambda proof: proof.update(tolerance=-1.0),
+    "dimensions": lambda proof: proof.update(height=1.0),
+    "no case": lambda proof: proof["orders"][0]["trees"][0].update(proof=[]),
+    "nothing": lambda proof: proof["orders"].clear(),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_certificates_are_refused(around, name):
+    proof = copy.deepcopy(around[1].proof)
+    assert check_certificate(proof)
+    WRONG[name](proof)
+    assert not check_certificate(proof)
+
+
+@pytest.mark.parametrize(("place", "seed"), [(ELL, 0), (ONE, 2)])
+def test_no_plan_is_shorter_than_a_bound(place, seed):
+    found = certify(run(SteeringProblem(place, time=0.5), seed=seed), seconds=1)
+    start, goal = SteeringProblem(place).endpoints(seed)
+    assert check_certificate(found.proof)
+    for other in range(3):  # the seed of the planner
+        plan = run(SteeringProblem(place, start, goal, time=0.4), seed=other)
+        assert not plan or plan.length >= found.lower_bound
+
+
+def test_a_bound_is_not_above_a_plan_that_goes_around():
+    """Both particles go around one obstacle without any contact: the bound is the way."""
+    problem = SteeringProblem(ONE, [(0.3, 0.7), (0.4, 0.7)], [(1.6, 0.7), (1.7, 0.7)], time=0.5)
+    found = certify(run(problem), seconds=1)
+    way = np.hypot(0.4, 0.2) + 0.4 + np.hypot(0.5, 0.2)  # of particle 2, past the lower side
+    assert way - 1e-5 <= found.lower_bound <= found.episode.length
+
+
+def test_a_region_divides_into_convex_cells():
+    cells = cells_of(ONE)
+    assert sum(signed_area(corners) for corners in cells.corners) == pytest.approx(2.8 - 0.16)
+    assert all(
+        np.all(inside[:, :2] @ corner >= inside[:, 2] - 1e-12)
+        for inside, corners in zip(cells.insides, cells.corners, strict=True)
+        for corner in corners
+    )
+    touching = region([(0, 0), (2, 0), (2, 2), (0, 2)], [[(0, 1), (1, 0.5), (1, 1.5)]])
+    assert cells_of(touching) is None
+    start, goal = [(1.3, 1), (1.5, 1)], [(1.4, 1.2), (1.6, 1.2)]
+    found = certify(run(SteeringProblem(touching, start, goal, time=0.5)))
+    assert found.proof is None
+    assert found.gap is not None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_plan_in_a_prism_is_proven_optimal(seed):
+    rng = np.random.default_rng(seed)
+    start, goal = rng.uniform(0.05, 0.6, (2, 2, 3))
+    box = prism(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]), 0.7)
+    problem = SteeringProblem(box, start, goal)
+    found = certify(run(problem), seconds=20)
+    assert found.certified
+    assert check_certificate_of(problem, found.proof)
+    other = run(SteeringProblem(box, start, goal, planner="greedy"))
+    assert not other or other.length >= found.lower_bound
+    lower = copy.deepcopy(found.proof)
+    lower["height"] = 0.9
+    assert not check_certificate(lower)
