@@ -77,13 +77,15 @@ chromium:
 	  || { echo 'installing Chromium for the browser tests ...'; \
 	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
-# Files in their order, so that small ones come last. Browser tests wait most of the time: they run beside all others, in a process of
-# their own. Three workers beside them were slower than two, measured on two cores.
-BROWSER_LOG := $(VENV)/browser-tests.txt
+# Files in their order, so that small ones come last. Tests that wait most of the time, for a browser, a rig, a radio or another process,
+# run beside all others, in a process of their own. Three workers beside them were slower than two, measured on two cores.
+WAITING := tests/unit/robots tests/unit/search/test_live.py tests/unit/swarm/test_cameras.py tests/unit/swarm/test_coils.py \
+  tests/unit/swarm/test_resume.py tests/unit/swarm/test_rigs.py tests/unit/test_strange_stores.py tests/unit/test_sweep.py tests/browser
+WAITING_LOG := $(VENV)/waiting-tests.txt
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
-	@$(BIN)/python -m pytest tests/browser >$(BROWSER_LOG) 2>&1 & browser=$$!; code=0; \
-	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 --ignore=tests/browser || code=$$?; \
-	  wait $$browser || code=$$?; cat $(BROWSER_LOG); exit $$code
+	@$(BIN)/python -m pytest --durations=8 $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; code=0; \
+	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
+	  wait $$waiting || code=$$?; cat $(WAITING_LOG); exit $$code
 
 # What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
 WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_map_files.py tests/unit/search/test_mission_lint.py

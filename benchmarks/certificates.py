@@ -1,25 +1,34 @@
 """python -m benchmarks.certificates: gaps of certificates by class of problems, and whether a bound
 is above any plan of any planner.
 
-Options: --problems N (a class), --seconds S, --seed K, --only CLASS, --figure FILE.
+Options: --problems N (a class), --seconds S (of the processor, ascending, for example 10,60; the
+search goes on to the last one), --seed K, --only CLASS, --first N (number of the first problem),
+--plans N (other plans with which each bound is compared), --results FILE (one JSON object a line,
+appended as they come; problems in the file are not run again), --figure FILE (drawn from all
+results in the file).
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
 from shoal.steering import SteeringProblem, certify, check_certificate, polygon
+from shoal.steering.planners.chains import Chain, refine_chain
+from shoal.steering.planners.task import SteeringTask, path_length, plan_chain
 from shoal.steering.run import run
 from shoal.steering.workspaces.convex import hull
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 LIMITS = (1e-3, 0.01, 0.05, 0.25, np.inf)
+_SLACK = 1e-9  # relative: rounding errors of the length of a plan
 
 
 def _irregular(rng: Generator) -> Any:
@@ -36,6 +45,15 @@ def _in_corners(rng: Generator) -> dict[str, Any]:
     return {"workspace": polygon(SQUARE), "start": places[0], "goal": places[1]}
 
 
+def _antipodes(rng: Generator) -> dict[str, Any]:
+    """Return starts near antipodes of the disk, and goals near these places changed over."""
+    angle = rng.uniform(0, 2 * np.pi)
+    angles = angle + np.array([[0, np.pi], [np.pi, 0]]) + rng.uniform(-0.1, 0.1, size=(2, 2))
+    radii = 0.5 * (1 - rng.uniform(0.005, 0.1, size=(2, 2)))
+    places = radii[:, :, None] * np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    return {"workspace": "disk", "start": places[0], "goal": places[1]}
+
+
 CLASSES: dict[str, Callable[[Generator], dict[str, Any]]] = {
     "square": lambda rng: {"workspace": "square"},
     "regular": lambda rng: {"workspace": f"regular:{rng.integers(3, 9)}"},
@@ -47,78 +65,197 @@ CLASSES: dict[str, Callable[[Generator], dict[str, Any]]] = {
     "interchangeable": lambda rng: {"workspace": "square", "interchangeable": True},
     "60-gon": lambda rng: {"workspace": "regular:60"},
     "disk": lambda rng: {"workspace": "disk"},
+    "antipodes": _antipodes,
 }
 
 
-def gaps_of(name: str, given: argparse.Namespace) -> list[float]:
-    """Return the gaps of the problems of one class, and check each certificate and bound."""
-    gaps = []
-    for number in range(given.problems):
-        rng = np.random.default_rng([given.seed, number, list(CLASSES).index(name)])
-        fields = CLASSES[name](rng)
-        seed = int(rng.integers(1 << 30))
-        episode = run(SteeringProblem(**fields), seed=seed)
-        if not episode:
+def result_of(
+    name: str, number: int, *, seed: int, seconds: list[float], plans: int
+) -> dict[str, Any] | None:
+    """Return the gaps of one problem after each time, and check the certificate and the bound."""
+    rng = np.random.default_rng([seed, number, list(CLASSES).index(name)])
+    fields = CLASSES[name](rng)
+    drawn = int(rng.integers(1 << 30))
+    problem = SteeringProblem(**fields)
+    episode = run(problem, seed=drawn)
+    if not episode:
+        return None
+    bounds: list[tuple[float, float]] = []
+    begun = process_time()
+    found = certify(
+        episode,
+        seconds=seconds[-1],
+        progress=lambda passed, bound: bounds.append((passed, bound)),
+        clock=process_time,
+    )
+    spent = process_time() - begun
+    assert found.proof is not None
+    assert check_certificate(found.proof)
+    # the last bound before each time; the last one is that of the certificate
+    early = [[bound for passed, bound in bounds if passed <= end] for end in seconds[:-1]]
+    gaps = [
+        found.episode.length / before[-1] - 1 if before and spent > end else found.gap
+        for before, end in zip(early, seconds[:-1], strict=True)
+    ]
+    shortest, compared = np.inf, 0
+    for length in _lengths(problem, fields, drawn, plans, rng):
+        shortest, compared = min(shortest, length), compared + 1
+    assert shortest >= found.lower_bound * (1 - _SLACK), (name, number, shortest)
+    return {
+        "class": name,
+        "number": number,
+        "seconds": seconds,
+        "gaps": [*gaps, found.gap],
+        "length": episode.length,
+        "certified length": found.episode.length,
+        "lower bound": found.lower_bound,
+        "spent": spent,
+        "cases": sum(
+            len([node for node in tree["proof"] if "norms" in node])
+            for tree in found.proof["trees"]
+        ),
+        "plans": compared,
+        "shortest other": shortest,
+    }
+
+
+def _lengths(
+    problem: SteeringProblem, fields: dict[str, Any], seed: int, plans: int, rng: Generator
+) -> Iterator[float]:
+    """Yield the lengths of plans by other planners, and of plans with random chains of holds."""
+    if not plans:
+        return
+    for planner in ("greedy", "fewest-moves"):
+        other = run(SteeringProblem(**fields, planner=planner), seed=seed)
+        if other:
+            yield other.length
+    start, goal = problem.endpoints(seed)
+    orders = [[0, 1], [1, 0]] if problem.interchangeable else [[0, 1]]
+    for number in range(plans):
+        task = SteeringTask(
+            problem.world(gain=0.0),
+            start,
+            goal[orders[number % len(orders)]],
+            problem.tolerance,
+            problem.max_moves,
+            seed,
+            clearance=problem.clearance,
+            margin=problem.clearance,
+        )
+        first, query = task.departures()[0]
+        count = int(rng.integers(1, 5))
+        touchers = rng.integers(0, 2, size=count)
+        walls = rng.integers(0, max(len(problem.place.vertices), 1), size=count)
+        unknowns = query.guess(count)
+        length = query.optimize(unknowns, touchers, walls, enough=1e-9)
+        if not length < np.inf:
             continue
-        found = certify(episode, seconds=given.seconds)
-        assert found.proof is None or check_certificate(found.proof)
-        for planner in ("greedy", "fewest-moves"):
-            other = run(SteeringProblem(**fields, planner=planner), seed=seed)
-            assert not other or other.length >= found.lower_bound, (name, number, planner)
-        if episode.length > found.episode.length * 1.001:
-            print(f"{name} {number}: {episode.length:.6f} became {found.episode.length:.6f}")
-        assert found.gap is not None
-        gaps.append(found.gap)
-    return gaps
+        chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
+        for plan in plan_chain(task, first, chain, query):
+            if task.error(task.world.play(start, plan)[-1]) <= task.tolerance:
+                yield path_length(plan)
 
 
 def main() -> None:
     """Print the shares of gaps below some limits, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seconds", default="10")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=tuple(CLASSES))
+    parser.add_argument("--plans", type=int, default=10)
+    parser.add_argument("--results", type=Path)
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
-    names = [given.only] if given.only else list(CLASSES)
-    gaps = {}
-    print(f"{'class':<16} problems  <=.1 %  <=1 %  <=5 %  mean gap  largest")
-    for name in names:
-        gaps[name] = np.array(gaps_of(name, given))
-        shares = "".join(f"{100 * np.mean(gaps[name] <= limit):6.0f} %" for limit in LIMITS[:3])
-        print(
-            f"{name:<16} {len(gaps[name]):8d} {shares} {100 * gaps[name].mean():7.2f} %"
-            f" {100 * gaps[name].max():7.1f} %",
-            flush=True,
-        )
+    seconds = [float(part) for part in given.seconds.split(",")]
+    lines = (
+        given.results.read_text().splitlines() if given.results and given.results.exists() else []
+    )
+    results = [json.loads(line) for line in lines]
+    known = {(one["class"], one["number"]) for one in results}
+    for number in range(given.first, given.first + given.problems):
+        for name in [given.only] if given.only else CLASSES:
+            if (name, number) in known:
+                continue
+            result = result_of(name, number, seed=given.seed, seconds=seconds, plans=given.plans)
+            if result is None:
+                continue
+            results.append(result)
+            if given.results:
+                with given.results.open("a") as file:
+                    file.write(json.dumps(result) + "\n")
+    print_table(results)
     if given.figure is not None:
-        _draw(gaps, given.figure)
+        _draw(results, given.figure)
 
 
-def _draw(gaps: dict[str, Any], path: Path) -> None:
+def _gaps(results: list[dict[str, Any]], seconds: float) -> dict[str, Any]:
+    """Return the gaps of each class after a time; only of searches with this time."""
+    found: dict[str, list[float]] = {name: [] for name in CLASSES}
+    for one in results:
+        for time, gap in zip(one["seconds"], one["gaps"], strict=True):
+            if time == seconds:
+                found[one["class"]].append(gap)
+    return {name: np.array(gaps) for name, gaps in found.items() if gaps}
+
+
+def _times(results: list[dict[str, Any]]) -> list[float]:
+    return sorted({time for one in results for time in one["seconds"]})
+
+
+def print_table(results: list[dict[str, Any]]) -> None:
+    """Print the shares of gaps below some limits by class, and what all plans have shown."""
+    for seconds in _times(results):
+        print(f"{seconds:g} s")
+        print("| class | problems | at most 0.1 % | 1 % | 5 % | mean gap | largest |")
+        print("|---|---|---|---|---|---|---|")
+        gaps = _gaps(results, seconds)
+        for name, values in {**gaps, "all": np.concatenate(list(gaps.values()))}.items():
+            shares = "".join(f" {100 * np.mean(values <= limit):.0f} % |" for limit in LIMITS[:3])
+            print(
+                f"| {name} | {len(values)} |{shares} {100 * values.mean():.2f} % |"
+                f" {100 * values.max():.1f} % |"
+            )
+    for one in results:
+        if one["length"] > one["certified length"] * 1.001:
+            print(
+                f"{one['class']} {one['number']}: {one['length']:.6f} became"
+                f" {one['certified length']:.6f}"
+            )
+    closest = min(one["shortest other"] / one["lower bound"] for one in results)
+    print(
+        f"{sum(one['plans'] for one in results)} other plans; the shortest is {closest:.9f} times"
+        " the bound"
+    )
+
+
+def _draw(results: list[dict[str, Any]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     from shoal.views import save_figure
 
+    times = _times(results)
     figure = Figure(figsize=(8, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    names = list(gaps)[::-1]
-    left = np.zeros(len(names))
-    low = 0.0
-    for limit, shade in zip(
-        LIMITS, ("#1a7f37", "#7bc47f", "#f2c94c", "#f2994a", "#c0392b"), strict=True
-    ):
-        share = np.array(
-            [100 * np.mean((gaps[name] > low) & (gaps[name] <= limit)) for name in names]
-        )
-        if low == 0:
-            share = np.array([100 * np.mean(gaps[name] <= limit) for name in names])
-        label = f"at most {100 * limit:g} %" if np.isfinite(limit) else "more"
-        axes.barh(names, share, left=left, color=shade, label=label)
-        left, low = left + share, limit
-    axes.set_xlabel("share of problems, %")
-    axes.set_xlim(0, 100)
+    names = list(_gaps(results, times[0]))[::-1]
+    rows = np.atleast_1d(figure.subplots(1, len(times), sharey=True))
+    for axes, seconds in zip(rows, times, strict=True):
+        gaps = _gaps(results, seconds)
+        shown = [name for name in names if name in gaps]
+        left = np.zeros(len(shown))
+        for limit, shade in zip(
+            LIMITS, ("#1a7f37", "#7bc47f", "#f2c94c", "#f2994a", "#c0392b"), strict=True
+        ):
+            share = np.array([100 * np.mean(gaps[name] <= limit) for name in shown]) - left
+            label = f"at most {100 * limit:g} %" if np.isfinite(limit) else "more"
+            axes.barh(
+                [names.index(name) for name in shown], share, left=left, color=shade, label=label
+            )
+            left = left + share
+        axes.set_xlabel("share of problems, %")
+        axes.set_title(f"{seconds:g} s")
+        axes.set_xlim(0, 100)
+        axes.set_yticks(range(len(names)), names)
     axes.legend(title="gap", loc="center left", bbox_to_anchor=(1, 0.5))
     save_figure(figure, path)
 

@@ -1,27 +1,32 @@
-"""Steering on a physical plant: python -m benchmarks.steering_rigs [--instances N] [--only closed]
+"""Steering on a physical plant: python -m benchmarks.steering_rigs FILE [--instances N] [--table]
 
 Random problems in five workspaces. The plant has a relative error of 1 % and an angle of 1 degree
 (standard deviations) in each input, 2 % in the gain of each particle, and a camera with an error of
-.05 % of the size. A problem whose goals provably no plan reaches with the plant's friction counts
-as unreachable (in convex workspaces; around obstacles no proof is known).
+.05 % of the size. Each result is a line of FILE at once, and a second call goes on from there.
 
-Closed loop (shoal.steering.driving.steer_rig), one row for each workspace, friction and what is stated:
-problems, unreachable ones, arrived within 2 % of the size by the plant's true positions (plus the
-error of the camera), friction named without arriving, ended otherwise, mean moves, CPU seconds.
-Open loop (the planner conformant, told 90 % of the friction): how many plans end within 5 % of the
-size on the plant; problems without a plan, or that are proved unreachable with the friction told,
-are counted apart.
+closed: `shoal.steering.driving.steer_rig` is told 90 %, half, or twice of the plant's friction, or
+nothing, and makes at most 300 inputs. `arrived` is judged by the plant's true positions: within 2 %
+of the size, plus the error of the camera; `named` did not, but named the friction.
+open: the plan of the planner conformant, told 90 % of the friction; `arrived` ends within 5 %.
+
+What was not solved is judged (benchmarks.steering_reach): `proved` unreachable with the plant's
+friction (in open loop: the friction told), `exhausted` by the search, or reachable, with the number
+of presses in a row, and `narrow` if not with a friction cone smaller by the 1 degree of the errors.
+--table prints all rows of FILE.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.steering_reach import reach_of
 from shoal.rigs.physics import PlantProperties
 from shoal.rigs.steering_plant import SteeringPlant
 from shoal.steering import SteeringProblem, region
@@ -38,22 +43,19 @@ PLACES: dict[str, Any] = {
     "obstacle": region(SQUARE, [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]]),
 }
 STICKING = 10.0  # friction of a plant on whose walls hardly anything slips
-FRICTIONS = (0.5, 1.0, 2.0, STICKING)
-STATED = {"told": 0.9, "understated": 0.5, "overstated": 2.0}
+FRICTIONS = (0.5, 1.0, 1.5, 2.0, STICKING)
+STATED = {"told": 0.9, "understated": 0.5, "overstated": 2.0, "not-told": None, "open": 0.9}
 ERRORS = {"own_gain": 0.02, "pulse_error": 0.01, "direction": 1.0, "camera_error": 0.4}
 CAMERA = 1e-3  # relative to the size: two standard deviations of the camera
+WITHIN = {"closed": 0.02, "open": 0.05}  # relative to the size
+MOVES = 300
 
 
-def problem_of(name: str, seed: int, friction: float) -> tuple[SteeringProblem, bool]:
-    """Return a random problem, and whether it is proved unreachable."""
+def problem_of(name: str, seed: int) -> SteeringProblem:
+    """Return a random problem."""
     base = SteeringProblem(PLACES[name])
     start, goal = base.endpoints(seed)
-    problem = SteeringProblem(base.place, start, goal)
-    task = SteeringTask(
-        problem.replaced(friction=friction).world(), start, goal, 0.02 * base.place.size
-    )
-    proved = base.place.kind != "region" and friction < STICKING and why_unreachable(task)
-    return problem, bool(proved)
+    return SteeringProblem(base.place, start, goal)
 
 
 def plant_of(problem: SteeringProblem, friction: float, seed: int) -> SteeringPlant:
@@ -62,83 +64,107 @@ def plant_of(problem: SteeringProblem, friction: float, seed: int) -> SteeringPl
     return SteeringPlant(problem.place, problem.start, about, np.random.default_rng([seed, 1]))
 
 
-def closed(instances: int, names: list[str], stated: list[str], frictions: list[float]) -> None:
-    """Print a row for each workspace, friction and statement."""
-    for name in names:
-        for friction in frictions:
-            for what in stated:
-                counts: Counter[str] = Counter()
-                moves, begun = [], time.process_time()
-                for seed in range(instances):
-                    problem, proved = problem_of(name, seed, friction)
-                    if proved:
-                        counts["unreachable"] += 1
-                        continue
-                    asked = problem.replaced(friction_at_least=STATED[what] * friction)
-                    plant = plant_of(problem, friction, seed)
-                    result = steer_rig(asked, plant, seed=seed)
-                    away = np.linalg.norm(plant.points - result.goal, axis=1).max()
-                    size = float(problem.place.size)
-                    if result and away <= (0.02 + CAMERA) * size:
-                        counts["arrived"] += 1
-                        moves.append(result.moves)
-                    elif result:
-                        counts["wrong"] += 1
-                    elif result.estimates["slips"]:
-                        counts["named"] += 1
-                    else:
-                        counts[str(result.status)] += 1
-                used = (time.process_time() - begun) / max(1, instances - counts["unreachable"])
-                mean = np.mean(moves) if moves else np.nan
-                print(
-                    f"closed {name} friction {friction:g} {what}: {instances} problems,"
-                    f" {dict(counts)}, {mean:.1f} moves, {used:.2f} s",
-                    flush=True,
-                )
+def is_proved(problem: SteeringProblem, friction: float, within: float) -> bool:
+    """Return whether no plan provably leads within a distance of the goals, relative to the size; in
+    workspaces that are not convex, no proof is known.
+    """
+    start, goal = problem.endpoints(0)
+    if problem.place.kind == "region":
+        return False
+    world = problem.replaced(friction=friction).world()
+    task = SteeringTask(world, start, goal, within * problem.place.size)
+    return why_unreachable(task) is not None
 
 
-def open_loop(instances: int, names: list[str], frictions: list[float]) -> None:
-    """Print a row for each workspace and friction."""
-    for name in names:
-        for friction in frictions:
-            counts: Counter[str] = Counter()
-            begun = time.process_time()
-            for seed in range(instances):
-                problem, proved = problem_of(name, seed, friction)
-                if proved:
-                    counts["unreachable"] += 1
-                    continue
-                asked = problem.replaced(
-                    friction_at_least=0.9 * friction, angle_error=1.0, gain_error=0.01
-                )
-                plan = run(asked, seed=seed)
-                if plan.status == "unreachable" or not plan.moves:
-                    proved = plan.status == "unreachable"
-                    counts["unreachable as told" if proved else "no plan"] += 1
-                    continue
-                plant = plant_of(problem, friction, seed)
-                for move in plan.inputs:
-                    plant.send(move)
-                away = np.linalg.norm(plant.points - plan.goal, axis=1).max()
-                counts["within 5 %" if away <= 0.05 * problem.place.size else "farther"] += 1
-            used = (time.process_time() - begun) / instances
-            print(
-                f"open {name} friction {friction:g}: {instances} problems, {dict(counts)},"
-                f" {used:.2f} s",
-                flush=True,
+def solve(name: str, friction: float, stated: str, seed: int) -> dict[str, Any]:
+    """Return what became of one problem."""
+    problem, told = problem_of(name, seed), STATED[stated]
+    size, within = float(problem.place.size), WITHIN["open" if stated == "open" else "closed"]
+    least = friction * 0.9 if stated == "open" else friction
+    line = {"place": name, "friction": friction, "stated": stated, "seed": seed}
+    if is_proved(problem, least, within):
+        return {**line, "ended": "proved"}
+    plant, begun = plant_of(problem, friction, seed), time.process_time()
+    own = {} if told is None else {"friction_at_least": told * friction}
+    if stated == "open":
+        plan = run(problem.replaced(**own, angle_error=1.0, gain_error=0.01), seed=seed)
+        goal, moves = plan.goal, len(plan.inputs)
+        for move in plan.inputs:
+            plant.send(move)
+        ended = str(plan.status) if plan.status == "unreachable" or not moves else "farther"
+        within -= CAMERA
+    else:
+        drive = steer_rig(problem.replaced(**own, max_moves=MOVES), plant, seed=seed)
+        goal, moves, ended = drive.goal, drive.moves, str(drive.status)
+        ended = "named" if drive.estimates["slips"] else "wrong" if drive else ended
+    line |= {"moves": moves, "seconds": round(time.process_time() - begun, 2)}
+    away = float(np.linalg.norm(plant.points - goal, axis=1).max()) / size
+    if away <= within + CAMERA and (stated == "open" or drive):
+        return {**line, "ended": "arrived"}
+    reach, cone = reach_of(problem, least, within), np.arctan(least) - np.radians(1)
+    line |= {"away": round(away, 3), "presses": reach.presses, "least": round(reach.least, 4)}
+    if reach.presses >= 0:
+        line["narrow"] = reach_of(problem, float(np.tan(cone)), within).presses < 0
+    return {**line, "ended": ended if reach.presses >= 0 else "exhausted", "status": ended}
+
+
+def print_table(path: Path) -> None:
+    """Print a row for each statement, friction and workspace."""
+    rows: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for text in path.read_text().splitlines():
+        line = json.loads(text)
+        for place in (line["place"], "all"):
+            rows.setdefault((line["stated"], line["friction"], place), []).append(line)
+    for key in sorted(rows, key=lambda key: (list(STATED).index(key[0]), *key[1:])):
+        lines = rows[key]
+        counts = Counter(line["ended"] for line in lines)
+        out = counts["proved"] + counts["exhausted"]
+        good, reachable = counts["arrived"], len(lines) - out
+        narrow = sum(bool(line.get("narrow")) for line in lines if line["ended"] != "exhausted")
+        moves = [line["moves"] for line in lines if line["ended"] == "arrived"]
+        used = sum(line.get("seconds", 0) for line in lines) / max(1, len(lines) - counts["proved"])
+        print(
+            f"{key[0]:11} {key[1]:4g} {key[2]:8} {len(lines):4} problems, {counts['proved']:3} proved,"
+            f" {counts['exhausted']:3} exhausted; {good:3} of {reachable:3} arrived"
+            f" ({100 * good / max(1, reachable):3.0f} %), {counts['named']:2} named, {narrow} narrow;"
+            f" {np.mean(moves or [0]):5.1f} moves, {used:4.1f} s; "
+            + ", ".join(
+                f"{line['place']} {line['seed']}: {line['ended']}, {line['presses']} presses"
+                for line in lines
+                if key[2] != "all" and line["ended"] not in ("arrived", "proved", "exhausted")
             )
+        )
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--instances", type=int, default=10)
-    parser.add_argument("--only", choices=("closed", "open"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--table", action="store_true")
+    parser.add_argument("--instances", default="10", help="N, or FIRST-LAST")
     parser.add_argument("--places", default=",".join(PLACES))
     parser.add_argument("--stated", default=",".join(STATED))
     parser.add_argument("--frictions", default=",".join(f"{one:g}" for one in FRICTIONS))
     given = parser.parse_args()
-    at = [float(one) for one in given.frictions.split(",")]
-    if given.only != "open":
-        closed(given.instances, given.places.split(","), given.stated.split(","), at)
-    if given.only != "closed":
-        open_loop(given.instances, given.places.split(","), at)
+    if given.table:
+        return print_table(given.file)
+    first, _, last = given.instances.rpartition("-")
+    names, stated = given.places.split(","), given.stated.split(",")
+    done = set()
+    if given.file.exists():
+        for text in given.file.read_text().splitlines():
+            line = json.loads(text)
+            done.add((line["place"], line["friction"], line["stated"], line["seed"]))
+    with given.file.open("a", encoding="utf-8") as file:
+        for seed in range(int(first or 0), int(last)):
+            for what in stated:
+                for friction in map(float, given.frictions.split(",")):
+                    for name in names:
+                        if (name, friction, what, seed) not in done:
+                            file.write(json.dumps(solve(name, friction, what, seed)) + "\n")
+                            file.flush()
+    return None
+
+
+if __name__ == "__main__":
+    main()

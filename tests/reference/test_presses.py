@@ -53,7 +53,7 @@ def test_a_press_that_is_possible_is_in_the_table(name, friction):
     for _ in range(200):
         before = rng.uniform(-0.7, 0.7, 2)
         after = one_press(name, friction, before, rng)
-        if after is None or np.linalg.norm(after - before) < 0.15 or tried == 6:
+        if after is None or np.linalg.norm(after - before) < 0.15 or tried == 3:
             continue
         tried += 1
         state, goal = (np.array([[0.5, 0.5], 0.5 + change]) for change in (before, after))
@@ -63,7 +63,7 @@ def test_a_press_that_is_possible_is_in_the_table(name, friction):
             for shift in 0.02 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         ]
         assert min(near) <= 2
-    assert tried == 6
+    assert tried == 3
 
 
 def test_what_is_proved_impossible_is_not_in_the_table():

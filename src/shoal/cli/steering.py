@@ -48,8 +48,8 @@ def steer(
             metavar="SECONDS",
             help=(
                 "Search for at most this time for a proof of how much shorter a plan could be, and"
-                " for shorter plans. In polygons, --out also writes the proof, certificate.json."
-                ' Needs the extra "certify".'
+                " for shorter plans. In convex polygons and disks, --out also writes the proof,"
+                ' certificate.json, and the search needs the extra "certify".'
             ),
         ),
     ] = None,

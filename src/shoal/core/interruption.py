@@ -33,6 +33,7 @@ _running: list[
     str
 ] = []  # "command" while a command runs, "patient" while the process must not be ended at once
 _begun: list[bool] = []
+_answered: list[int] = []  # signals after which the command goes on
 
 
 def begin() -> None:
@@ -104,12 +105,14 @@ def interruption_held() -> Iterator[None]:
 
 
 @contextmanager
-def stop_on_interruption(stop: Event) -> Iterator[None]:
+def stop_on_interruption(stop: Event, *, goes_on: bool = False) -> Iterator[None]:
     """Let the first Ctrl-C inside the ``with`` block set ``stop`` instead of raising
     KeyboardInterrupt at an arbitrary place.
 
     The block then ends its work in good order. A second Ctrl-C has its usual effect. The other
-    signals that a command of Shoal handles set ``stop``, too.
+    signals that a command of Shoal handles set ``stop``, too. If ``goes_on`` is true, the command
+    goes on after the block; the block must then be `patient`, so that the command is not ended
+    meanwhile.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -123,6 +126,8 @@ def stop_on_interruption(stop: Event) -> Iterator[None]:
     def note(number: int, frame: FrameType | None) -> None:
         if stop.is_set():
             asked[signal.Signals(number)](number, frame)
+        elif goes_on:
+            _answered.append(number)
         stop.set()
 
     for number in asked:
@@ -170,13 +175,16 @@ def _in_knots(frame: FrameType | None) -> bool:
 
 
 def _wait(reading: int) -> None:
-    while os.read(reading, 1)[0] not in {
-        signal.SIGINT,
-        signal.SIGTERM,
-        getattr(signal, "SIGHUP", 0),
-    }:
-        continue
-    time.sleep(GRACE)
-    while "patient" in _running:
-        time.sleep(0.05)
-    end()
+    while True:
+        while os.read(reading, 1)[0] not in {
+            signal.SIGINT,
+            signal.SIGTERM,
+            getattr(signal, "SIGHUP", 0),
+        }:
+            continue
+        time.sleep(GRACE)
+        while "patient" in _running:
+            time.sleep(0.05)
+        if not _answered:
+            end()
+        _answered.pop()

@@ -2,7 +2,7 @@
 searches (extra ``envs``).
 
 The import of ``shoal.envs`` registers the environments ``shoal/Mapping-v0``, ``shoal/Coverage-v0``,
-``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``. A call such as
+``shoal/SubsetCoverage-v0``, ``shoal/Search-v0`` and ``shoal/Steering-v0``. A call such as
 ``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports ``shoal.envs`` itself.
 """
 
@@ -22,12 +22,15 @@ except ImportError:
 
 from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
+from shoal.envs.search import SearchEnv, SearchVectorEnv
 from shoal.envs.steering import SteeringEnv, SteeringVectorEnv
 from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
 
 __all__ = [
     "REGISTERED",
     "OptionError",
+    "SearchEnv",
+    "SearchVectorEnv",
     "SteeringEnv",
     "SteeringEnvOptions",
     "SteeringVectorEnv",
@@ -43,6 +46,7 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/Mapping-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "mapping"}),
     "shoal/Coverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "coverage"}),
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
+    "shoal/Search-v0": ("shoal.envs.search:SearchEnv", {"region": "square:100"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
 """The class of each environment, by id, and the options whose default differs from the default of

@@ -369,8 +369,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         robots.
 
         A cell has the code 2 + k for live robot k of n robots, and the code 2 + k + n for dead
-        robot k, counted from 1. If the grid has several layers, the array stacks them vertically,
-        with the lowest layer on top and an empty row between two layers.
+        robot k, counted from 1.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)
@@ -380,40 +379,52 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             codes[tuple(self._tour.cells[vehicle.place])] = (
                 2 + number + self.problem.robots * (not vehicle.alive)
             )
-        return (
-            codes
-            if codes.ndim == 2
-            else np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
-        )
+        return codes
 
     def _text(self) -> str:
-        """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a
-        robot, x for a dead robot.
-        """
-        robots = self.problem.robots
-        signs = np.array(
-            [*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots]
-        )
-        return "\n".join("".join(row) for row in signs[self._codes()])
+        return search_text(self._codes(), self.problem.robots)
 
     def _picture(self) -> NDArray[np.uint8]:
-        from shoal.views.drawing.charts import MUTED
-        from shoal.views.search.history import robot_colour
-
-        robots = self.problem.robots
-        colours = [
-            "#ffffff",
-            "#b9c0ca",
-            "#e8f1e4",
-            *(robot_colour(k) for k in range(robots)),
-            *[MUTED] * robots,
-        ]
-        rgb = np.array([tuple(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.uint8)
-        return enlarged(rgb[self._codes()])
+        return search_picture(self._codes(), self.problem.robots)
 
     def close(self) -> None:
         """Close the window of the environment if the environment has opened one."""
         close_window(self)
+
+
+def _stacked(codes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return codes in two dimensions: several layers vertically, with the lowest layer on top and
+    an empty row between two layers.
+    """
+    if codes.ndim == 2:
+        return codes
+    return np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
+
+
+def search_text(codes: NDArray[np.int64], robots: int) -> str:
+    """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a robot,
+    x for a dead robot.
+    """
+    signs = np.array(
+        [*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots]
+    )
+    return "\n".join("".join(row) for row in signs[_stacked(codes)])
+
+
+def search_picture(codes: NDArray[np.int64], robots: int) -> NDArray[np.uint8]:
+    """Return a picture of a search; uint8, shape (height, width, 3)."""
+    from shoal.views.drawing.charts import MUTED
+    from shoal.views.search.history import robot_colour
+
+    colours = [
+        "#ffffff",
+        "#b9c0ca",
+        "#e8f1e4",
+        *(robot_colour(k) for k in range(robots)),
+        *[MUTED] * robots,
+    ]
+    rgb = np.array([tuple(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.uint8)
+    return enlarged(rgb[_stacked(codes)])
 
 
 def parallel_env(**fields: Any) -> SearchParallelEnv:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import builtins
 import ctypes
+import pickle
 import re
 import sys
 from collections.abc import Callable
@@ -164,6 +165,8 @@ class _Linker:
             binding.add_symbol(f"numba_{name}", address)
         for name, address in runtime.items():
             binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+        # Numba's own function imports the whole of Numba, at the first array that a kernel returns
+        binding.add_symbol("numba_unpickle", ctypes.cast(_unpickle_from_c, ctypes.c_void_p).value)
         for name, error in vars(builtins).items():
             if isinstance(error, type) and issubclass(error, BaseException):
                 binding.add_symbol(f"PyExc_{name}", id(error))
@@ -189,6 +192,23 @@ class _Linker:
         return self._functions.make_function(
             module, stored.name, "", address, own, (self._engine, environments)
         )
+
+
+_constants: dict[int, Any] = {}  # by their addresses in machine code, which is never unloaded
+
+
+def _unpickle(address: int, length: int, _: int) -> Any:
+    """Return the pickled constant at an address of machine code, such as the class of an array that
+    a kernel returns.
+    """
+    if address not in _constants:
+        _constants[address] = pickle.loads(ctypes.string_at(address, length))
+    return _constants[address]
+
+
+_unpickle_from_c = ctypes.PYFUNCTYPE(
+    ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
+)(_unpickle)
 
 
 @cache

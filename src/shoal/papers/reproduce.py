@@ -20,11 +20,11 @@ from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
 from shoal.papers.errata import check_errata
-from shoal.papers.mapping import curves, exploration, instances, line
+from shoal.papers.mapping import curves, exploration, instances, line, two_dimensions
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.papers.search import baselines, expected_time, wishes
-from shoal.papers.steering import constructions, illustrations, shortest_paths
+from shoal.papers.steering import constructions, illustrations, many, shortest_paths
 from shoal.papers.steering import recipes as steering
 from shoal.swarm.maps.files import open_map
 from shoal.views.drawing.charts import save_figure
@@ -35,11 +35,13 @@ PARTS = (
     instances,
     line,
     exploration,
+    two_dimensions,
     curves,
     steering,
     constructions,
     shortest_paths,
     illustrations,
+    many,
     expected_time,
     baselines,
     wishes,

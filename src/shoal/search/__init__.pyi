@@ -10,6 +10,8 @@ from .cells.routing import RegionPaths as RegionPaths
 from .cells.routing import Route as Route
 from .cells.visibility_graph import merge_collinear as merge_collinear
 from .episode import SearchEpisode as SearchEpisode
+from .planning.comparison import PlanFigures as PlanFigures
+from .planning.comparison import compare_plans as compare_plans
 from .planning.plan import SearchPlan as SearchPlan
 from .planning.plan import plan_search as plan_search
 from .problem import SearchProblem as SearchProblem

@@ -46,7 +46,7 @@ from shoal.search.simulation.trace import (
     searched_at,
     simulated_trace,
 )
-from shoal.search.tours.masks import bitset_of
+from shoal.search.tours.masks import array_to_bits
 
 FORMAT: Literal[2] = 2
 
@@ -299,8 +299,11 @@ class SearchEpisode(Episode):
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
                 reports.setdefault(cell, set()).update(witnesses)
+        if not reports:
+            return ()
+        numbers = np.arange(len(self.plan.tour_cost))
         searched = {
-            number: bitset_of(int(cell) for cells in seen for cell in cells)
+            number: array_to_bits(np.isin(numbers, np.concatenate([numbers[:0], *seen])))
             for number, seen in enumerate(self.seen, start=1)
         }
         return merge_findings(self.scenario, reports, searched)
@@ -472,10 +475,11 @@ class SearchEpisode(Episode):
         """Return the problem with the contents of files in place of the file names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
-        if problem.place_is_file() or problem.no_go or problem.place.barriers:
+        if problem.place_is_file() or problem.no_go or problem.searched or problem.place.barriers:
             changes |= {
                 "region": problem.place,
                 "no_go": (),
+                "searched": (),
                 "layer": None,
                 "inner": None,
                 "hidden": None,

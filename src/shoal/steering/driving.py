@@ -21,7 +21,7 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FrictionEstimate, GainEstimate
+from shoal.steering.estimation import FaultEstimate, FrictionEstimate, GainEstimate
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
 from shoal.steering.planners.greedy import Greedy
@@ -50,12 +50,14 @@ STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of 
 NO_PLAN = 4  # moves without any plan until the drive ends
 CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
 FORCED = 4  # inputs in a row that end what was begun, without a plan to the goals
+LONG = 3  # presses to the goals, so many of which need not be planned at once
 FEW = 3  # moves of a plan that is carried out without a search for a shorter one
 CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
 SLIPPERY = 3.0  # friction below which moves to walls are careful
 STRIDE = 0.2  # relative to the size: longest move along a path
 WAYS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
 PATIENCE = 40  # moves without progress until the drive ends
+SLOW_GAIN = 0.75  # below which the gain is told
 STILL = 3  # moves of which no particle makes a fifth, until the drive ends
 NEAR = 2e-3  # relative to the size: distance up to which a particle is taken to touch a wall
 MOST = 100  # default of the largest number of moves
@@ -344,7 +346,7 @@ class _Session(ABC):
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
         self.friction = FrictionEstimate(problem.friction if least is None else least)
-        self.gains, self.deviation = GainEstimate(self.count), 0.0
+        self.gains, self.faults, self.deviation = GainEstimate(self.count), FaultEstimate(), 0.0
         self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
         self.inputs: list[Points] = []
         self.seen: list[Points] = []
@@ -370,6 +372,9 @@ class _Session(ABC):
         """Return the next input, or raise _Ended."""
 
     def _result(self, status: Status, reason: str) -> SteeringDrive:
+        slow = np.abs(self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1])
+        if self.gains.moves and slow.max() < SLOW_GAIN and status is not Status.ALARM:
+            reason += f"; the particles move only by {slow.mean():.2g} of the inputs"
         if self.friction.slips:
             given = self.problem.given & {"friction", "friction_at_least"}
             stated = (
@@ -499,6 +504,9 @@ class _Session(ABC):
                 for p in range(self.count)
             ]
         )
+        self.faults.learn(
+            before, move, seen, self.gains.mean, self.kernel_world, error=self.deviation
+        )
         self.gains.learn(move, seen - self.seen[-2], free, self.deviation)
         if not free.all() and self.count == 2:
             self.friction.learn(
@@ -519,9 +527,18 @@ class _Session(ABC):
         if self.on_move is not None:
             self.on_move(len(self.inputs), self.error)
         if self.still >= STILL:
-            raise _Ended(
-                Status.ALARM, f"no particle followed the last {STILL} inputs; is the field on?"
+            same = all(np.array_equal(seen, one) for one in self.seen[-STILL:])
+            why = (
+                "and all looks show exactly the same: the camera is frozen, or"
+                if same
+                else "which the looks still show anew:"
             )
+            raise _Ended(
+                Status.ALARM,
+                f"no particle followed the last {STILL} inputs, {why} the field is off",
+            )
+        if self.faults.named:
+            raise _Ended(Status.ALARM, f"after {len(self.inputs)} moves: {self.faults.named}")
 
 
 MOVE, TOUCH, PRESS, RAW = range(4)
@@ -543,6 +560,7 @@ class _Loop(_Session):
 
     planless = progress = forced = 0
     least_missing = shortest = inf  # length of the shortest plan so far
+    least_left = kernels.FAR  # presses to the goals
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
@@ -568,7 +586,7 @@ class _Loop(_Session):
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
             raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
-        if self.friction.contacts:
+        if self.friction.contacts and not self.faults.raised:
             why = self._why_unreachable()
             if why is not None:
                 raise _Ended(Status.UNREACHABLE, f"{text}: {why}")
@@ -647,9 +665,27 @@ class _Loop(_Session):
                     return best if rest is None or len(best) < len(rest) - 1 else rest
                 if rest is None and rounds == FAST and pressing is pressings[0]:
                     rest = self._rest_of_cycle(pressing)
+                if rest is None and rounds == FAST:
+                    rest = self._first_presses(search)
                 if rest is not None:
                     return rest
         return None
+
+    def _first_presses(self, search: PressingSearch) -> Points | None:
+        """Return the first moves on the way to goals that need many presses in a row, or None.
+
+        The table of presses left tells the way. The loop then plans anew from where it came to, so
+        that errors do not add up.
+        """
+        left = search.presses_left(self.state, self.goal)
+        if not LONG <= left < kernels.FAR:
+            return None
+        moves = search.first_presses(self.goal)
+        if moves is not None:
+            self.forced = 0
+            if left < self.least_left:
+                self.least_left, self.progress = left, len(self.inputs)
+        return moves
 
     def _rest(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""

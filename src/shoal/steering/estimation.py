@@ -164,3 +164,111 @@ class FrictionEstimate:
         )
         off = ((ends - seen) ** 2).sum(axis=(1, 2)) / (2 * variance)
         self._odds -= np.minimum(off - off.min(), OUTLIER)
+
+
+def _faults() -> list[tuple[str, NDArray[np.float64]]]:
+    """Return what may be wrong with a rig: a text, and how it changes the positive and the negative
+    parts of an input, float64, shape (2, 2, 2).
+    """
+    mirrored = "the picture or the field is mirrored: {} are exchanged"
+    turned = "the picture or the field is turned by 90 degrees: the axes are swapped, one inverted"
+    changes = [
+        (mirrored.format("left and right"), [[-1, 0], [0, 1]]),
+        (mirrored.format("up and down"), [[1, 0], [0, -1]]),
+        ("the picture or the field is turned by 180 degrees", [[-1, 0], [0, -1]]),
+        ("the axes are swapped (x and y exchanged)", [[0, 1], [1, 0]]),
+        ("the axes are swapped (x and y exchanged) and mirrored", [[0, -1], [-1, 0]]),
+        (turned, [[0, -1], [1, 0]]),
+        (turned, [[0, 1], [-1, 0]]),
+    ]
+    found = [(text, np.array([matrix, matrix], dtype=np.float64)) for text, matrix in changes]
+    both = np.tile(np.eye(2), (2, 1, 1))
+    for axis in range(2):
+        for sides, which in (((0,), "+"), ((1,), "-"), ((0, 1), "±")):
+            dead = both.copy()
+            dead[list(sides), axis, axis] = 0.0
+            text = f"no particle follows inputs along {which}{'xy'[axis]}: a coil does nothing"
+            found.append((text, dead))
+    return found
+
+
+FAULTS = _faults()
+WALLS = (0.0, 0.5, 1.0, 2.0, 1e9)  # coefficients of friction, of which the best explains a move
+GUESS = 0.1  # relative error of a move that a fault must not explain
+USUAL = 0.5  # largest change of a gain that is none of the faults
+CLIP = 6.0  # largest loss of logarithmic odds by one particle and move
+NAMED, APART = 14.0, 2.0  # logarithm of the odds of a fault that is named, and before the next one
+CERTAIN = 40.0  # the same, from which on the first of like faults is named
+RAISED = 4.0  # the same, from which on no conclusion is drawn from the motion
+
+
+class FaultEstimate:
+    """Whether a mirrored picture, swapped axes or a dead coil explain the motion better than the
+    inputs do.
+
+    For each of `FAULTS`, the score is the sum of the logarithms of the odds, which never falls
+    below 0 (a test by cumulative sums): a fault may also begin during a drive.
+    """
+
+    def __init__(self) -> None:
+        self._scores = np.zeros(len(FAULTS))
+
+    @property
+    def raised(self) -> bool:
+        """Whether a fault is likely enough that the motion proves nothing else."""
+        return float(self._scores.max()) > RAISED
+
+    @property
+    def named(self) -> str | None:
+        """The text of the fault that is sure, or None."""
+        like = np.flatnonzero(self._scores >= self._scores.max() - APART)
+        sure = self._scores.max() > (NAMED if len(like) == 1 else CERTAIN)
+        return FAULTS[int(like[0])][0] if sure else None  # of like ones, that which claims least
+
+    def learn(
+        self,
+        before: Points,
+        move: Points,
+        seen: Points,
+        gains: NDArray[np.float64],
+        world: Any,
+        *,
+        error: float,
+    ) -> None:
+        """Compare the observed positions after a move with those that each fault predicts."""
+        length = float(np.hypot(*move))
+        variance = (GUESS * length) ** 2 + 2 * error**2 + (2 * MODEL * world.walls.size) ** 2
+        unit = np.tile([1.0, 0.0], (len(before), 1))
+
+        def off(sent: Points, gains: NDArray[np.float64]) -> float:
+            return _off(before, sent, seen, gains, world, variance)
+
+        # that all move more slowly is no fault, because the loop learns it; that all move in another
+        # direction is one, although the loop would learn that, too
+        straight = float(np.hypot(*(gains - unit).T).max()) < USUAL
+        usual = min(off(move, gains if straight else unit), off(0.5 * move, unit))
+        parts = np.stack([np.maximum(move, 0.0), np.minimum(move, 0.0)])
+        for k, (_, change) in enumerate(FAULTS):
+            sent = np.einsum("sij,sj->i", change, parts)
+            self._scores[k] = max(self._scores[k] + usual - off(sent, unit), 0.0)
+
+
+def _off(
+    before: Points,
+    sent: Points,
+    seen: Points,
+    gains: NDArray[np.float64],
+    world: Any,
+    variance: float,
+) -> float:
+    """Return the negative logarithm of the likelihood of what is seen, with the best friction."""
+    spare, vector = np.empty(2), np.empty(2)
+    least = np.inf
+    for friction in WALLS:
+        walls, total = kernels.with_friction(world, friction), 0.0
+        for point, gain, there in zip(before, gains, seen, strict=True):
+            end = point.copy()
+            kernels.send_to(end, float(sent[0]), float(sent[1]), gain, walls, vector, spare)
+            total += min(float(((end - there) ** 2).sum()) / (2 * variance), CLIP)
+        least = min(least, total)
+    return least

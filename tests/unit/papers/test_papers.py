@@ -40,11 +40,13 @@ FIGURES = [
     "m-hardness",
     "m-largest-gap",
     "d-worst-line",
+    "m-bicriterion",
     *(f"m-fig{n}" for n in range(7, 12)),
 ]
 FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
     "w-swap",
     *(f"w-fig{n}" for n in (2, 3, 10, 13)),
+    "w-many",
     "h-fig5",
     "h-baselines",
     "h-curves",
@@ -58,6 +60,7 @@ COMPUTED = {
     "m-hardness",
     "m-largest-gap",
     "d-worst-line",
+    "m-bicriterion",
     *(f"w-fig{n}" for n in (2, 3, 10, 13)),
     "h-curves",
     "h-markers",
@@ -102,34 +105,39 @@ def test_published_curves_ship_with_the_package():
 
 
 def test_a_figure_its_data_and_its_summary(tmp_path):
-    result = reproduce("h-fig5", tmp_path, trials=30, workers=0)
-    assert result.outcome.verdict == "differs"  # the printed reciprocal does not hold
+    result = reproduce("m-fig6", tmp_path, quick=True, trials=20, workers=0)
+    assert result.outcome.verdict == "differs"  # the caption's n does not hold
     assert [one.verdict for one in result.outcome.claims][1] == "differs"
-    assert {path.name for path in result.files} == {"h-fig5.png", "h-fig5.csv", "h-fig5.json"}
-    with (tmp_path / "h-fig5.csv").open() as file:
+    assert {path.name for path in result.files} == {
+        "m-fig6.png",
+        "m-fig6.csv",
+        "m-fig6-2.csv",
+        "m-fig6.json",
+    }
+    with (tmp_path / "m-fig6.csv").open() as file:
         rows = [*csv.DictReader(file)]
-    assert [row["robots"] for row in rows] == [
-        "1",
-        "2",
-        "3",
-        "5",
-        "7",
-        "10",
-        "15",
-        "20",
-        "30",
-        "40",
-        "50",
-    ]
-    summary = json.loads((tmp_path / "h-fig5.json").read_text())
+    assert [row["name"] for row in rows] == ["boundary", "coverage", "printed coverage"]
+    assert float(rows[1]["drawn"]) == pytest.approx(float(rows[1]["exact"]), rel=0.01)
+    summary = json.loads((tmp_path / "m-fig6.json").read_text())
     assert summary["sentence"] == result.outcome.sentence
     assert summary["verdict"] == "differs"
     assert {*summary["claims"][0]} == {"what", "printed", "ours", "criterion", "verdict"}
-    assert summary["sweeps"][0]["trials"] == 30
-    again = reproduce("h-fig5", tmp_path, trials=2, workers=0)  # more are stored: they are used
+    assert summary["sweeps"][0]["trials"] == 20
+    again = reproduce(
+        "m-fig6", tmp_path, quick=True, trials=2, workers=0
+    )  # more are stored: they are used
     assert again.outcome.sentence == result.outcome.sentence
     with Store(tmp_path / "results.sqlite") as store:
-        assert store.status("h-fig5").total == 330
+        assert store.status("m-fig6").total == 20
+
+
+TRIALS = {
+    "h-fig5": 3,
+    "w-many": 1,
+    "h-baselines": None,
+    "h-markers": None,
+    "w-fig7": None,
+}  # others: 8
 
 
 @pytest.mark.parametrize(
@@ -140,10 +148,11 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         ("m-fig4", "an"),
         ("m-theorem1", "aaaad"),
         ("m-adversary", "aaaaa"),
-        ("m-smartdfs", "aaa"),
+        ("m-smartdfs", "aaaa"),
         ("m-hardness", "an"),
         ("m-largest-gap", "dndn"),
         ("d-worst-line", "aaa"),
+        ("m-bicriterion", "anan"),
         ("m-theorem3", "aaaad"),
         ("m-fig6", "adda"),
         ("w-fig5", "aaa"),
@@ -155,7 +164,9 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
         ("w-fig3", "aaaa"),
         ("w-fig10", "aaa"),
         ("w-fig13", "aaaaaa"),
+        ("w-many", "aanaaaan"),
         ("w-swap", "add"),
+        ("h-fig5", "nn"),
         ("h-baselines", "aaaaaa"),
         ("h-curves", "aaan"),
         ("h-markers", "aad"),
@@ -168,7 +179,7 @@ def test_figures_theorems_and_instances_have_their_answers(name, answers, tmp_pa
         name,
         tmp_path,
         quick=True,
-        trials=None if name in {"h-baselines", "w-fig7"} else 8,
+        trials=TRIALS.get(name, 8),
         workers=0,
     )
     assert "".join(one.verdict[0] for one in result.outcome.claims) == answers

@@ -13,6 +13,7 @@ import pytest
 from shoal.robots import right_of_way
 from shoal.robots.right_of_way import RadioSensor
 from shoal.search import TourCost, make_tour
+from shoal.search.kernels.protocol.numbers import RETRY, TRIES
 from shoal.search.protocol.robot import Brief, advance
 from shoal.search.protocol.state import (
     Begin,
@@ -25,7 +26,7 @@ from shoal.search.protocol.state import (
     Wake,
     WakeAt,
 )
-from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
+from shoal.search.simulation.scenario import Scenario
 
 CELLS = 36
 

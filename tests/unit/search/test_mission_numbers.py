@@ -45,7 +45,7 @@ def test_a_number_without_end_is_one_sentence_wherever_it_stands(
     source = missions / form / f"robot-01.{form}"
     text = source.read_text()
     places = [*re.finditer(r"(?<![\w.-])\d+\.\d+(?![\w.])", text)]
-    assert len(places) > 20
+    assert len(places) >= 20
     for place in [
         one for one in places if "landing" in text[one.start() - 30 : one.start()]
     ] + places[-3:]:

@@ -198,9 +198,9 @@ def test_ways_home_around_obstacles():
         assert mission.n_items <= 250
     with pytest.raises(
         InvalidInputError,
-        match="cap: expected room for more waypoints of robot 1, got 57: the paths",
+        match="cap: expected room for more waypoints of robot 1, got 5: the paths",
     ):
-        missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 60})
+        missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 8})
     straight = missions_of(paths.route(order).points, None, **call)
     assert not all(
         shapely.covers(

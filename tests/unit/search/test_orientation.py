@@ -34,6 +34,7 @@ from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.planning.plan import plan_at_margin
+from shoal.search.problem import AUTO_TOURS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.tours.rows import CombTour
@@ -230,7 +231,7 @@ def test_no_exchange_of_runs_is_left(seed):
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(n), rng.integers(0, 2, n)
     before = length_of_runs(ends, order, backwards[order])
-    run_order.shorten(ends, order, backwards, 300)
+    run_order.shorten(ends, order, backwards, 0.0, 300)
     after = length_of_runs(ends, order, backwards[order])
     assert sorted(order) == list(range(n))
     assert after <= before + 1e-9
@@ -247,7 +248,7 @@ def test_random_exchanges_shorten_what_no_exchange_does():
     ends = rng.integers(0, 12, (24, 2, 2)).astype(float)
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(24), rng.integers(0, 2, 24)
-    run_order.shorten(ends, order, backwards, 300)
+    run_order.shorten(ends, order, backwards, 0.0, 300)
     assert length_of_runs(ends, order, backwards[order]) < 30
 
 
@@ -288,7 +289,7 @@ def test_search_at_an_angle(tmp_path):
     )
     assert episode.status.done
     assert episode.coverage.covered_fraction == 1.0
-    assert episode.report()["tour"] in ("boustrophedon", "spanning-tree")
+    assert episode.report()["tour"] in AUTO_TOURS
     turned_by = shoal.run("rectangle:200x90", robots=2, footprint=15, angle=30, seed=1)
     turned_by.save(tmp_path / "search.json")
     assert shoal.load(tmp_path / "search.json").verify()
@@ -309,10 +310,7 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
     )
     chosen = plan_search(SearchProblem(earth, robots=2, footprint=20), seed=1)
     assert chosen.grid.angle == pytest.approx(38.0)
-    assert {one.tour for one in chosen.compared if one.allocation is None} == {
-        "boustrophedon",
-        "spanning-tree",
-    }
+    assert {one.tour for one in chosen.compared if one.allocation is None} == {*AUTO_TOURS}
     level = [
         SearchProblem(plane, robots=2, footprint=20),
         SearchProblem(earth, robots=2, footprint=20, angle=0),
@@ -497,11 +495,12 @@ def test_a_wall_hides_what_is_behind_it():
 
 
 def test_rows_and_returns_of_a_real_region_are_short():
-    """With complete rows, the tour is 4.9 % longer than the area over the footprint."""
+    """With complete rows, the tour is about 5 % longer than the area over the footprint."""
     region = county("AK", "Sitka", area_m2=9e6)
     plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, angle="auto"))
     route = plan.paths.route(np.concatenate([plan.tour.cells, plan.tour.cells[:1]]))
-    assert route.length / 40.0 <= 1.05 * region.area_m2 / 1600
+    assert route.length / 40.0 <= 1.056 * region.area_m2 / 1600
+    assert turns_of(route.points).sum() <= 170
 
 
 def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_path):

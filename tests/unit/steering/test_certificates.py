@@ -5,13 +5,15 @@ from __future__ import annotations
 import copy
 import json
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, MissingExtraError
-from shoal.steering import SteeringProblem, certify, check_certificate, polygon
+from shoal.steering import SteeringProblem, certify, check_certificate, cylinder, polygon
+from shoal.steering.certificates.check import _BITS, _angle
 from shoal.steering.run import run
 
 pytest.importorskip("clarabel")
@@ -92,6 +94,99 @@ def test_wrong_certificates_are_refused(certificate, name):
     assert not check_certificate(proof)
 
 
+@pytest.fixture(scope="module")
+def round_certificate():
+    return certify(run(SteeringProblem("disk"), seed=14), seconds=60)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("disk", 14), ("regular:60", 13)])
+def test_plans_at_round_walls_are_proven_optimal(name, seed):
+    episode = run(SteeringProblem(name), seed=seed)
+    proven = certify(episode, seconds=60)
+    assert proven.certified
+    assert proven.proof["runs"]
+    assert check_certificate(json.loads(json.dumps(proven.proof)))
+    for planner in ("greedy", "fewest-moves"):
+        other = run(SteeringProblem(name, planner=planner), seed=seed)
+        assert not other or other.length >= proven.lower_bound
+
+
+def _first(proof, key):
+    return next(node for node in proof["trees"][0]["proof"] if key in node)
+
+
+def _first_division(proof, *names):
+    nodes = proof["trees"][0]["proof"]
+    return next(node for node in nodes if node.get("name") in names)
+
+
+ROUND_WRONG = {
+    "missing contacts": lambda proof: _first(proof, "choices")["choices"].pop(),
+    "shorter range": lambda proof: _first(proof, "choices")["choices"][0].__setitem__(2, 3),
+    "too long a range": lambda proof: _first(proof, "choices")["choices"][0].__setitem__(2, 2000),
+    "no runs": lambda proof: proof.update(runs=False),
+    "smaller disk": lambda proof: proof.update(radius=0.49),
+    "clockwise": lambda proof: proof["directions"].reverse(),
+    "twice around": lambda proof: proof.update(directions=proof["directions"][::2] * 2),
+    "few directions": lambda proof: proof.update(directions=proof["directions"][::200]),
+    "outside": lambda proof: _first_division(proof, "least", "most").update(wall=-1000),
+    "no contact": lambda proof: _first_division(proof, "least", "most").update(name="middle"),
+    "negative": _negative,
+    "long": lambda proof: _scaled(proof, 2),
+    "unknown cone": lambda proof: _leaves(proof)[0]["cones"].append([1000, 1.0, 0.0]),
+    "other cone": lambda proof: _leaves(proof)[0].update(cones=[[0, 1.0, 0.0]]),
+}
+
+
+@pytest.mark.parametrize("name", ROUND_WRONG)
+def test_wrong_certificates_of_disks_are_refused(round_certificate, name):
+    assert check_certificate(round_certificate.proof)
+    proof = copy.deepcopy(round_certificate.proof)
+    ROUND_WRONG[name](proof)
+    assert not check_certificate(proof)
+
+
+def test_antipodes_have_a_bound_from_the_law_of_growth():
+    start, goal = [(-0.48, 0.02), (0.47, 0)], [(0.46, 0.03), (-0.48, -0.01)]
+    episode = run(SteeringProblem("disk", start, goal))
+    found = certify(episode, seconds=0.2)
+    assert found.gap < 0.25
+    assert found.proof["trees"][0]["proof"] == "growth"
+    assert check_certificate(json.loads(json.dumps(found.proof)))
+    higher = found.proof | {"lower_bound": found.lower_bound * 1.0001}
+    assert "proves" in check_certificate(higher).message
+    for other in ({"radius": 0.6}, {"tolerance": 0.01}, {"goal": start}):
+        assert not check_certificate(found.proof | other)
+
+
+@pytest.mark.parametrize("name", ["square", "regular:20", "disk"])
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+def test_translations_are_proven_optimal(name, shift):
+    start = np.array([(0.1, 0.2), (0.15, 0.3)])
+    episode = run(SteeringProblem(name, start, start + np.array([shift, 0])))
+    found = certify(episode, seconds=20)
+    assert found.lower_bound <= episode.length
+    assert found.lower_bound == pytest.approx(shift, abs=0.003)  # the tolerance
+    assert check_certificate(found.proof)
+
+
+def test_the_law_of_growth_is_for_disks(certificate):
+    proof = copy.deepcopy(certificate.proof)
+    proof["trees"][0]["proof"] = "growth"
+    assert "disks" in check_certificate(proof).message
+
+
+@pytest.mark.parametrize("cosine", [-1, -0.999, -0.3, 0, 0.5, 0.9999, 1])
+def test_angles_are_rounded_outward(cosine):
+    one = 1 << _BITS
+    low, high = (Fraction(angle, one) for angle in _angle(int(cosine * 2**60) * one, 2**60))
+    angle = Fraction(np.arccos(int(cosine * 2**60) / 2**60))
+    assert abs(float(low - angle)) < 1e-11
+    assert low <= angle + Fraction(1, 10**15)
+    assert high >= angle - Fraction(1, 10**15)
+    assert low <= high
+
+
 def test_the_search_finds_a_shorter_plan():
     rng = np.random.default_rng([4, 77])
     thin = polygon([(0, 0), (1, 0), (rng.uniform(0, 1), rng.uniform(0.03, 0.2))])
@@ -147,3 +242,12 @@ def test_a_missing_solver_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "clarabel", None)
     with pytest.raises(MissingExtraError, match=r"shoal\[certify\]"):
         certify(episode, seconds=1)
+
+
+def test_a_bound_without_proof_needs_no_solver(monkeypatch):
+    start, goal = [(-0.2, 0, 0.3), (0.1, 0.1, 0.5)], [(0.2, 0, 0.3), (0.1, -0.2, 0.5)]
+    episode = run(SteeringProblem(cylinder(0.5, 1.0), start, goal))
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    found = certify(episode, seconds=1)
+    assert found.proof is None
+    assert 0 < found.lower_bound <= episode.length

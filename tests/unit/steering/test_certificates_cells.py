@@ -35,25 +35,25 @@ def test_an_obstacle_has_a_proof(around):
     assert found.lower_bound > 1.02 * alone
     assert found.episode.length >= found.lower_bound
     proof = json.loads(json.dumps(found.proof))
-    assert len(proof["orders"][0]["trees"]) > 1  # ways around both sides
+    assert len(proof["trees"][0]["proof"]["ways"]) > 1  # ways around both sides
     assert check_certificate_of(problem, proof)
     assert not check_certificate_of(SteeringProblem(ELL, problem.start, problem.start), proof)
 
 
 def _first_leaf(proof):
-    return next(node for node in proof["orders"][0]["trees"][0]["proof"] if "norms" in node)
+    return next(node for node in proof["trees"][0]["proof"]["ways"][0]["proof"] if "norms" in node)
 
 
 def _without_tree(proof):
-    proof["orders"][0]["trees"].pop()
+    proof["trees"][0]["proof"]["ways"].pop()
 
 
 def _without_closed(proof):
-    proof["orders"][0]["covers"][0]["closed"].pop()
+    proof["trees"][0]["proof"]["covers"][0]["closed"].pop()
 
 
 def _closed_short(proof):
-    for leaf in proof["orders"][0]["covers"][0]["closed"]:
+    for leaf in proof["trees"][0]["proof"]["covers"][0]["closed"]:
         leaf["norms"] = [[0.0, 0.0] for _ in leaf["norms"]]
 
 
@@ -67,7 +67,9 @@ def _without_cell(proof):
 
 
 def _other_start(proof):
-    proof["orders"][0]["covers"][0]["cell"] = (proof["orders"][0]["covers"][0]["cell"] + 1) % 4
+    proof["trees"][0]["proof"]["covers"][0]["cell"] = (
+        proof["trees"][0]["proof"]["covers"][0]["cell"] + 1
+    ) % 4
 
 
 def _free_door(proof):
@@ -89,8 +91,8 @@ WRONG = {
     "hull": lambda proof: proof["hull"].append([2, 1]),
     "tolerance": lambda proof: proof.update(tolerance=-1.0),
     "dimensions": lambda proof: proof.update(height=1.0),
-    "no case": lambda proof: proof["orders"][0]["trees"][0].update(proof=[]),
-    "nothing": lambda proof: proof["orders"].clear(),
+    "no case": lambda proof: proof["trees"][0]["proof"]["ways"][0].update(proof=[]),
+    "nothing": lambda proof: proof["trees"].clear(),
 }
 
 

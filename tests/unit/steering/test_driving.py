@@ -101,6 +101,49 @@ def test_a_field_that_is_off_is_an_alarm():
     assert "followed" in result.reason
 
 
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ([[-1, 0], [0, 1]], "left and right are exchanged"),
+        ([[1, 0], [0, -1]], "up and down are exchanged"),
+        ([[0, 1], [1, 0]], "x and y exchanged"),
+        ([[0, 0], [0, 1]], "x: a coil does nothing"),
+        ([[0, 0], [0, 0]], "frozen"),
+        ([[0.5, 0], [0, 0.5]], "the particles move only by 0.5"),
+        ([[1, 0], [0, 1]], None),
+    ],
+)
+def test_what_is_wrong_with_the_field_is_named_early(change, word):
+    class Wrong(Bare):
+        def send(self, move):
+            self._plant.send(np.array(change) @ move)
+
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=1.8)
+    plant = plant_of(problem, friction=2.0)
+    still = plant.look()
+    rig = Wrong(plant, (lambda seen: still) if word == "frozen" else (lambda seen: seen))
+    result = steer_rig(problem, rig)
+    if word is None or "only" in word:
+        assert result.status == "arrived"
+        assert (word or "") in result.reason
+        assert ("only" in result.reason) == (word is not None)
+    else:
+        assert (result.status, result.moves <= 10) == ("alarm", True)
+        assert word in result.reason
+
+
+def test_a_half_of_a_coil_that_dies_is_named():
+    class Half(Bare):
+        def send(self, move):
+            self._plant.send(np.array([max(move[0], 0.0), move[1]]))
+
+    problem = SteeringProblem("square", START, [(0.2, 0.2), (0.3, 0.4)], friction_at_least=1.8)
+    result = steer_rig(problem, Half(plant_of(problem, friction=2.0)))
+    assert result.status == "alarm"
+    assert "x: a coil does nothing" in result.reason
+    assert result.moves <= 10
+
+
 def test_what_a_rig_may_not_do():
     problem = SteeringProblem("square", START, GOAL)
     with pytest.raises(InvalidInputError, match="look"):

@@ -203,6 +203,8 @@ def test_the_harmonic_law_of_the_largest_gap():
     laws = [abs(line.largest_gap_law / float(line.largest_gap.exact) - 1) for line in lines]
     assert laws == sorted(laws, reverse=True)
     assert laws[-1] < 1e-3
+    many = Line(10**9, 4 * 10**8)  # of which no array fits into memory
+    assert many.largest_gap_law == pytest.approx(1.5 * (np.log(4e8) + np.euler_gamma))
     printed = [line.printed_largest_gap_law / float(line.largest_gap.exact) for line in lines]
     assert printed == sorted(printed, reverse=True)
     assert printed[-1] < 0.45

@@ -328,7 +328,7 @@ def test_a_drive_is_complete_only_if_every_cell_that_particles_may_enter_is_clas
     """With few particles and many errors, no cell may be classified as free for a while: nothing is
     complete then.
     """
-    for seed in range(8):
+    for seed in range(4):
         workspace = open_map(f"cave:24x18:{seed}")
         start = place(workspace, 3, "uniform", np.random.default_rng(seed))
         rig = NoisyRig(workspace, start, Noise(0.2, 0.05, 0.1), np.random.default_rng(1000 + seed))
@@ -770,7 +770,7 @@ NOISES = [Noise(0.1, 0, 0.3), Noise(0.05, 0, 0.02), Noise(0.02, 0.05, 0)]
 @pytest.mark.parametrize("lie", ["dead", "frozen"])
 def test_no_map_is_complete_whose_walls_rest_on_particles_at_rest(noise, since, lie):
     for workspace, particles in SMALL:
-        for seed in range(4):
+        for seed in range(2):
             change = {"command": lambda _letter: ""} if lie == "dead" else {"seen": frozen()}
             rig = Lying(noisy(workspace, particles, seed, noise), since=since, **change)
             driven = drive(
@@ -802,7 +802,7 @@ def test_neighbours_of_which_scans_miss_one_each_are_no_motion():
 )
 def test_one_direction_that_does_nothing_is_noticed(noise):
     for workspace, particles in SMALL:
-        for seed in range(3):
+        for seed in range(2):
             rig = Lying(
                 noisy(workspace, particles, seed, noise),
                 command=lambda letter: "" if letter == "u" else letter,
@@ -814,7 +814,7 @@ def test_one_direction_that_does_nothing_is_noticed(noise):
 
 @pytest.mark.parametrize("noise", [Noise(0.1, 0.02, 0.1), Noise(0.05, 0, 0.02)], ids=str)
 def test_commands_carried_out_twice_now_and_then_mark_the_result(noise):
-    for seed in range(4):
+    for seed in range(2):
         rig = Lying(noisy(open_map("cave:20x13:2"), 12, seed, noise))
         rig.command = lambda letter, rig=rig: letter * (2 if len(rig.sent) % 5 == 0 else 1)
         driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from shoal.cli.options import Film, Json, Seed, takes_problem
-from shoal.cli.output import check_folder, check_outputs, patience, print_json, say, write_episode
+from shoal.cli.output import (
+    check_folder,
+    check_outputs,
+    patience,
+    print_columns,
+    print_json,
+    say,
+    write_episode,
+)
 from shoal.cli.search.texts import print_search
+from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.missions.options import MissionOptions
 from shoal.search.problem import SearchProblem
@@ -65,13 +74,27 @@ def search(
             ),
         ),
     ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            help=(
+                "Plan along each tour and with each allocation, and print the time, turns, length"
+                " and evenness of each plan, without a simulation. With --out: comparison.png and"
+                " summary.json."
+            ),
+        ),
+    ] = False,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Folder for region.png, timeline.png, the episode and summary.json.",
+            help=(
+                "Folder for region.png, timeline.png, the episode and summary.json; with --compare,"
+                " for comparison.png and summary.json."
+            ),
         ),
     ] = None,
     film: Film = None,
@@ -82,10 +105,18 @@ def search(
     The robots divide a closed tour through all cells of the region among themselves. If a robot
     fails, the other robots search its part of the tour.
 
+    Ctrl-C ends a long comparison of plans, and Shoal goes on with the best plan so far, except with
+    --out, --prepare and --live. A second Ctrl-C ends the command.
+
     The exit code is 1 if the search was not completed.
     """
+    from shoal.search.planning.choosing import stoppable_comparisons
     from shoal.search.run import run
 
+    if compare:
+        given = {"--missions": missions, "--prepare": prepare, "--limits": limits, "--film": film}
+        _compare(problem, options, {k: v for k, v in given.items() if v}, seed, out, json_=json_)
+        return
     fall_back = prepare is not None and problem.place.frame is not None
     if missions is None and not fall_back and options.given:
         name = next(name for name in options.declarations() if name in options.given)
@@ -104,18 +135,86 @@ def search(
     if prepare is not None:
         check_folder(prepare)
     planned = None
-    if missions is not None or fall_back:
-        planned = _mission_set(problem, options, seed=seed)
-    with (
-        nullcontext()
-        if problem.live is None
-        else patience("searching with one process per robot ...")
-    ):
+    # Robots, and readers of an episode, make the plan of a problem again: it must be the same.
+    waiting = problem.live is not None
+    is_made_again = out is not None or prepare is not None or waiting
+    stoppable = nullcontext() if is_made_again else stoppable_comparisons(say)
+    live = patience("searching with one process per robot ...") if waiting else nullcontext()
+    with stoppable, live:
+        if missions is not None or fall_back:
+            planned = _mission_set(problem, options, seed=seed)
         episode = run(problem, seed=seed) if planned is None else planned.run()
     written = [] if planned is None or missions is None else _write(planned, missions)
     if prepare is not None:
         written += _prepare(episode, planned if fall_back else None, prepare, bounds)
     finish(episode, written, out, film, json_=json_, missions=planned)
+
+
+def _compare(
+    problem: SearchProblem,
+    options: MissionOptions,
+    given: dict[str, Any],
+    seed: int,
+    out: Path | None,
+    *,
+    json_: bool,
+) -> None:
+    """Write and print a comparison of plans."""
+    from shoal.core.files import write_json
+    from shoal.search import compare_plans
+    from shoal.search.episode import duration_text
+
+    if problem.live is not None:
+        given = given | {"--live": problem.live}
+    if given or options.given:
+        name = next(iter(given), None) or next(
+            options.declarations()[name].flag
+            for name in options.declarations()
+            if name in options.given
+        )
+        raise InvalidInputError(
+            f"--compare: expected no {name} together with it, because plans are compared without"
+            f" a simulation or missions, got {name}"
+        )
+    if out is not None:
+        check_folder(out)
+    found = compare_plans(problem, seed=seed)
+    result = {
+        "region": problem.place.name,
+        "robots": problem.robots,
+        "compared": [one.report() for one in found],
+        "seed": seed,
+    }
+    written = []
+    if out is not None:
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.search.comparison import comparison_figure
+
+        written = [out / "comparison.png", out / "summary.json"]
+        save_figure(comparison_figure(found), written[0])
+        write_json(written[1], result)
+    if json_:
+        print_json(result)
+        return
+    rows = [
+        [
+            one.plan.tour.name,
+            one.plan.allocation.allocator,
+            duration_text(one.seconds) + ("" if one.refusal is None else " (estimate)"),
+            str(one.turns),
+            f"{one.length:.0f} m",
+            f"{100 * one.evenness:.0f} %",
+        ]
+        for one in found
+    ]
+    print_columns(
+        ["tour", "allocation"],
+        ["time", "turns", "length", "evenness"],
+        rows,
+        title=f"plans of {count_text(problem.robots, 'robot')} in {problem.place.name}, the best first",
+    )
+    for path in written:
+        say(f"written: {path}")
 
 
 def finish(

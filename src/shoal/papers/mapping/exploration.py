@@ -34,6 +34,7 @@ from shoal.views.drawing.charts import (
     MUTED,
     ORANGE,
     padded_figure,
+    plain_axes,
     set_title,
 )
 from shoal.views.drawing.curves import Curve, Labels, mean_curves
@@ -200,6 +201,9 @@ def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
             plain.append((2 * len(region) - 2) / shortest)
             if ratios[-1] >= worst[0]:
                 worst = ratios[-1], region, start
+    # corridors of width 3 and even length, from a corner: a shortest tour has 3 moves a column
+    lengths = np.array([2, 4, 8, 16, 32, 64] + [128, 256] * (not settings.quick))
+    corridor = np.array([len(smart_dfs(np.ones((3, n)), (2, n - 1))) - 1 for n in lengths])
     claims = (
         claim(
             f"SmartDFS: largest ratio, all {counted} starts in regions of up to {most} cells",
@@ -207,6 +211,13 @@ def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
             max(ratios),
             within=(1, 4 / 3),
             why="against the shortest closed tour",
+        ),
+        claim(
+            "corridors of width 3: moves less 4/3 of a shortest tour, largest distance from -2",
+            "0: the ratio is reached in the limit",
+            float(np.abs(corridor - 4 * lengths + 2).max()),
+            within=(0, 0),
+            why=f"the ratio is {corridor[-1] / (3 * lengths[-1]):.3f} at {lengths[-1]} columns",
         ),
         claim(
             "moves less C + E/2 - 3, most",
@@ -223,16 +234,22 @@ def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
             why="each edge of its tree is walked twice",
         ),
     )
-    figure = padded_figure(9.0, 3.8)
-    axes, chart = figure.subplots(1, 2)
+    figure = padded_figure(12.0, 3.8)
+    axes, chart, family = figure.subplots(1, 3)
     _draw_region(axes, worst[1], smart_dfs(coverage_instance(worst[1], worst[2]).free, worst[2]))
     set_title(axes, f"the worst: {worst[0]:.3f}")
     bins = np.linspace(1, 2, 21)
     chart.hist([ratios, plain], bins=bins, color=[BLUE, ORANGE], label=["SmartDFS", "depth-first"])
     chart.axvline(4 / 3, color=INK, lw=1.2, ls="--", label="4/3")
-    chart.set(xlabel="moves by those of a shortest tour", ylabel="starts")
+    chart.set(xlabel="moves by those of a shortest tour", ylabel="starts", yscale="log")
     chart.legend(frameon=False, fontsize=9)
     set_title(chart, f"regions of 2 to {most} cells without holes")
+    family.plot(lengths, corridor / (3 * lengths), "-o", color=BLUE)
+    family.axhline(4 / 3, color=INK, lw=1.2, ls="--")
+    family.set(xscale="log", xlabel="columns", ylabel="ratio of SmartDFS")
+    set_title(family, "corridors of width 3")
+    plain_axes(chart)
+    plain_axes(family)
     values, counts = np.unique(np.round(ratios, 4), return_counts=True)
     table = Table(
         "ratios of SmartDFS",
@@ -265,6 +282,15 @@ def _draw_region(axes: Axes, region: Region, path: list[Cell]) -> None:
 
 
 # Hamiltonian paths
+
+
+def _hamiltonian_path(region: Region, path: list[Cell]) -> list[Cell] | None:
+    """Return a path that goes on from ``path`` through all other cells once, or None."""
+    if len(path) == len(region):
+        return path
+    following = (there for there in _beside(path[-1]) if there in region and there not in path)
+    longer = (_hamiltonian_path(region, [*path, there]) for there in following)
+    return next((found for found in longer if found), None)
 
 
 def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -302,7 +328,7 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
     for axes, (yes, (_, region, start)) in zip(
         figure.subplots(1, 2), sorted(drawn.items()), strict=True
     ):
-        _draw_region(axes, region, [start])
+        _draw_region(axes, region, _hamiltonian_path(region, [start]) or [start])
         set_title(axes, "a Hamiltonian path" if yes else "no Hamiltonian path")
         axes.annotate(
             f"{len(region) - 1} moves {'' if yes else 'do not '}cover it",

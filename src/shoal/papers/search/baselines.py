@@ -262,7 +262,7 @@ def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
         axes.plot(*way[0], "o", mfc="white", mec=INK, ms=6)
         axes.set_aspect("equal")
         axes.set_axis_off()
-        set_title(axes, f"{name}: {last[name].turns_per_cell:.2f} turns a cell")
+        set_title(axes, f"{name}: {metrics[name][0].turns_per_cell:.2f} turns a cell")
     rows = [
         [name, tour.shape[0], round(one.turns_per_cell, 4), round(one.closing_edge, 2)]
         for name, found in tours.items()
@@ -270,7 +270,7 @@ def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     ]
     sentence = (
         "Hilbert II has fewer turns, but its ends lie at opposite corners, so that it has the"
-        " longest closing edge. Turns are those of the largest curves."
+        " longest closing edge. The claims are of the largest curves, the figure of the drawn ones."
     )
     table = Table("curves", ["curve", "cells a side", "turns a cell", "closing edge"], rows)
     return Outcome(

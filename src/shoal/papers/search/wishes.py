@@ -137,7 +137,7 @@ def _markers(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome
         "H_m/m",
     ]
     return Outcome(
-        mean_curves(curves, labels, log_y=False),
+        mean_curves(curves, labels, log_x=True, log_y=False),
         claims,
         sentence,
         (Table("without messages", columns, rows),),

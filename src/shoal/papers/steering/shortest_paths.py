@@ -469,8 +469,9 @@ def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     draw_workspace(left, SQUARE)
     draw_trajectories(left, episode)
     set_title(left, f"swap of opposite corners: length {episode.length:.2f}")
-    for (name, values), colour in zip(lengths.items(), (BLUE, ORANGE), strict=True):
-        right.plot(INSETS, values, "o-", color=colour, ms=4, lw=1.5, label=name)
+    looks = ((BLUE, 5.0), (ORANGE, 1.5))  # the second may cover the first
+    for (name, values), (colour, width) in zip(lengths.items(), looks, strict=True):
+        right.plot(INSETS, values, "o-", color=colour, ms=2 + width, lw=width, label=name)
     right.axhline(WORST, color=INK, lw=1.2, ls="--", label="printed: (√2+2)L")
     right.set(
         xscale="log", xlabel="distance from the walls, sides", ylabel="length of the plan, sides"

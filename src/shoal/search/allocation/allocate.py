@@ -134,6 +134,9 @@ _HALVINGS = 40
 _STRIDES = 96  # maximum number of first borders that are tried
 # maximum number of trials: a cut of the tour into equal arcs, and a rotation of the robots
 _TRIALS = 8_000
+_EITHER = 200_000  # cells times robots: above this, the arcs are those of ``hop``
+_CUTS = 24  # number of dear steps, and of equally distant cells, at which the first arc may begin
+_LATER = 1.02  # time that may be lost for borders between rows
 _CANDIDATES = 12  # number of trials whose borders are improved
 
 
@@ -224,6 +227,177 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
             )
         )
     return allocations
+
+
+@ALLOCATORS.register("either-end")
+def either_end(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot move straight to the nearer end of an arc of the tour, and search this arc
+    towards the other end.
+
+    A robot inside its arc searches backwards to one end, crosses to the other end, and searches
+    back to its start, if both ends are nearer to each other than to the robot.
+
+    The tour is cut where its steps are dear, so that no robot flies a long way back to the first
+    row, and as far as that takes no longer, between two rows. Along the tour, the robots' arcs have
+    the same order as the robots' starts.
+    """
+    return _sections(tour_cost, team, home=False)
+
+
+@ALLOCATORS.register("loop")
+def loop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot search an arc as `either_end` does, but balance the times until robots are
+    back at their starts.
+    """
+    return _sections(tour_cost, team, home=True)
+
+
+def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]:
+    """Return the arcs that `either_end` and `loop` describe; ``home`` tells whether the way back
+    counts.
+    """
+    n, m = len(tour_cost), len(team.starts)
+    if n * m > _EITHER or m > n:
+        return [
+            _from_nearer_end(tour_cost, team, k, work, home=home)
+            for k, work in enumerate(hop(tour_cost, team))
+        ]
+    far = (
+        team.far
+        if len(team.far)
+        else np.linalg.norm(tour_cost.points[None] - team.places[:, None], axis=2)
+    )
+    powers = _powers(team)
+    around = np.argsort(-tour_cost.costs, kind="stable")[:_CUTS]
+    firsts = np.unique(np.concatenate([around, np.linspace(0, n - 1, _CUTS).astype(np.int64)]))
+    tried = []
+    for first in firsts.tolist():
+        levels = tour_cost.ahead[first + 1 : first + n + 1] - tour_cost.ahead[first + 1] + 1.0
+        shares = levels[-1] * np.cumsum(powers) / powers.sum()
+        ends = np.minimum(np.searchsorted(levels, shares - 1e-9), n - 1)
+        begins = np.append(0, ends[:-1] + 1) % n
+        low, high = (first + begins) % n, (first + ends) % n
+        ways = far[:, low] + far[:, high] if home else np.minimum(far[:, low], far[:, high])
+        across = np.linalg.norm(tour_cost.points[high] - tour_cost.points[low], axis=1)
+        inside = (team.starts[:, None] - low) % n < (high - low) % n
+        ways = np.where(inside, np.minimum(ways, across), ways) / team.rates[:, None]
+        for turn in range(m):
+            robots = (np.arange(m) + turn) % m
+            latest = float(ways[robots, np.arange(m)].max() + levels[-1] / powers.sum())
+            tried.append((latest, first, turn))
+    best, found = np.inf, (np.arange(m + 1), 0)
+    for latest, first, turn in sorted(tried)[:_CANDIDATES]:
+        low, high = n / float(powers.sum()) / 2, min(2 * latest, best)
+        borders = _either_pass(tour_cost, team, far, high, first, turn, home)
+        while borders is None and best == np.inf:
+            high *= 2
+            borders = _either_pass(tour_cost, team, far, high, first, turn, home)
+        while borders is not None and high - low > 1e-3:
+            middle = (low + high) / 2
+            trial = _either_pass(tour_cost, team, far, middle, first, turn, home)
+            low, high = (middle, high) if trial is None else (low, middle)
+            borders = borders if trial is None else trial
+        if borders is not None and high < best:
+            best, found = high, (borders, turn)
+    borders, turn = found
+    arcs = _arcs_between(_between_rows(tour_cost, team, far, best, borders, turn, home))
+    return [
+        _from_nearer_end(tour_cost, team, robot, arcs[(robot - turn) % m], home=home)
+        for robot in range(m)
+    ]
+
+
+def _either_time(
+    tour_cost: TourCost, team: Team, far: Floats, robot: int, first: int, ends: Indices, home: bool
+) -> Floats:
+    """Return the times in which a robot searches the arcs from a cell to each of the given cells,
+    beginning at the nearer end or, if that is sooner done, in the middle.
+    """
+    n, ahead, points = len(tour_cost), tour_cost.ahead, tour_cost.points
+    work = (ahead[ends + 1] - ahead[first + 1] + 1.0) / team.gains[robot]
+    one, other = far[robot, first % n], far[robot, ends % n]
+    ways = one + other if home else np.minimum(one, other)
+    inside = (int(team.starts[robot]) - first) % n < ends - first
+    across = np.linalg.norm(points[ends % n] - points[first % n], axis=1)
+    ways = np.where(inside, np.minimum(ways, across), ways)
+    return np.asarray((work + ways) / team.rates[robot])
+
+
+def _either_pass(
+    tour_cost: TourCost, team: Team, far: Floats, time: float, first: int, turn: int, home: bool
+) -> Indices | None:
+    """Return the borders of arcs that robots search within a time, or None if they cannot. Robot
+    ``turn`` has the arc that begins with the cell ``first``.
+    """
+    n, m = len(tour_cost), len(team.starts)
+    borders = np.full(m + 1, first + n)
+    here = first
+    for k in range(m):
+        borders[k] = here
+        ends = np.arange(here, first + n)
+        times = _either_time(tour_cost, team, far, (k + turn) % m, here, ends, home)
+        within = np.flatnonzero(times <= time + 1e-9)
+        if len(within):
+            here = int(ends[within[-1]]) + 1
+        if here >= first + n:
+            return borders
+    return None
+
+
+def _between_rows(
+    tour_cost: TourCost,
+    team: Team,
+    far: Floats,
+    time: float,
+    borders: Indices,
+    turn: int,
+    home: bool,
+) -> Indices:
+    """Return borders moved to the nearest ends of rows, as far as no robot then needs longer than
+    ``time`` by more than `_LATER`.
+    """
+    m = len(team.starts)
+    turning = np.concatenate([tour_cost.turns] * 3) > 0
+    # the tour turns in the last cell of a row, or on the way from it, and in the first of the next
+    ends = np.flatnonzero(turning[:-1] & turning[1:]) + 1
+    moved = borders.copy()
+    for k in range(1, m):
+        if not len(ends) or not borders[k - 1] < borders[k] < borders[k + 1]:
+            continue
+        border = int(ends[np.argmin(np.abs(ends - borders[k]))])
+        if not moved[k - 1] < border < moved[k + 1]:
+            continue
+        parts = ((k - 1, int(moved[k - 1]), border), (k, border, int(moved[k + 1])))
+        if all(
+            _either_time(tour_cost, team, far, (part + turn) % m, low, np.array([high - 1]), home)[
+                0
+            ]
+            <= time * _LATER
+            for part, low, high in parts
+        ):
+            moved[k] = border
+    return moved
+
+
+def _from_nearer_end(
+    tour_cost: TourCost, team: Team, robot: int, work: list[Arc], *, home: bool
+) -> list[Arc]:
+    """Return the arcs of a robot that searches an arc as `either_end` describes."""
+    n, (arc,) = len(tour_cost), work
+    if not arc.count:
+        return work
+    first, last, start = arc.first % n, (arc.first + arc.count - 1) % n, int(team.starts[robot])
+    ways = [
+        float(team.far[robot, cell])
+        if len(team.far)
+        else float(np.linalg.norm(tour_cost.points[cell] - team.places[robot]))
+        for cell in (first, last)
+    ]
+    behind = (start - first) % n
+    direct = sum(ways) if home else min(ways)
+    if behind < arc.count - 1 and tour_cost.between(first, last) < direct:
+        return [Arc(start, behind + 1, -1), Arc(last, arc.count - 1 - behind, -1)]
+    return [Arc(last, arc.count, -1)] if ways[1] < ways[0] else work
 
 
 @ALLOCATORS.register("hop")

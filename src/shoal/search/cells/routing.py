@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
+from shoal.search.cells.bends import with_fewer_bends
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.visibility_graph import (
     VisibilityGraph,
@@ -23,6 +24,7 @@ from shoal.search.cells.visibility_graph import (
     length_of,
     merge_collinear,
     pulled,
+    visibility_graph,
 )
 from shoal.search.regions.margin import coarse, grown, without_margin
 from shoal.search.regions.outline import Points, check_plane_points, text_of
@@ -285,6 +287,7 @@ class WaysOut:
 _FIRST_WIDTH, _WIDTH_FACTOR, _MOST_WIDTH = 1.0, 4.0, 16.0
 _MOST_CORNERS = 1000
 _HAIR = 1e-9  # relative to a cell: rounding error
+_BEND = 0.85  # cells: length that a path may gain for each bend that it saves
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,14 +358,18 @@ class RegionPaths:
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
         self.grid = grid
         self.transit = transit
-        # plans compare routes that have most of their legs in common
-        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = {}
+        # Plans compare routes that have most of their legs in common, and the plan that is chosen
+        # has the legs of its tour. So all paths of a grid share what they have found.
+        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
+            vars(grid).setdefault("ways", {}).setdefault(transit, {})
+        )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
 
         If the straight line between the points stays inside the region, the path is this line. If
-        the straight line leaves the region, the path is the shortest path around nearby corners.
+        the straight line leaves the region, the path is the shortest path around nearby corners, or
+        a little longer with fewer bends if it would have more than two; see `with_fewer_bends`.
         With more than 1000 nearby corners, the path is a shortened path from cell to cell, and
         rarely much longer than the shortest path.
 
@@ -482,7 +489,8 @@ class RegionPaths:
                 )
             return self._transits.way(start, end), True
         near = self._near(start, end)
-        return (self._far(start, end) if near is None else near), False
+        way = self._far(start, end) if near is None else near
+        return with_fewer_bends(self.grid.region, way, _BEND * self.grid.size), False
 
     @cached_property
     def _transits(self) -> Transits:
@@ -515,7 +523,7 @@ class RegionPaths:
 
     @cached_property
     def _corners(self) -> VisibilityGraph:
-        return VisibilityGraph(self.grid.region)
+        return visibility_graph(self.grid.region)
 
     def _part(self, point: Points) -> int:
         import shapely
@@ -579,5 +587,7 @@ class RegionPaths:
         if not region.restricted:
             return PortalGraph(self.grid)
         return PortalGraph(
-            cells_of(without_margin(replace(region, outline=region.free)), self.grid.size)
+            cells_of(
+                without_margin(replace(region, outline=region.free, searched=None)), self.grid.size
+            )
         )

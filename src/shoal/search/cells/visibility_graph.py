@@ -18,9 +18,6 @@ _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 _ALONG = 1e-9  # sine of the largest angle between collinear lines
 
 
-_AT_ONCE = 100_000  # number of segments tested in one call
-
-
 # number of points of a path among which `pulled` looks for the farthest visible point
 _LOOK_AHEAD = 64
 
@@ -41,14 +38,7 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
     starts, ends : ndarray of float64, shape (n, 2)
         Start and end of each segment in metres. Each start must lie inside the region.
     """
-    import shapely
-
-    clear = np.empty(len(starts), dtype=np.bool_)
-    for low in range(0, len(starts), _AT_ONCE):
-        part = slice(low, low + _AT_ONCE)
-        lines = shapely.linestrings(np.stack([starts[part], ends[part]], axis=1))
-        clear[part] = ~shapely.intersects(region.border, lines)
-    return clear
+    return ~region.border.is_met(starts, ends)
 
 
 class VisibilityGraph:
@@ -71,7 +61,7 @@ class VisibilityGraph:
     """
 
     def __init__(self, region: SearchRegion) -> None:
-        from scipy.spatial import KDTree
+        import shapely
 
         self._region = region
         few, every = (_inward_corners(shape) for shape in (region.bends, region.free))
@@ -82,7 +72,11 @@ class VisibilityGraph:
         self._sides = [
             side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides
         ]
-        self._tree, self._few_tree = KDTree(self.corners), KDTree(self.corners[: self._few])
+        # of Shapely, which is loaded already: the import of SciPy's trees takes .2 s
+        self._tree, self._few_tree = (
+            shapely.STRtree(shapely.points(places))
+            for places in (self.corners, self.corners[: self._few])
+        )
         self._seen_from: dict[
             tuple[int, bool], tuple[float, NDArray[np.int64], NDArray[np.float64]]
         ] = {}
@@ -91,9 +85,9 @@ class VisibilityGraph:
         """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
         in increasing order; int64, shape (k,).
         """
-        reach = float((high - low).max()) / 2 * (1 + _ALONG)
-        near = self._tree.query_ball_point((low + high) / 2, reach, p=np.inf, return_sorted=True)
-        corners = np.array(near, dtype=np.int64)
+        import shapely
+
+        corners = np.sort(self._tree.query(shapely.box(*low, *high)))
         places = self.corners[corners]
         return np.asarray(corners[((places >= low) & (places <= high)).all(axis=1)])
 
@@ -101,8 +95,10 @@ class VisibilityGraph:
         """Return the indices of the corners that are at most ``distance`` metres away from one of
         the points, in increasing order; int64, shape (k,).
         """
-        near = self._tree.query_ball_point(points, distance).tolist()
-        return np.unique(np.array([corner for some in near for corner in some], dtype=np.int64))
+        import shapely
+
+        near = self._tree.query(shapely.points(points), predicate="dwithin", distance=distance)
+        return np.asarray(np.unique(near[1]))
 
     def shortest(
         self, start: Points, end: Points, candidates: NDArray[np.int64], *, rough: bool = False
@@ -201,13 +197,18 @@ class VisibilityGraph:
         The result contains all possible corners up to the distance ``wide``, and may contain
         farther corners. If ``few`` is true, only corners of `SearchRegion.bends` count.
         """
+        import shapely
+
         known, others, away = self._seen_from.get((corner, few), (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
             tree = self._few_tree if few else self._tree
-            around = np.array(tree.query_ball_point(place, 2 * wide), dtype=np.int64)
-            around = np.sort(around[around != corner])
+            x, y = place
+            reach = 2 * wide
+            around = np.sort(tree.query(shapely.box(x - reach, y - reach, x + reach, y + reach)))
             directions = self.corners[around] - place
+            near = (np.hypot(*directions.T) <= reach) & (around != corner)
+            around, directions = around[near], directions[near]
             likely = self._touched(
                 np.broadcast_to(corner, len(around)), directions
             ) & self._touched(around, directions)
@@ -232,6 +233,14 @@ class VisibilityGraph:
         ]
         rounding = _ALONG * np.hypot(*directions.T)
         return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
+
+
+def visibility_graph(region: SearchRegion) -> VisibilityGraph:
+    """Return the visibility graph of a region, which all plans for the region share."""
+    if "graph" not in region.for_paths:
+        region.for_paths["graph"] = VisibilityGraph(region)
+    graph: VisibilityGraph = region.for_paths["graph"]
+    return graph
 
 
 def _chain(came: NDArray[np.int64], node: int) -> list[int]:

@@ -37,25 +37,20 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
         Cost of a turn in cells.
     """
     index = grid.ordinals(cells)
-    windows = _windows(grid, cells, index)
+    windows, tried = _choices(grid)
     if not windows:
         return grid
     starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
     moved = grid.viewpoints.copy()
     entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
-    free = np.array(sorted(windows))
-    shapes, middles = (
-        np.array([windows[k] for k in free.tolist()], dtype=object),
-        lattice.centers(*cells[free].T),
-    )
-    places = _places(shapes, lattice.from_region(entered[free]), middles, grid.footprint)
-    tried = dict(zip(free.tolist(), places, strict=True))
+    free = np.flatnonzero(np.isin(index, np.array(list(windows))))
     for chain in _chains(free, n):
         ends = (chain[0] - 2) % n, (chain[0] - 1) % n, (chain[-1] + 1) % n, (chain[-1] + 2) % n
         fixed = lattice.from_region(
             np.stack([left[ends[0]], left[ends[1]], entered[ends[2]], entered[ends[3]]])
         )
-        crossed, stages = [windows[k] for k in chain.tolist()], [tried[k] for k in chain.tolist()]
+        numbers = index[chain].tolist()
+        crossed, stages = [windows[k] for k in numbers], [tried[k] for k in numbers]
         known = lattice.from_region(entered[chain])
         moved[starts[index[chain]]] = lattice.to_region(
             _way(grid, fixed, crossed, stages, known, turn * grid.size)
@@ -63,17 +58,34 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     return replace(grid, viewpoints=moved)
 
 
-def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
-    """Return the window of each cell that has a choice of viewpoints, as a mapping from tour index
-    to Shapely polygon.
+def _choices(grid: CellGrid) -> tuple[dict[int, Any], dict[int, Points]]:
+    """Return the window of each cell that has a choice of viewpoints, and the points of the window
+    that a path may use, by the index of the cell. All tours through the grid share them.
+    """
+    known = vars(grid)
+    if "choices" not in known:
+        windows = _windows(grid)
+        free = np.array(list(windows), dtype=np.int64)
+        shapes = np.array(list(windows.values()), dtype=object)
+        entered = grid.lattice.from_region(grid.viewpoints[grid.viewpoint_starts[free]])
+        middles = grid.lattice.centers(*grid.cells[free].T)
+        places = _places(shapes, entered, middles, grid.footprint) if windows else []
+        known["choices"] = windows, dict(zip(free.tolist(), places, strict=True))
+    choices: tuple[dict[int, Any], dict[int, Points]] = known["choices"]
+    return choices
+
+
+def _windows(grid: CellGrid) -> dict[int, Any]:
+    """Return the window of each cell that has a choice of viewpoints, as a mapping from the index
+    of the cell to Shapely polygon.
 
     A window contains all points from which the whole piece of a cell is visible.
     """
     import shapely
 
     clipped, own, half = grid.clipped, grid.own, grid.footprint / 2
-    rows, cols = cells.T
-    free = np.flatnonzero(~clipped.whole[rows, cols] & (np.diff(grid.viewpoint_starts)[index] == 1))
+    rows, cols = grid.cells.T
+    free = np.flatnonzero(~clipped.whole[rows, cols] & (np.diff(grid.viewpoint_starts) == 1))
     if not len(free):
         return {}
     pieces = clipped.pieces[own[rows[free], cols[free]]]

@@ -227,8 +227,10 @@ def sweep(chains, chain, from_last, from_right, cells, at):
 
 
 @kernel
-def shorten(ends, order, backwards, disturbances):
+def shorten(ends, order, backwards, turn, disturbances):
     """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
+
+    A link costs its length, and ``turn`` for each of its ends at which the direction changes.
 
     A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the
     disturbed tour. The kernel keeps a disturbed tour only if it is shorter than the best tour so
@@ -237,9 +239,10 @@ def shorten(ends, order, backwards, disturbances):
     n = len(order)
     if n <= _LONGEST + 2:
         return
+    costs = costs_of(ends, turn)
     active, rest = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
-    exchange(ends, order, backwards, active, rest)
-    best = length(ends, order, backwards)
+    exchange(costs, order, backwards, active, rest)
+    best = length(costs, order, backwards)
     kept, kept_backwards = order.copy(), backwards.copy()
     state, span = np.uint64(1), min(n - 1, _SPAN)
     drawn = np.empty(3, dtype=np.int64)
@@ -259,8 +262,8 @@ def shorten(ends, order, backwards, disturbances):
                 backwards[order[(i + k) % n]] = 1 - backwards[order[(i + k) % n]]
         for k in (-1, 0, parts - part - 1, parts - part, parts - 1, parts):
             active[order[(i + k) % n]] = True
-        exchange(ends, order, backwards, active, rest)
-        found = length(ends, order, backwards)
+        exchange(costs, order, backwards, active, rest)
+        found = length(costs, order, backwards)
         if found < best - _LESS:
             best = found
             kept[:], kept_backwards[:] = order, backwards
@@ -269,7 +272,7 @@ def shorten(ends, order, backwards, disturbances):
 
 
 @kernel
-def exchange(ends, order, backwards, active, rest):
+def exchange(costs, order, backwards, active, rest):
     """Shorten a closed tour of runs until no exchange at an active run makes the tour shorter.
 
     An active run is a run at which an exchange may still shorten the tour. After the last exchange,
@@ -285,21 +288,21 @@ def exchange(ends, order, backwards, active, rest):
             i = 0
             while order[i] != run:
                 i += 1
-            found = exchange_link(ends, order, backwards, active, i) or exchange_link(
-                ends, order, backwards, active, (i + 1) % n
+            found = exchange_link(costs, order, backwards, active, i) or exchange_link(
+                costs, order, backwards, active, (i + 1) % n
             )
             for count in range(1, _LONGEST + 1):
                 for back in (0, count - 1):
                     if not found:
                         found = move_runs(
-                            ends, order, backwards, active, rest, (i - back) % n, count
+                            costs, order, backwards, active, rest, (i - back) % n, count
                         )
             if found:
                 active[run], helped = True, True
 
 
 @in_place_kernel
-def exchange_link(ends, order, backwards, active, k):
+def exchange_link(costs, order, backwards, active, k):
     """Replace link k and another link by two links with a smaller total length (2-opt), if such
     links exist.
 
@@ -314,9 +317,9 @@ def exchange_link(ends, order, backwards, active, k):
         before, first, last, after = order[low - 1], order[low], order[high - 1], order[high]
         if before == last:
             continue
-        now = link(ends, backwards, before, first) + link(ends, backwards, last, after)
-        then = step(ends, before, 1 - backwards[before], last, 1 - backwards[last])
-        then += step(ends, first, backwards[first], after, backwards[after])
+        now = link(costs, backwards, before, first) + link(costs, backwards, last, after)
+        then = step(costs, before, 1 - backwards[before], last, 1 - backwards[last])
+        then += step(costs, first, backwards[first], after, backwards[after])
         if then - now < best:
             best, other = then - now, j
     if other < 0:
@@ -329,7 +332,7 @@ def exchange_link(ends, order, backwards, active, k):
 
 
 @in_place_kernel
-def move_runs(ends, order, backwards, active, rest, i, count):
+def move_runs(costs, order, backwards, active, rest, i, count):
     """Move the ``count`` runs that begin at place i of the order to another place, if the tour
     becomes shorter (Or-opt).
 
@@ -339,20 +342,23 @@ def move_runs(ends, order, backwards, active, rest, i, count):
     first, last = order[i], order[(i + count - 1) % n]
     before, after = order[i - 1], order[(i + count) % n]
     saved = (
-        link(ends, backwards, before, first)
-        + link(ends, backwards, last, after)
-        - link(ends, backwards, before, after)
+        link(costs, backwards, before, first)
+        + link(costs, backwards, last, after)
+        - link(costs, backwards, before, after)
     )
     best, place, turned = _LESS, -1, False
+    at = (i + count) % n
     for k in range(n - count - 1):
-        one, other = order[(i + count + k) % n], order[(i + count + k + 1) % n]
+        one = order[at]
+        at = at + 1 if at + 1 < n else 0
+        other = order[at]
         out, into = 1 - backwards[one], backwards[other]
-        there = link(ends, backwards, one, other)
-        ahead = step(ends, one, out, first, backwards[first]) + step(
-            ends, last, 1 - backwards[last], other, into
+        there = link(costs, backwards, one, other)
+        ahead = step(costs, one, out, first, backwards[first]) + step(
+            costs, last, 1 - backwards[last], other, into
         )
-        back = step(ends, one, out, last, 1 - backwards[last]) + step(
-            ends, first, backwards[first], other, into
+        back = step(costs, one, out, last, 1 - backwards[last]) + step(
+            costs, first, backwards[first], other, into
         )
         if saved + there - min(ahead, back) > best:
             best, place, turned = saved + there - min(ahead, back), k, back < ahead
@@ -390,24 +396,61 @@ def reverse(order, backwards, begin, end):
 
 
 @in_place_kernel
-def link(ends, backwards, one, other):
-    """Return the distance from the exit of a run to the entry of the next run."""
-    return step(ends, one, 1 - backwards[one], other, backwards[other])
+def link(costs, backwards, one, other):
+    """Return the cost of the link from the exit of a run to the entry of the next run."""
+    return step(costs, one, 1 - backwards[one], other, backwards[other])
 
 
 @in_place_kernel
-def step(ends, one, out, other, into):
-    """Return the distance from one end of a run to one end of another run. End 0 is the first cell,
-    and end 1 is the last cell.
+def step(costs, one, out, other, into):
+    """Return the cost of a link from one end of a run to one end of another run. End 0 is the first
+    cell, and end 1 is the last cell.
     """
-    rows, cols = ends[one, out, 0] - ends[other, into, 0], ends[one, out, 1] - ends[other, into, 1]
-    return np.sqrt(rows * rows + cols * cols)
+    return costs[2 * one + out, 2 * other + into]
+
+
+@kernel
+def costs_of(ends, turn):
+    """Return the cost of a link from each end of each run to each end of each run: its length, and
+    the price ``turn`` for each change of direction; float64, shape (2 R, 2 R).
+
+    Exchanges look at each cost many times.
+    """
+    n = len(ends)
+    costs = np.empty((2 * n, 2 * n))
+    for one in range(n):
+        for out in range(2):
+            for other in range(n):
+                for into in range(2):
+                    rows = ends[other, into, 0] - ends[one, out, 0]
+                    cols = ends[other, into, 1] - ends[one, out, 1]
+                    cost = np.sqrt(rows * rows + cols * cols)
+                    if turn > 0:
+                        cost += turn * (
+                            bends(ends, one, out, rows, cols)
+                            + bends(ends, other, into, -rows, -cols)
+                        )
+                    costs[2 * one + out, 2 * other + into] = cost
+    return costs
 
 
 @in_place_kernel
-def length(ends, order, backwards):
-    """Return the total length of all links of a tour."""
+def bends(ends, run, end, rows, cols):
+    """Return 0 if the direction (rows, cols) continues a run beyond one of its ends, and 1
+    otherwise.
+    """
+    down, right = (
+        ends[run, end, 0] - ends[run, 1 - end, 0],
+        ends[run, end, 1] - ends[run, 1 - end, 1],
+    )
+    ahead = down * rows + right * cols > 0 and abs(down * cols - right * rows) < _LESS
+    return 0.0 if ahead else 1.0
+
+
+@in_place_kernel
+def length(costs, order, backwards):
+    """Return the total cost of all links of a tour."""
     total = 0.0
     for k in range(len(order)):
-        total += link(ends, backwards, order[k - 1], order[k])
+        total += link(costs, backwards, order[k - 1], order[k])
     return total

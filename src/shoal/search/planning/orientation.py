@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.core.geometry import angles_of
+from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.cells.clipping import rotated_shape
-from shoal.search.cells.grid import cells_of
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -31,10 +31,17 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
+from shoal.search.planning.choosing import one_by_one
+from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
-from shoal.search.tours.rows import BoustrophedonTour, CombTour, SpanningTreeTour
+from shoal.search.tours.rows import (
+    BoustrophedonTour,
+    CombTour,
+    SpanningTreeTour,
+    StripsTour,
+)
 
 _COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
 _WIDE = 10_000  # the same limit for robots with wide footprints
@@ -150,16 +157,17 @@ def time_with_sorties(
     return latest
 
 
-TURN = 0.85
-"""Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
-in no time.
-"""
-
 _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
     "spanning-tree": SpanningTreeTour,
     "comb": CombTour,
 }
 """Tours that can run along or across the rows of cells."""
+
+_STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
+    "boustrophedon": BoustrophedonTour,
+    "strips": StripsTour,
+}
+"""Tours of long straight rows, whose order depends on the cost of a turn."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -168,6 +176,8 @@ _TRIED = 4  # number of orientations that are planned in full
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_CORNER = 5.0  # number of cells inside the region that take as long as one corner of its border
+_BENT = 0.3  # bends at the end of a row where the border slants by less than 45 degrees to the row
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -217,7 +227,7 @@ def grid_tour(
     *,
     angle: float,
     offset: float = 0.0,
-    turn_cost: float = 0.0,
+    turn_cost: float = TURN_PRICES["time"],
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
@@ -237,7 +247,7 @@ def grid_tour(
     offset : float
         Shift of the rows of cells across their direction, as a fraction of the row width.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells.
     stepwise : bool
         Whether robots move only from a cell to a neighbouring cell. Such robots see each cell from
         a viewpoint inside the cell.
@@ -254,18 +264,39 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    turn = turn_cost or TURN
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
-    cell_tour = make_tour(_maker(tour, along_rows), grid.mask)
-    if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
-        grid = along_tour(grid, cell_tour.cells, turn)
+    return _through(
+        grid,
+        tour,
+        turn_cost=turn_cost,
+        stepwise=stepwise,
+        transit=transit,
+        along_rows=along_rows,
+    )
+
+
+def _through(
+    grid: CellGrid,
+    tour: str,
+    *,
+    turn_cost: float,
+    stepwise: bool,
+    transit: bool,
+    along_rows: bool | None,
+) -> GridTour:
+    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
+    cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
+    if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
+        grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
-def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
+def _maker(name: str, along_rows: bool | None, turn: float) -> str | TourMaker:
     """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run
-    along or across the rows.
+    along or across the rows, or for turns that cost ``turn`` cells.
     """
+    if name in _STRAIGHT:
+        return _STRAIGHT[name](turn)
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 
@@ -342,17 +373,19 @@ def best_grid_tour(
     tours: Sequence[str],
     *,
     turn_cost: float,
+    reach: float = 0.0,
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Return the cells and the tour with the lowest cost of one round, over all compared tours,
     angles and shifts of the rows.
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions for fewer pairs.
+    lowest estimated cost, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -362,34 +395,45 @@ def best_grid_tour(
     tours : sequence of str
         Names of the tours to compare.
     turn_cost : float
-        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+        Cost of a turn in cells; see `SearchProblem.turn_price`.
+    reach : float
+        The argument of `turn_shares` in metres: 0 if each turn costs as much, however gentle.
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
+    known : dict, optional
+        Cache of cells and of tours with their costs, for calls that differ in ``tours`` alone.
     """
-    turn = turn_cost or TURN
-    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
-    grid_tours = [
-        grid_tour(
-            region,
-            size,
-            tour,
-            angle=direction,
-            offset=offset,
-            turn_cost=turn,
-            stepwise=stepwise,
-            transit=transit,
-            along_rows=along_rows,
-        )
-        for (direction, offset), tour in product(orientations[:tried], tours)
-    ]
-    ranked = sorted(
-        ((candidate, candidate.once_round(turn, turn_cost * size)) for candidate in grid_tours),
-        key=lambda one: one[1],
-    )
+    import shapely
+
+    # cells on the border take longer than cells inside, and a corner makes a cell of the border
+    work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
+    tried = max(1, min(_TRIED, int(_WORK / work)))
+    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+    known = {} if known is None else known
+    priced = []
+    choices = list(product(orientations[:tried], tours))
+    with one_by_one(choices, "tours") as each:
+        for (direction, offset), tour in each:
+            if (direction, offset) not in known:
+                known[direction, offset] = cells_of(
+                    region, size, angle=direction, offset=(0.0, offset)
+                )
+            if (direction, offset, tour) not in known:
+                candidate = _through(
+                    known[direction, offset],
+                    tour,
+                    turn_cost=turn_cost,
+                    stepwise=stepwise,
+                    transit=transit,
+                    along_rows=along_rows,
+                )
+                cost = candidate.once_round(turn_cost, reach)
+                known[direction, offset, tour] = candidate, cost
+            priced.append(known[direction, offset, tour])
+    ranked = sorted(priced, key=lambda one: one[1])
     best = ranked[0][0]
     compared = {
         candidate.tour.name: Candidate(
@@ -402,7 +446,7 @@ def best_grid_tour(
         if angle is None or len(tours) > 1
         else ()
     )
-    chosen = replace(best, compared=tuple(chosen_among))
+    chosen: GridTour = replace(best, compared=tuple(chosen_among))
     vars(chosen)["route"] = best.route  # known already
     return chosen
 
@@ -413,7 +457,7 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
 
     The arguments are those of `best_grid_tour`.
     """
-    estimated = _estimated(region.area, size, turn_cost or TURN)
+    estimated = _estimated(region.area, size, turn_cost)
     best = list(dict.fromkeys(angle for angle, _ in estimated))[:_NEXT_BEST]
     return list(dict.fromkeys([*best, *_ALL_AROUND]))
 
@@ -422,7 +466,12 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round
     of a tour.
     """
-    simple = area.simplify(size / 4)
+    import shapely
+
+    # Ring by ring, which takes a time in proportion to their corners. A hole is a polygon too: a
+    # line passes from inside to outside at each crossing, whatever ring it crosses.
+    rings = shapely.get_rings(shapely.get_parts(area))
+    simple = shapely.multipolygons(shapely.polygons(shapely.simplify(rings, size / 4)))
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
     for angle in sorted(angles):
@@ -450,9 +499,10 @@ def _long_sides(area: Any) -> list[float]:
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost, in cells, of driving along all rows of cells.
 
-    The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and
-    two turns for each row. A transfer between two rows costs one row width, or more where the
-    border slants.
+    The estimate is the sum of four terms: the lengths of all rows, the transfers between rows, two
+    turns for each row, and `_BENT` bends at each end of a row where the border slants by less than
+    45 degrees to the row. A transfer between two rows costs one row width, or more where the border
+    slants.
     """
     _, low, _, high = area.bounds
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
@@ -466,9 +516,9 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
-    return float(
-        (lengths + links + runs.max(axis=(1, 2)) * (1.0 + 2.0 * turn)).sum() * count / looked_at
-    )
+    bends = _BENT * (slants > 1.0).sum(axis=1)
+    turns = 2.0 * runs.max(axis=(1, 2)) + bends
+    return float((lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at)
 
 
 def _chords(
@@ -483,10 +533,18 @@ def _chords(
         shapely.get_rings(shapely.get_parts(area)), return_index=True
     )
     begins, ends = points[:-1][ring[1:] == ring[:-1]], points[1:][ring[1:] == ring[:-1]]
-    line, edge = np.nonzero((begins[:, 1] <= y[:, None]) != (ends[:, 1] <= y[:, None]))
+    # each side is met by the lines from its lower end, without those at its upper end
+    order = np.argsort(y, kind="stable")
+    low, high = np.sort([begins[:, 1], ends[:, 1]], axis=0)
+    first, last = (np.searchsorted(y[order], side) for side in (low, high))
+    edge = np.repeat(np.arange(len(begins)), last - first)
+    line = order[
+        np.arange(len(edge)) + np.repeat(first - partial_sums(last - first)[:-1], last - first)
+    ]
     (x, high), (far, low) = begins[edge].T, ends[edge].T
     crossed = x + (y[line] - high) * (far - x) / (low - high)
-    crossed = crossed[np.lexsort((crossed, line))]
+    order = np.lexsort((crossed, line))
+    line, crossed = line[order], crossed[order]
     counts = np.bincount(line, minlength=len(y))
     first = np.cumsum(counts) - counts
     signs = np.where((np.arange(len(line)) - first[line]) % 2, 1.0, -1.0)

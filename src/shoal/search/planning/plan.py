@@ -43,8 +43,15 @@ from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
-from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
+from shoal.search.flight.timing import (
+    Trajectory,
+    turn_cells,
+    turn_shares,
+    turns_of,
+    working_seconds,
+)
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.planning.choosing import one_by_one
 from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
@@ -362,6 +369,11 @@ class SearchPlan:
         Let A be the area that robots must see, s_r the side of the square footprint of robot r and
         v_r its speed. A square that moves by a distance l newly covers at most sqrt(2) s_r l, and
         covers s_r^2 before it moves. Therefore A <= sum_r (s_r^2 + sqrt(2) s_r v_r t) in a time t.
+        Along a line across a part of the region, robot r sees at most its way along the line and
+        the diagonal of its footprint. Of a vehicle that returns to its start, only half of the
+        flight leads away from it. So L <= sum_r (sqrt(2) s_r + v_r t / h), for the length L of the
+        part along the line, and h = 2 if vehicles return to their starts, or else 1. The farthest
+        point of the region takes h times the way from the nearest robot, up to s_r / sqrt(2).
         Without a vehicle, each stop also takes at least the time of one cell, and a robot sees at
         most w_r^2 cells from one stop, where w_r is the width of its footprint in cells.
         """
@@ -377,12 +389,45 @@ class SearchPlan:
         ) + (self.vehicle.wind if self.flies else 0.0)
         beyond = visits * areas - (footprints**2).sum(axis=1)
         moving = max(0.0, float((beyond / (2**0.5 * footprints @ fastest)).max()))
+        returns = 2.0 if self.flies and self.landing is None else 1.0
+        beyond_ends = self._longest_extent - 2**0.5 * float(self._widest_views.sum())
+        moving = max(
+            moving, returns * beyond_ends / float(fastest.sum()), returns * self._far(fastest)
+        )
         climb = self.seconds(0.0)
         if self.flies:  # fixed wings may climb on their way
             return max(moving, climb) if self.vehicle.radius else moving + climb
         cells = min(float(n), float(np.ceil(areas / sides**2 - _ROUNDED).sum()))
         stopping = visits * cells / float(self.rates @ self.widths.astype(np.float64) ** 2)
         return max(moving + climb, self.seconds(stopping))
+
+    @property
+    def _widest_views(self) -> NDArray[np.float64]:
+        """Longest side of what each robot sees at once, in metres, in any layer."""
+        sides = np.array([layer.size for layer in layers_of(self.grid)])
+        longest = 1.0 if self.image is None else max(1.0, self.image.across, self.image.along)
+        return np.asarray(self.footprints * longest * float(sides.max() / sides[0]))
+
+    @property
+    def _longest_extent(self) -> float:
+        """Length in metres of the part of the region that is longest along one line."""
+        parts = shapely.get_parts([layer.region.area for layer in layers_of(self.grid)])
+        return max(
+            float(leg_lengths(shapely.get_coordinates(box)).max())
+            for box in shapely.minimum_rotated_rectangle(parts)
+        )
+
+    def _far(self, speeds: NDArray[np.float64]) -> float:
+        """Return the shortest time in seconds in which a robot sees the farthest point of the
+        region.
+        """
+        shape = shapely.union_all([layer.region.area for layer in layers_of(self.grid)])
+        corners = shapely.get_coordinates(shape.convex_hull)
+        ways = (
+            np.linalg.norm(corners[:, None] - self.places[None], axis=2)
+            - self._widest_views / 2**0.5
+        )
+        return float((ways / speeds).min(axis=1).max())
 
     @cached_property
     def paths(self) -> Paths:
@@ -554,9 +599,14 @@ class SearchPlan:
         end = self.places[robot] if self.landing is None else self.landing[robot]
         first, last = self.positions(stops[[0, -1]])[:, :2]
         ways = (self.leg(self.places[robot], first), self.leg(last, end))
-        allowed = self.grid.region.outline.buffer(TOUCH)
-        out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
+        out, back = (
+            float(shapely.linestrings(way).difference(self._allowed).length) for way in ways
+        )
         return out, back
+
+    @cached_property
+    def _allowed(self) -> Any:
+        return self.grid.region.outline.buffer(TOUCH)
 
     def _route_round(
         self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]
@@ -694,7 +744,8 @@ def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
     size = cell_side(check_footprints(problem.chosen_footprint, problem.robots), speeds)
-    angles = other_angles(problem.place, size, turn_cells(problem.chosen_vehicle, size))
+    price = problem.turn_price(turn_cells(problem.chosen_vehicle, size))
+    angles = other_angles(problem.place, size, price)
     plans, refusal = [], None
     for angle in angles:
         try:
@@ -739,7 +790,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     image whatever its heading.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    first = _grid_tour(problem, speeds, scale=scale)
+    known: dict[Any, Any] = {}
+    first = _grid_tour(problem, speeds, scale=scale, known=known)
     landing = (
         None
         if problem.land is None
@@ -755,7 +807,10 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         if problem.tour == AUTO and problem.passes == 1
         else {}
     )
-    tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    tours = [
+        first,
+        *(_grid_tour(problem, speeds, tour=name, scale=scale, known=known) for name in names),
+    ]
     # the best tour is also the best of its name: its plans are made once
     tours = [first, *(grid_tour for grid_tour in tours[1:] if not _is_same(grid_tour, first))]
     all_plans = [
@@ -764,10 +819,12 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         for plan in _team_plans(problem, grid_tour, speeds, landing, seed, scale)
     ]
     all_plans = [replace(plan, airspace=all_plans[0].airspace) for plan in all_plans]
-    plans = [plan for plan in all_plans if plan.refusal is None]
+    with one_by_one(all_plans, "plans") as each:
+        plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    plans.sort(key=without_delays)
+    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
+    plans.sort(key=lambda plan: costs[id(plan)])
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -781,6 +838,44 @@ def _is_same(one: GridTour, other: GridTour) -> bool:
     return np.array_equal(one.tour.cells, other.tour.cells) and np.array_equal(
         one.grid.viewpoints, other.grid.viewpoints
     )
+
+
+def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
+    """Return the time that decides between plans, in seconds: the longest time between the
+    departure of a robot and its return, with what the robot's turns cost in comparisons beyond
+    their own time. Without a vehicle, robots do not return.
+    """
+    own = turn_cells(plan.vehicle, plan.grid.size)
+    price = (problem.turn_price(own) - own) * plan.cell_seconds
+    if plan.flies:
+        times = [
+            end_of(sorties) - float(delay)
+            for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
+        ]
+    else:
+        times = [plan.seconds(float(cells)) for cells in plan.allocation.times]
+    if price <= 0:
+        return max(times, default=0.0)
+    return max(
+        time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
+        for robot, time in enumerate(times)
+    )
+
+
+def plans_along(
+    problem: SearchProblem, tour: str, seed: int, known: dict[Any, Any]
+) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along one tour. The argument
+    ``known`` is that of `best_grid_tour`.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, known=known)
+    landing = (
+        None
+        if problem.land is None
+        else places_of(problem.land, grid_tour.grid.region, problem.robots, what="land")
+    )
+    return _team_plans(problem, grid_tour, speeds, landing, seed, 1.0)
 
 
 def without_delays(plan: SearchPlan) -> float:
@@ -913,12 +1008,18 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(
-    problem: SearchProblem, speeds: NDArray[np.float64], *, scale: float, tour: str | None = None
+    problem: SearchProblem,
+    speeds: NDArray[np.float64],
+    *,
+    scale: float,
+    tour: str | None = None,
+    known: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.
 
-    With ``tour``, the function compares no other tours.
+    With ``tour``, the function compares no other tours. The argument ``known`` is that of
+    `best_grid_tour`.
     """
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [
@@ -928,12 +1029,20 @@ def _grid_tour(
     turn_cost = turn_cells(vehicle, sizes[0])
     options: dict[str, Any] = {
         "transit": problem.transit,
-        "turn_cost": turn_cost,
+        "turn_cost": problem.turn_price(turn_cost),
         "stepwise": problem.stepwise,
     }
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
     options["along_rows"] = isinstance(problem.angle, float) or None
-    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **options)
+    first = best_grid_tour(
+        problem.place,
+        sizes[0],
+        tours,
+        reach=turn_cost * sizes[0],
+        angle=problem.chosen_angle,
+        known=known,
+        **options,
+    )
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(
         first.tour.row_angle(first.grid.angle)

@@ -5,6 +5,7 @@ obstacles.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,6 +28,7 @@ from shoal.search.problem.fields import (
     check_path,
     check_places,
     check_region,
+    check_tracks,
     dump_no_go,
     dump_region,
     parse_angle,
@@ -39,7 +41,7 @@ from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.places import places_of, read_points, seen_along
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -49,10 +51,13 @@ AUTO_TOUR = "spanning-tree"
 shortest in every region.
 """
 
-AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the
-rows.
+AUTO_TOURS = ("boustrophedon", "strips", "spanning-tree")
+"""The tours that ``auto`` compares if the problem names a vehicle or what it prefers, or if the
+planner chooses the angle of the rows.
 """
+
+TURN_PRICES = {"time": 0.85, "rows": 3.0}
+"""What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
@@ -148,6 +153,16 @@ class SearchProblem(Problem):
         parse=parse_numbers,
         check=check_footprint,
     )
+    overlap: float | None = option(
+        None,
+        help=(
+            "Share of the footprint by which neighbouring rows overlap, as a reserve for corners that"
+            " vehicles cut and errors of their positions: robots fly as if they saw a footprint that"
+            " is narrower by this share. Default: 0, or the side overlap of the vehicle's camera."
+        ),
+        least=0,
+        most=0.95,
+    )
     bands: tuple[float, ...] | None = option(
         None,
         help=(
@@ -218,11 +233,20 @@ class SearchProblem(Problem):
         "auto",
         help=(
             f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means"
-            " boustrophedon. If turns take time or Shoal chooses the angle of the rows, auto means"
-            " the faster tour of spanning-tree and boustrophedon. In any other search, auto means"
-            " spanning-tree."
+            " boustrophedon. With a vehicle or --prefer, or if Shoal chooses the angle of the rows,"
+            " auto means the best of boustrophedon, strips (without a given angle) and"
+            " spanning-tree. In any other search, auto means spanning-tree."
         ),
         names=tuple(TOURS),
+    )
+    prefer: str | None = option(
+        None,
+        help=(
+            "What counts between plans: time (each turn adds the time for 0.85 cells, or its own if"
+            " it takes longer), or rows (each turn adds the time for 3 cells): long straight rows"
+            " in few pieces. Default: rows for a vehicle with a camera, else time."
+        ),
+        choices=tuple(TURN_PRICES),
     )
     allocation: str = option(
         "auto",
@@ -253,6 +277,18 @@ class SearchProblem(Problem):
         parse=list,
         check=check_no_go,
         dump=dump_no_go,
+    )
+    searched: tuple[Any, ...] = option(
+        (),
+        help=(
+            "File of a track that was flown before, such as after a battery stop or a crash: a CSV or"
+            " GeoJSON file of points or of a line, in the same units as REGION (the option can be"
+            " repeated). What a robot's footprint saw along the track is not searched again."
+        ),
+        metavar="FILE",
+        repeated=True,
+        parse=list,
+        check=check_tracks,
     )
     margin: float | None = option(
         None,
@@ -448,6 +484,16 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 "stay_inside: expected launch or landing points outside the region, got none"
             )
+        if (
+            self.prefer is not None
+            and self.tour not in (AUTO, "boustrophedon", "strips")
+            and isinstance(self.angle, float)
+            and self.vehicle is None
+        ):
+            raise InvalidInputError(
+                "prefer: expected plans to choose between (a tour of rows or auto, the angle auto, or"
+                f" a vehicle), got the tour {self.tour} at {self.angle:g} degrees"
+            )
         if self.launch is not None and "starts" in self.given:
             raise InvalidInputError(
                 "starts: expected no starts together with launch points, got"
@@ -502,7 +548,19 @@ class SearchProblem(Problem):
             return (self.tour,)
         if self.passes > 1:
             return AUTO_TOURS[:1]
-        return AUTO_TOURS if turn_cost or self.chosen_angle is None else (AUTO_TOUR,)
+        compares = turn_cost or self.chosen_angle is None or self.prefer or self.vehicle is not None
+        if not compares:
+            return (AUTO_TOUR,)
+        # strips run in two directions, and a given angle is that of the rows
+        along = isinstance(self.angle, float)
+        return tuple(name for name in AUTO_TOURS if not along or name != "strips")
+
+    def turn_price(self, turn_cost: float) -> float:
+        """Return what a turn costs in comparisons of plans, in cells, if it takes the time for
+        ``turn_cost`` cells.
+        """
+        chosen = self.prefer or ("time" if self.image is None else "rows")
+        return max(turn_cost, TURN_PRICES[chosen])
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
@@ -533,7 +591,10 @@ class SearchProblem(Problem):
 
     @property
     def _asked_vehicle(self) -> Vehicle:
-        return vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+        vehicle = vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+        if self.overlap is None or vehicle.image_size is None or self.footprint is not None:
+            return vehicle
+        return vehicle.replaced(side_overlap=self.overlap)
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
@@ -560,9 +621,17 @@ class SearchProblem(Problem):
         """Return the side of the footprint at an altitude, in metres.
 
         By default, the footprint is the view of the vehicle's camera or detector, or 10 m without a
-        camera or detector.
+        camera or detector. The footprint is narrower by the overlap of the rows.
         """
-        return self.footprint or self.vehicle_at(altitude).row_spacing or FOOTPRINT
+        return self._row_distance(self.vehicle_at(altitude))
+
+    def _row_distance(self, vehicle: Vehicle) -> float | tuple[float, ...]:
+        """Return the side of the footprint less its overlap, in metres: one, or one for each robot."""
+        if self.footprint is None and vehicle.image_size is not None:
+            return vehicle.row_spacing or FOOTPRINT  # without the overlap already
+        side = self.footprint or vehicle.row_spacing or FOOTPRINT
+        narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+        return tuple(narrower.tolist()) if narrower.ndim else float(narrower)
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
@@ -588,10 +657,21 @@ class SearchProblem(Problem):
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
-            return self.kept_margin(self.region)
+            return self.kept_margin(self._less_searched(self.region))
         reading = {name: getattr(self, name) for name in READING}
         whole = open_region(self.region, no_go=list(self.no_go) or None, **reading)
-        return self.kept_margin(whole)
+        return self.kept_margin(self._less_searched(whole))
+
+    def _less_searched(self, region: SearchRegion) -> SearchRegion:
+        """Return a region without what was seen along the given tracks."""
+        if not self.searched:
+            return region
+        import shapely
+
+        side = float(np.min(self.footprint or self._asked_vehicle.row_spacing or FOOTPRINT))
+        seen = [seen_along(track, region, side) for track in self.searched]
+        before = [] if region.searched is None else [region.searched]
+        return replace(region, searched=shapely.union_all([*seen, *before]))
 
     def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
         """Return a region with the problem's margin, or with the default margin if the problem has
@@ -615,7 +695,7 @@ class SearchProblem(Problem):
         return with_default_margin(
             region,
             wanted,
-            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            footprint=float(np.min(self._row_distance(vehicle))),
             inner=inner,
             outer=outer,
             divided=self.transit,
@@ -650,16 +730,18 @@ class SearchProblem(Problem):
         if isinstance(self.region, SearchRegion):
             return None
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
+        if self.searched:
+            kept += ("searched", "footprint", "vehicle")
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
-            kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
+            kept += ("vehicle", "footprint", "overlap", "robots", "starts", "launch", "land")
         return self.canonical(
             without=("kind", *(name for name in self.declarations() if name not in kept))
         )
 
     def place_files(self) -> tuple[str, ...]:
         """Return the files of the region and of the no-go zones."""
-        names = (self.region, *self.no_go)
+        names = (self.region, *self.no_go, *self.searched)
         return tuple(name for name in names if isinstance(name, str) and os.path.exists(name))
 
     def place_digest(self) -> bytes:

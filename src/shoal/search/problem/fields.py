@@ -54,6 +54,7 @@ def check_path(value: Any, what: str, expected: str) -> str:
 def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the `SearchRegion` from which `dump_region` made the mapping ``data``."""
     data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0, "barriers": []} | data
+    searched = data.pop("searched", None)
     if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height", "barriers"}:
         raise InvalidInputError(
             f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}"
@@ -83,7 +84,17 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
         for one in list_of(data["barriers"])
     )
     region = region_of(area, frame=place, name=name)
-    return replace(region, no_go=zones.area, no_go_zones=count, height=height, barriers=barriers)
+    if searched is not None:
+        text = check_text(searched, what="region: searched")
+        searched = read_polygon(text, where="region: searched")
+    return replace(
+        region,
+        no_go=zones.area,
+        no_go_zones=count,
+        height=height,
+        barriers=barriers,
+        searched=searched,
+    )
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -109,6 +120,8 @@ def dump_region(value: str | SearchRegion) -> Any:
         told["barriers"] = [
             shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers
         ]
+    if value.searched is not None:
+        told["searched"] = shapely.to_wkt(value.searched, rounding_precision=-1)
     return told | ({"height": value.height} if value.height else {})
 
 
@@ -132,6 +145,16 @@ def _check_zone(zone: Any, number: int) -> Any:
     except InvalidInputError:
         expected = "a file, a Shapely polygon or points of shape (n, 2)"
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(zone)}") from None
+
+
+def check_tracks(value: Any) -> tuple[Any, ...]:
+    """Check tracks that were flown before, and return each as a file name or a tuple of points."""
+    return tuple(
+        check_path(track, "searched", "a file")
+        if isinstance(track, str | os.PathLike)
+        else _points(track, "searched")
+        for track in list_of(value)
+    )
 
 
 def dump_no_go(value: tuple[Any, ...]) -> list[Any]:

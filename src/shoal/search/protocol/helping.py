@@ -9,9 +9,8 @@ from math import ceil
 
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Arc
+from shoal.search.kernels.protocol.numbers import WORTH
 from shoal.search.protocol.state import Robot, can_come, is_late, is_live, speed_of
-
-_WORTH = 1.0  # a robot helps only if it saves more than the time for this number of cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +169,7 @@ def _best_run(
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
-    best, most = None, _WORTH / pace
+    best, most = None, WORTH / pace
     for run in runs:
         way = tour_cost.length(at, run.first) / rate
         alone = min(run.late + run.count / run.pace, longest) if run.pace else 2 * longest

@@ -12,6 +12,7 @@ from zlib import crc32
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.footprint import WIDEST
+from shoal.search.kernels.protocol.numbers import LAG_UNIT
 from shoal.search.tours.masks import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]
@@ -19,7 +20,6 @@ LONGEST = 1200  # default maximum length of a message in bytes, which networks t
 SHORTEST = 64  # smallest maximum length of a message that a user may choose, in bytes
 MOST_CELLS = 1 << 26  # maximum number of cells of a tour
 MOST_ROBOTS = 1 << 16
-LAG_UNIT = 1 / 16
 
 
 @dataclass(frozen=True, slots=True)

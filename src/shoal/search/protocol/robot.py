@@ -29,10 +29,28 @@ from math import ceil, inf
 from shoal.search.allocation.allocate import Arc, cost_of_all, partition
 from shoal.search.allocation.viewpoints import best_viewpoint
 from shoal.search.cells.distances import CellDistances
-from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
-from shoal.search.protocol.messages import LAG_UNIT, Beacon, Heartbeat
-from shoal.search.protocol.state import (
+from shoal.search.kernels.protocol.numbers import (
+    ARRIVAL,
+    AVOIDED,
+    DECISIONS,
+    HELLOS,
+    LAG_UNIT,
+    LAST_ROUND,
+    LEAST,
+    LOOK,
     MARK,
+    MOST,
+    MOST_RELAYED,
+    NEWS,
+    REPEATED,
+    ROUND,
+)
+from shoal.search.kernels.protocol.numbers import (
+    RELAYED as RELAYED,  # noqa: PLC0414 - of companion computers, too
+)
+from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
+from shoal.search.protocol.messages import Beacon, Heartbeat
+from shoal.search.protocol.state import (
     Action,
     Begin,
     Blocked,
@@ -57,20 +75,6 @@ from shoal.search.protocol.state import (
     step_cost,
 )
 from shoal.search.tours.masks import arc_bits, bits_to_array, bitset_of, next_in
-
-_HELLOS = 8  # minimum number of beacons that a robot sends during the time ``Brief.hello``
-_REPEATED = 4  # number of beacons that repeat a new fact
-# a beacon repeats at most 1/16 of all facts, and at most 1/4 if the robot will soon be silent
-_ROUND, _LAST_ROUND = 16, 4
-_LEAST, _MOST = 8, 1000  # minimum and maximum number of intervals of known facts per beacon
-# minimum number of other robots' heartbeats per beacon; for more than 24 other robots, a beacon has
-# a quarter
-RELAYED = 6
-_NEWS = 2.0  # beacon periods until the news of the last searched cell has arrived
-_AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot
-# cells: cost of the way from the centre of a cell to an obstacle in the next cell, and back
-LOOK = 1.0
-
 
 Decision = tuple[Robot, Action | None, float]
 """The state of a robot, its next action or None, and the time until which the robot waits if it has
@@ -133,10 +137,14 @@ def advance(
     ):
         robot = _allotted(robot, time)
     wake = inf
-    if robot.status in ("searching", "waiting") and robot.target is None:
+    if _heeds_later(robot, event):
+        robot, wake = robot.but(unheeded=robot.unheeded + 1), robot.waits_until
+    elif robot.status in ("searching", "waiting") and robot.target is None:
         robot, action, wake = (decide or next_action)(robot, time)
         if action is not None:
             actions.append(action)
+        else:
+            robot = robot.but(unheeded=0, waits_until=wake)
     if robot.status != "complete" or robot.lingering > 0:
         robot = _with_due_beacon(robot, time, actions)
         wake = min(wake, robot.next_beat)
@@ -144,6 +152,19 @@ def advance(
             wake = min(wake, robot.began + robot.brief.listening(robot.number))
         actions.append(WakeAt(wake))
     return robot, actions
+
+
+def _heeds_later(robot: Robot, event: Event) -> bool:
+    """Return whether a waiting robot does not decide after a message, because it has decided after
+    one of the messages just before.
+    """
+    return (
+        isinstance(event, Heard)
+        and robot.status == "waiting"
+        and robot.target is None
+        and event.time < robot.waits_until
+        and (robot.unheeded + 1) * DECISIONS < len(robot.peers)
+    )
 
 
 def _sensed(robot: Robot, event: Sensed) -> Robot:
@@ -173,7 +194,7 @@ def _blocked(robot: Robot, cell: int, time: float) -> Robot:
     """
     stopped = _stopped(robot, cell, robot.through, left=robot.left - robot.cost)
     avoided = robot.avoided | 1 << cell
-    return stopped.but(fresh=True, avoided=avoided, avoided_until=time + _AVOIDED)
+    return stopped.but(fresh=True, avoided=avoided, avoided_until=time + AVOIDED)
 
 
 def _obstructed(robot: Robot, cell: int, at: int) -> Robot:
@@ -276,7 +297,7 @@ def _with_due_beacon(robot: Robot, time: float, actions: list[Action]) -> Robot:
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
-    pause = min(robot.brief.beat, robot.brief.hello / _HELLOS) if hello else robot.brief.beat
+    pause = min(robot.brief.beat, robot.brief.hello / HELLOS) if hello else robot.brief.beat
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
@@ -289,7 +310,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     """Return the state of a robot that has sent a beacon, and this beacon."""
     n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
     before: tuple[Mapping[int, int], ...] = (
-        robot.announced[0] if len(robot.announced) == _REPEATED else ({}, {}, {})
+        robot.announced[0] if len(robot.announced) == REPEATED else ({}, {}, {})
     )
     window = _window(robot, n)
     findings = tuple(
@@ -300,21 +321,29 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     beacon = Beacon(
         robot.number,
         (_own_heartbeat(robot, time), *relayed(robot)),
-        _news(robot.searched, before[0], window),
+        _news(robot, robot.searched, before[0], window),
         findings,
-        _news(robot.closed, before[2], window),
+        _news(robot, robot.closed, before[2], window),
     )
-    announced = (*robot.announced[-_REPEATED + 1 :], known)
+    announced = (*robot.announced[-REPEATED + 1 :], known)
     return robot.but(announced=announced, window=(robot.window + window.bit_count()) % n), beacon
 
 
 def _news(
-    now: Mapping[int, int], before: Mapping[int, int], window: int
+    robot: Robot, now: Mapping[int, int], before: Mapping[int, int], window: int
 ) -> tuple[tuple[int, int], ...]:
     """Return, for each robot, a bitset of those cells in ``now`` that are missing in ``before`` or
     lie in the bitset ``window``.
+
+    Of more than `NEWS` other robots, successive beacons tell in turn what is missing in ``before``.
     """
-    news = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
+    fresh = {number: bits & ~before.get(number, 0) for number, bits in now.items()}
+    others = sorted(number for number, bits in fresh.items() if bits and number != robot.number)
+    if len(others) > NEWS:
+        first = robot.count * NEWS % len(others)
+        for number in (others[first:] + others[:first])[NEWS:]:
+            fresh[number] = 0
+    news = ((number, fresh[number] | bits & window) for number, bits in now.items())
     return tuple((number, bits) for number, bits in news if bits)
 
 
@@ -327,7 +356,7 @@ def _window(robot: Robot, n: int) -> int:
     everything = robot.brief.everything
     total = _intervals(robot, everything)
     share = max(
-        _LEAST, min(ceil(total / (_LAST_ROUND if robot.status == "complete" else _ROUND)), _MOST)
+        LEAST, min(ceil(total / (LAST_ROUND if robot.status == "complete" else ROUND)), MOST)
     )
     if total <= share:
         return everything
@@ -361,7 +390,7 @@ def relayed(robot: Robot) -> list[Heartbeat]:
     other robots in turn.
     """
     others = sorted(robot.peers)
-    count = max(RELAYED, ceil(len(others) / 4))
+    count = max(RELAYED, min(ceil(len(others) / 4), MOST_RELAYED))
     first = robot.count * count % max(len(others), 1) if count < len(others) else 0
     return [robot.peers[number].heartbeat for number in (others[first:] + others[:first])[:count]]
 
@@ -610,7 +639,7 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
         _cost_alone(robot, brief.everything, robot.cell, robot.fresh),
         _cost_alone(after, theirs, here, not mine),
     )
-    return end + _NEWS * brief.beat + cost / robot.rate
+    return end + ARRIVAL * brief.beat + cost / robot.rate
 
 
 def _longest_time(brief: Brief, cost: float, rate: float) -> float:

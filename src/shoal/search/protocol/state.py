@@ -14,10 +14,19 @@ from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import gain_of
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.routing import WaysOut
+from shoal.search.kernels.protocol.numbers import (
+    BEATS,
+    CRAWL,
+    FALSE_POSITIVE_RATE,
+    LINGER,
+    LONGEST_SILENCE,
+    MARK,
+    RELUCTANCE,
+    SHORTEST_SILENCE,
+    TOLERATED,
+)
 from shoal.search.protocol.messages import Beacon, Heartbeat, Status
 from shoal.search.tours.masks import at_least
-
-_LINGER = 12  # number of beacons that a robot sends after the search is complete
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +181,10 @@ class Robot:
     lag : float
         Real duration of all previous paths of the robot, minus the duration of these paths at the
         declared speed.
+    unheeded : int
+        Number of messages that the waiting robot has heard since it last decided.
+    waits_until : float
+        Time until which the robot waits, as it last decided.
     lost, got : int
         Number of messages known to be lost, and number of messages that the robot has received.
     announced : tuple of tuple of mapping
@@ -214,11 +227,13 @@ class Robot:
     left: float = inf
     since: float = 0.0
     lag: float = 0.0
+    unheeded: int = 0
+    waits_until: float = inf
     lost: int = 0
     got: int = 0
     announced: tuple[tuple[Mapping[int, int], ...], ...] = ()
     window: int = 0
-    lingering: int = _LINGER
+    lingering: int = LINGER
 
     @property
     def mine(self) -> int:
@@ -366,17 +381,6 @@ class Declare:
 Action = Go | GoHome | Send | WakeAt | Declare
 
 
-_FALSE_POSITIVE_RATE = 0.01  # false-positive rate of the failure detector
-MARK = 8.0  # beacon periods: minimum observation time for estimating a robot's speed
-# tolerated lag: fraction of the elapsed time, plus number of beacon periods
-_TOLERATED, _BEATS = 0.25, 4.0
-# tolerated lag of the robot itself, divided by the tolerated lag of another robot
-_RELUCTANCE = 1.4
-_CRAWL = 1e-3  # lower bound of a robot's estimated speed, divided by its declared speed
-# beacon periods: minimum and maximum silence after which a robot is presumed dead
-_SILENCE = 3.0, 40.0
-
-
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
     """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell`` and
     searching ``cell``.
@@ -429,8 +433,8 @@ def silence_limit(robot: Robot) -> float:
 @lru_cache(maxsize=1024)
 def _silent_beats(lost: int, got: int) -> float:
     share = lost / (lost + got) if got else 0.5
-    beats = log(_FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
-    return min(max(_SILENCE[0], beats), _SILENCE[1]) + 0.5
+    beats = log(FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
+    return min(max(SHORTEST_SILENCE, beats), LONGEST_SILENCE) + 0.5
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:
@@ -472,7 +476,7 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
         gone, behind = peer.heard - since, peer.heartbeat.lag - lag
         rate, width = peer.heartbeat.rate, peer.heartbeat.width
     if gone >= MARK * robot.brief.beat:
-        rate *= min(max(1.0 - behind / gone, _CRAWL), 1.0)
+        rate *= min(max(1.0 - behind / gone, CRAWL), 1.0)
     return rate, rate if width == 1 else rate * gain_of(robot.brief.tour_cost, width)
 
 
@@ -486,13 +490,13 @@ def is_late(robot: Robot, number: int, time: float) -> bool:
     if not robot.brief.helping:
         return False
     if number == robot.number:
-        return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
+        return robot.lag_at(time) > RELUCTANCE * _tolerated(robot, time)
     peer = robot.peers.get(number)
     return peer is not None and peer.heartbeat.lag > _tolerated(robot, peer.heard)
 
 
 def _tolerated(robot: Robot, time: float) -> float:
-    return _TOLERATED * max(time - robot.allotted_at, 0.0) + _BEATS * robot.brief.beat
+    return TOLERATED * max(time - robot.allotted_at, 0.0) + BEATS * robot.brief.beat
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:

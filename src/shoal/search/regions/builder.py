@@ -214,6 +214,8 @@ def build_region(
     wanted = [_polygon(outline, frame, closed=found.closed) for outline in searched]
     taken = [_polygon(outline, frame, closed=found.closed) for outline in zones]
     taken += [_polygon(outline, frame, closed=False) for outline in beside]
+    if frame is not None:  # all at once, because there may be thousands
+        _check_reach([ring for one in (*searched, *zones, *beside) for ring in one.rings], frame)
     given_zones = len(taken)
     different = _different(wanted)
     wanted, searched = [wanted[k] for k in different], [searched[k] for k in different]
@@ -250,8 +252,6 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
             check_metres(ring)
         return check_polygon(outline, closed=closed)
     degrees = check_polygon(outline, closed=closed)
-    for ring in outline.rings:
-        _check_reach(ring, frame)
     flat = shapely.transform(degrees, frame.to_metres)
     # A vertex that lies on a side in degrees may lie slightly outside this side in metres.
     return flat if flat.is_valid else flat.buffer(0)
@@ -294,22 +294,29 @@ def _frame(searched: list[RegionOutline], where: str) -> LocalFrame:
             f" {west:g} to {east:g}"
         )
     frame = LocalFrame.around(points)
-    for outline in searched:
-        _check_reach(outline.shell, frame)
+    _check_reach([outline.shell for outline in searched], frame)
     return frame
 
 
-def _check_reach(ring: Ring, frame: LocalFrame) -> None:
+def _check_reach(rings: list[Ring], frame: LocalFrame) -> None:
     from pyproj import Geod
 
-    origin = np.broadcast_to([frame.longitude, frame.latitude], ring.points.shape)
-    away = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *ring.points.T)[2])
+    if not rings:
+        return
+    points = np.vstack([ring.points for ring in rings])
+    origin = np.broadcast_to([frame.longitude, frame.latitude], points.shape)
+    near = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *points.T)[2]) <= REACH
+    if near.all():
+        return
     middle = text_of([frame.longitude, frame.latitude])
-    ring.check_vertices(
-        away <= REACH,
-        f"a region within {REACH / 1000:g} km of its middle {middle}",
-        "; search each part separately",
-    )
+    for ring, its in zip(
+        rings, np.split(near, np.cumsum([len(ring.points) for ring in rings])[:-1]), strict=True
+    ):
+        ring.check_vertices(
+            its,
+            f"a region within {REACH / 1000:g} km of its middle {middle}",
+            "; search each part separately",
+        )
 
 
 def _zone(zone: Any, what: str, found: RegionOutlines, reading: Reading) -> list[RegionOutline]:

@@ -162,9 +162,11 @@ def coverage_check(
             if image is None
             else image.along_legs(*legs, side, angle)
         )
-    uncovered = (
-        _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
-    )
+    uncovered = region.area
+    if swept:
+        # in the frame of the footprints, where most of what they cover are upright rectangles
+        area, shapes = (_turned(shape, -angle) for shape in (region.area, np.concatenate(swept)))
+        uncovered = _turned(_without(area, shapes, float(sides.min())), angle)
     uncovered = _without_slivers(uncovered)
     left = float(uncovered.area)
     lengths = np.hypot(*(ends - starts).T)
@@ -285,6 +287,10 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
     if len(shapes) == 0:
         return area
     tree = shapely.STRtree(shapes)
+    bounds = shapely.bounds(shapes)
+    sizes = bounds[:, 2:] - bounds[:, :2]
+    # apart from what rounding leans a side
+    upright = sizes.prod(axis=1) - shapely.area(shapes) <= _GRID * sizes.sum(axis=1)
     left: list[Any] = []
     blocks = [area]
     while blocks:
@@ -296,6 +302,8 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
         near = tree.query(box, predicate="intersects")
         if len(near) and shapely.covers(shapes[near], box).any():
             continue
+        if len(near) <= _FEW and _cover(bounds[near[upright[near]]], block.bounds):
+            continue
         if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
             blocks += _halves(block)
         else:
@@ -304,6 +312,38 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
             seen = shapely.union_all(shapes[near], grid_size=_GRID)
             left.append(shapely.difference(block, seen, grid_size=_GRID))
     return shapely.union_all([shape for shape in left if shape.area > 0])
+
+
+def _turned(shapes: Any, angle: float) -> Any:
+    """Rotate a Shapely geometry, or an array of geometries, about the origin, by an angle in
+    degrees counter-clockwise.
+    """
+    import shapely
+
+    if angle == 0:
+        return shapes
+    turn = unit_vectors(np.radians(np.array([angle, angle + 90.0])))
+    return shapely.transform(shapes, lambda points: points @ turn)
+
+
+def _cover(rectangles: NDArray[np.float64], box: tuple[float, float, float, float]) -> bool:
+    """Return whether upright rectangles cover a box together, apart from gaps as narrow as rounding
+    may leave.
+
+    Both are given by their bounds (left, low, right, high). All sides together divide the box into
+    a small table of fields, and each field lies in a rectangle or in none.
+    """
+    if not len(rectangles):
+        return False
+    inside = []
+    for axis in (0, 1):
+        low, high = rectangles[:, axis] - _GRID, rectangles[:, axis + 2] + _GRID
+        least, most = box[axis], box[axis + 2]
+        lines = np.unique(np.clip(np.concatenate([low, high, [least, most]]), least, most))
+        middles = (lines[1:] + lines[:-1]) / 2
+        inside.append((low[:, None] <= middles) & (middles <= high[:, None]))
+    across, along = (one.astype(np.float32) for one in inside)
+    return bool((across.T @ along > 0).all())
 
 
 def _without_slivers(shape: Any) -> Any:

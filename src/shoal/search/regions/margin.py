@@ -253,6 +253,8 @@ def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -
         for shape in footprints_along(ring[:-1], ring[1:], footprint / 2, angle)
     ]
     seen = shapely.union_all([region.free, *around])
-    if region.outline.difference(seen).area <= _SEEN * region.outline.area:
-        return replace(region, area=region.outline)
-    return replace(region, area=polygons_in(region.outline.intersection(seen)))
+    whole = region.outline.difference(seen).area <= _SEEN * region.outline.area
+    area = region.outline if whole else polygons_in(region.outline.intersection(seen))
+    visible = replace(region, area=area)
+    vars(visible)["for_paths"] = region.for_paths
+    return visible

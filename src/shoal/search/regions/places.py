@@ -101,6 +101,51 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     return points
 
 
+_SIMPLER = (
+    0.01  # of a footprint: from each leg of a simplified track, points lie at most this far away
+)
+_GAP = 1e-3  # metres: narrower gaps between what two legs saw are rounding errors
+
+
+def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any:
+    """Return what a vehicle saw along a track that it flew: the squares of the given side along each
+    leg, as a Shapely geometry in metres.
+
+    Parameters
+    ----------
+    track : str or array_like of float, shape (k, 2)
+        Points in metres, or the path of a CSV or GeoJSON file of points or of a line.
+    region : SearchRegion
+        The region whose local frame the result uses.
+    side : float
+        Side of the square in metres. The square is parallel to the leg.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> seen_along([(10.0, 10.0), (50.0, 10.0)], open_region("square:100"), 20.0).area
+    1200.0
+    """
+    import shapely
+
+    points = (
+        _read(Path(track), region, "searched")[0]
+        if isinstance(track, str)
+        else check_plane_points(track, what="searched")
+    )
+    if len(points) < 2:
+        raise InvalidInputError(
+            f"searched: expected a track of two points or more, got {len(points)}"
+        )
+    way = shapely.get_coordinates(shapely.simplify(shapely.linestrings(points), _SIMPLER * side))
+    legs = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    legs = legs[shapely.length(legs) > 0]
+    if not len(legs):
+        raise InvalidInputError("searched: expected a track that moves, got one place")
+    seen = shapely.union_all(shapely.buffer(legs, side / 2, cap_style="square"))
+    return seen.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
+
+
 def points_inside(given: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
     """Return points inside a region in metres, which are given as an array in metres or as the path
     of a file; float64, shape (k, 2).

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.regions.border import Border
 from shoal.search.regions.outline import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -58,6 +59,9 @@ class SearchRegion:
         have few corners. Robots may not enter them either. By default, the region has none.
     pointed : bool
         Whether ``free`` has few corners in place of arcs, because robots are fixed wings.
+    searched : shapely Polygon or MultiPolygon, optional
+        What was seen before: robots may be there, but need not see it again, and ``area`` does not
+        contain it.
     """
 
     area: Any
@@ -72,11 +76,20 @@ class SearchRegion:
     bends: Any = None
     barriers: tuple[Any, ...] = ()
     pointed: bool = False
+    searched: Any = None
 
     def __post_init__(self) -> None:
         for name in ("free", "outline"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.area)
+        if self.searched is not None:
+            rest = polygons_in(self.area.difference(self.searched))
+            if rest.is_empty:
+                raise InvalidInputError(
+                    f"region {self.name!r}: expected a part that was not searched yet, got tracks"
+                    " that saw all of it"
+                )
+            object.__setattr__(self, "area", rest)
 
     @property
     def area_m2(self) -> float:
@@ -86,7 +99,8 @@ class SearchRegion:
     @property
     def unseen_m2(self) -> float:
         """Size of the area that robots cannot see while they keep the margin, in square metres."""
-        return max(0.0, float(self.outline.area - self.area.area))
+        asked = self.outline if self.searched is None else self.outline.difference(self.searched)
+        return max(0.0, float(asked.area - self.area.area))
 
     @cached_property
     def scale_error(self) -> float:
@@ -111,10 +125,10 @@ class SearchRegion:
 
     @property
     def restricted(self) -> bool:
-        """Whether robots may not be everywhere in the outline: they keep a margin, or avoid the
-        exclusion polygons of a fence.
+        """Whether robots may not be everywhere in the area, or elsewhere too: they keep a margin,
+        avoid the exclusion polygons of a fence, or cross what was searched before.
         """
-        return self.margin > 0 or bool(self.barriers)
+        return self.margin > 0 or bool(self.barriers) or self.searched is not None
 
     @property
     def barred(self) -> Any:
@@ -150,16 +164,22 @@ class SearchRegion:
         return grown
 
     @cached_property
-    def border(self) -> Any:
-        """The border of `reach` as a prepared Shapely geometry.
+    def for_paths(self) -> dict[str, Any]:
+        """Cache of what depends on ``free`` and ``bends`` alone. A region of which robots see less
+        shares it.
+        """
+        return {}
+
+    @property
+    def border(self) -> Border:
+        """The border of `reach`.
 
         A segment that starts inside the region and does not meet the border of `reach` lies inside
         the region.
         """
-        import shapely
-
-        border = shapely.boundary(self.reach)
-        shapely.prepare(border)
+        if "border" not in self.for_paths:
+            self.for_paths["border"] = Border(self.reach)
+        border: Border = self.for_paths["border"]
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:

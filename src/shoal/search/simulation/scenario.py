@@ -30,12 +30,6 @@ from shoal.search.protocol.state import Brief
 from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of
 
-TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
-
-
-# time between two attempts, in units of the time in which a robot of speed 1 searches one cell
-RETRY = 0.25
-
 
 @dataclass(frozen=True)
 class Scenario:
@@ -134,6 +128,14 @@ class Scenario:
                 "fault: expected no wrong positions of robots that go from cell to cell, got a"
                 " wrong position"
             )
+
+    @property
+    def size(self) -> int:
+        """Size of the search: the number of robots, times the number of cells or half the square of
+        the number of robots, whichever is larger.
+        """
+        robots = len(self.starts)
+        return robots * max(len(self.brief.tour_cost), robots**2 // 2)
 
     @property
     def uncertain(self) -> bool:

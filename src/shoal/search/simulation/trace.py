@@ -22,11 +22,13 @@ from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar
 from shoal.search.protocol.state import Brief, step_cost
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.simulation.compiled import CompiledSearches, can_compile
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import bits_to_array, members
 
 _HORIZON = 60.0  # time limit of a simulation, divided by the time of one robot alone
+_PLAIN = 20_000  # size of the largest search that needs no compiled code
 _PRIOR = 0.01  # prior fraction of cells that contain a target
 # limits of a sensor's rates: no sensor counts as fully reliable, because robots can lie
 _LEAST_RATE, _MOST_RATE = 1e-3, 1 - 1e-3
@@ -290,9 +292,10 @@ def _with_recharging(
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Simulate a scenario, and return the trace of the search."""
     late = max(scenario.brief.delays, default=0.0)
-    world = SearchWorld(scenario).run(
-        until=late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0
-    )
+    until = late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0
+    if can_compile(scenario) and scenario.size > _PLAIN:
+        return _compiled_trace(scenario, until)
+    world = SearchWorld(scenario).run(until=until)
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),
@@ -310,6 +313,27 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     return SearchTrace(
         logs, covered_at, world.declared, world.air.sent, world.air.lost, world.takeovers
     )
+
+
+def _compiled_trace(scenario: Scenario, until: float) -> SearchTrace:
+    """Simulate a scenario in compiled code, and return the trace of the search."""
+    searches = CompiledSearches([scenario])
+    searches.run(0, until)
+    outcome = searches.outcome(0)
+    logs = tuple(
+        RobotLog(
+            cells,
+            times,
+            states,
+            tuple(sorted((cell, tuple(members(bits))) for cell, bits in found.items())),
+        )
+        for cells, times, states, found in zip(
+            outcome.cells, outcome.times, outcome.states, outcome.found, strict=True
+        )
+    )
+    covered_at = float(searched_at(scenario, logs).max())
+    counts = outcome.sent, outcome.lost, outcome.takeovers
+    return SearchTrace(logs, covered_at, outcome.declared, *counts)
 
 
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:

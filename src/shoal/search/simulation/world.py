@@ -15,6 +15,7 @@ from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.kernels.protocol.numbers import LOOK, RETRY, TRIES
 from shoal.search.problem.network import (
     BadLinks,
     Battery,
@@ -27,7 +28,7 @@ from shoal.search.problem.network import (
     true_rate,
 )
 from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Receiver, Sender
-from shoal.search.protocol.robot import LOOK, Decision, advance
+from shoal.search.protocol.robot import Decision, advance
 from shoal.search.protocol.state import (
     Action,
     Begin,
@@ -47,7 +48,7 @@ from shoal.search.protocol.state import (
     is_live,
     step_cost,
 )
-from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
+from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.masks import members
 
 _RECORDED = 1000  # number of recorded messages for replay attacks
@@ -440,6 +441,8 @@ class Air:
     def __init__(self, scenario: Scenario, rng: Generator) -> None:
         self.sent = self.lost = 0
         self._scenario, self._rng = scenario, rng
+        # a generator of its own, so that the bytes of a message do not decide what else happens
+        self._damage_rng = np.random.default_rng([scenario.seed, 4])
         self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
         self._bad = BadLinks(set)
         self._recorded: list[bytes] = []
@@ -483,7 +486,7 @@ class Air:
                     if isinstance(come, bytes)
                     else self._senders[link.sender].messages(come, _clock(link.time))[0]
                 )
-                come = damage(whole, self._rng)
+                come = damage(whole, self._damage_rng)
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:

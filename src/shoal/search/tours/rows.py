@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
+from shoal.search.tours.strips import fewest_strips
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
 MOST_RUNS = 1500
@@ -30,9 +31,19 @@ class BoustrophedonTour(TourByOrder):
     between runs. A 2-opt exchange replaces two connections by two new connections. An Or-opt
     exchange moves up to three runs to another place on the tour. The step from the last run back to
     the first run also counts as a connection.
+
+    Parameters
+    ----------
+    turn : float
+        Cost of a change of direction between two runs, in cells.
     """
 
     name = "boustrophedon"
+
+    turn: float = 0.0  # the default for subclasses whose initializer does not set it
+
+    def __init__(self, turn: float = 0.0) -> None:
+        self.turn = float(turn)
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         from shoal.search.kernels.runs import runs_of, shorten, sweep_all
@@ -53,7 +64,7 @@ class BoustrophedonTour(TourByOrder):
         backwards = np.empty(len(runs), dtype=np.int64)
         backwards[order] = cells[begins, 1] != runs[order, 1]
         ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-        shorten(ends, order, backwards, DISTURBANCES)
+        shorten(ends, order, backwards, self.turn, DISTURBANCES)
         rows = [
             np.arange(begin, end)[:: -1 if back else 1]
             for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
@@ -61,6 +72,65 @@ class BoustrophedonTour(TourByOrder):
         return np.stack(
             [np.repeat(runs[order, 0], [len(row) for row in rows]), np.concatenate(rows)], axis=1
         )
+
+
+@TOURS.register("strips")
+class StripsTour(TourByOrder):
+    """A tour along the fewest straight strips of cells, in rows and in columns, with about two
+    turns for each strip; see `fewest_strips`.
+
+    Where a region has arms in two directions, rows run along one arm and columns along the other.
+    The strips are joined as the rows of `BoustrophedonTour` are.
+
+    Parameters
+    ----------
+    turn : float
+        Cost of a change of direction between two strips, in cells.
+    """
+
+    name = "strips"
+
+    turn: float = 1.0  # the default for subclasses whose initializer does not set it
+
+    def __init__(self, turn: float = 1.0) -> None:
+        self.turn = float(turn)
+
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        from shoal.search.kernels.runs import shorten
+
+        strips = fewest_strips(region)
+        order, backwards = _nearest_next(strips)
+        if len(strips) <= MOST_RUNS:
+            shorten(strips.astype(np.float64), order, backwards, self.turn, DISTURBANCES)
+        ways = []
+        for strip, back in zip(strips[order], backwards[order], strict=True):
+            (row, col), (last_row, last_col) = strip[::-1] if back else strip
+            count = int(abs(last_row - row) + abs(last_col - col)) + 1
+            ways.append(
+                np.stack(
+                    [np.linspace(row, last_row, count), np.linspace(col, last_col, count)], axis=1
+                )
+            )
+        cells: NDArray[np.int64] = np.rint(np.concatenate(ways)).astype(np.int64)
+        return cells
+
+
+def _nearest_next(strips: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return an order of strips in which the next end is the nearest one, and whether each strip
+    runs from its last cell to its first.
+    """
+    rest = np.ones(len(strips), dtype=np.bool_)
+    order, backwards = np.zeros(len(strips), dtype=np.int64), np.zeros(len(strips), dtype=np.int64)
+    here = strips[0, 0]
+    for k in range(len(strips)):
+        left = np.flatnonzero(rest)
+        far = ((strips[left] - here) ** 2).sum(axis=2)
+        nearest, end = divmod(int(far.argmin()), 2)
+        order[k] = left[nearest]
+        backwards[order[k]] = end
+        rest[order[k]] = False
+        here = strips[order[k], 1 - end]
+    return order, backwards
 
 
 @TOURS.register("comb")

@@ -191,12 +191,12 @@ class Tour:
         >>> up_and_down.row_angle(45.0)
         135.0
         """
-        cells = (
-            self.cells
+        along_rows = (
+            self.runs_along_rows
             if layer is None or len(self.shape) == 2
-            else self.cells[self.cells[:, 0] == layer]
+            else self._runs_along_rows(self.cells[self.cells[:, 0] == layer])
         )
-        return (angle + 90.0 * (not self._runs_along_rows(cells))) % 180.0
+        return (angle + 90.0 * (not along_rows)) % 180.0
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import permutations
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
@@ -18,6 +18,9 @@ from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
+
+if TYPE_CHECKING:
+    from shoal.steering.certificates.search import PatternTree
 
 KIND = "steering certificate"
 CERTIFIED = 1e-3
@@ -38,7 +41,7 @@ class Certificate:
         No plan is shorter, in the unit of the workspace.
     proof : dict or None
         JSON object for `check_certificate`; None if the bound has no proof tree, because the
-        workspace is not a polygon.
+        workspace is neither a convex polygon nor a disk.
     """
 
     episode: SteeringEpisode
@@ -83,6 +86,7 @@ def certify(
     *,
     seconds: float = 60.0,
     progress: Callable[[float, float], None] | None = None,
+    clock: Callable[[], float] = monotonic,
 ) -> Certificate:
     """Return a lower bound on the length of all plans for the problem of an episode, and its proof.
 
@@ -94,13 +98,16 @@ def certify(
         Time of the search, which also ends at a gap of 0.01 %.
     progress : callable, optional
         Called about once in a second with the seconds so far and the lower bound.
+    clock : callable, optional
+        Returns the seconds that ``seconds`` limits; `time.process_time` counts the time of the
+        processor.
 
     Raises
     ------
     InvalidInputError
         If the problem has noise, an uneven field or stated errors: its plans have no least length.
     MissingExtraError
-        If Clarabel is not installed (``pip install 'shoal[certify]'``).
+        If the search needs Clarabel, and it is not installed (``pip install 'shoal[certify]'``).
 
     Examples
     --------
@@ -115,93 +122,117 @@ def certify(
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
+    orders: Sequence[tuple[int, ...]] = (
+        list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
+    )
     limit = episode.length
-    search = _search_of(problem, start, goal, limit) if episode else None
-    if search is None:
+    searches, more = (
+        _searches(problem, start, [goal[list(order)] for order in orders], limit)
+        if (episode and has_proof(problem))
+        else ([], {})
+    )
+    if not searches:
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None)
-    from shoal.steering.certificates.relaxation import HoldGap
-
-    trees = search.trees
-    begun = told = monotonic()
-    while (now := monotonic()) - begun < seconds:
-        tree = min(trees, key=lambda one: one.least_open)
-        if tree.least_open * (1 + _ENOUGH) >= min(one.upper for one in trees):
+    begun = told = clock()
+    while (now := clock()) - begun < seconds:
+        search = min(searches, key=lambda one: one.lower)
+        least = search.lower
+        if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
             break
-        tree.step()
+        search.step(clock)
         if progress is not None and now - told > 1:
             told = now
-            progress(now - begun, min(one.lower for one in trees))
-    bound = max(min(one.lower for one in trees) * (1 - _SLACK), 0.0)
+            progress(now - begun, least)
+    bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
         **_stated(problem, start, goal),
-        **search.proof(),
+        **more,
+        "limit": limit,
+        "unit": searches[0].relaxation.scale,
         "lower_bound": bound,
+        "trees": [
+            {"order": [k + 1 for k in order], "proof": search.proof(bound)}
+            for order, search in zip(orders, searches, strict=True)
+        ],
     }
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, tree = min(zip(search.orders, trees, strict=True), key=lambda pair: pair[1].upper)
-    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit and place.kind == "polygon":
-        episode = improved(
-            episode, order, [item for item in tree.best.pattern if not isinstance(item, HoldGap)]
-        )
+    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
+    if place.kind == "polygon":
+        episode = _shortened(episode, order, search.shortest)
     return Certificate(replace(episode, lower_bound=bound), bound, proof)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """The trees of a search, of which each treats one case, and what makes a certificate of them."""
+def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
+    """Refuse a problem whose plans have no least length, and a search without the Clarabel that it
+    needs.
+    """
+    check_number(seconds, what="certify", above=0)
+    if problem.noisy or problem.bounds is not None:
+        raise InvalidInputError(
+            "certify: expected a problem without noise, uneven field and stated errors, because"
+            " only its plans have a least length"
+        )
+    if has_proof(problem):
+        import_extra("clarabel", "certificates need Clarabel", extra="certify")
 
-    trees: Sequence[Any]
-    orders: Sequence[tuple[int, ...]]
-    proof: Callable[[], dict[str, Any]]
 
+def has_proof(problem: SteeringProblem) -> bool:
+    """Return whether the bounds of such problems have proof trees.
 
-def _search_of(problem: SteeringProblem, start: Points, goal: Points, limit: float) -> Any:
-    """Return the search for a proof, or None if there is none for such problems."""
+    A region has none if its obstacles touch each other or the outline, or if there are too many
+    ways around them.
+    """
     place = problem.place
-    if problem.n_particles != 2 or problem.particle_radius or problem.friction < inf:
-        return None
-    from shoal.steering.certificates.cells import cells_of
-    from shoal.steering.certificates.relaxation import Relaxation
-    from shoal.steering.certificates.routes import RouteSearch
-    from shoal.steering.certificates.search import PatternTree
-
-    orders = list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
-    if place.kind != "polygon":
-        cells = cells_of(place)
-        if cells is None or not limit:
-            return None
-        found = RouteSearch(cells, start, goal, orders, problem.tolerance, limit)
-        return found if found.trees else None
-    trees = [
-        PatternTree(Relaxation(place.vertices, start, goal[list(order)], problem.tolerance, limit))
-        for order in orders
-    ]
-    return _Search(
-        trees,
-        orders,
-        lambda: {
-            "limit": limit,
-            "unit": trees[0].relaxation.scale,
-            "trees": [
-                {"order": [k + 1 for k in order], "proof": tree.root.proof()}
-                for order, tree in zip(orders, trees, strict=True)
-            ],
-        },
+    return (
+        (
+            place.kind in ("polygon", "disk", "region")
+            or (place.kind == "prism" and not place.open_ends)
+        )
+        and problem.n_particles == 2
+        and not problem.particle_radius
+        and problem.friction == inf
     )
+
+
+def _searches(
+    problem: SteeringProblem, start: Points, goals: Sequence[Points], limit: float
+) -> tuple[list[Any], dict[str, Any]]:
+    """Return a search for each assignment of goals, and what else their certificate states; no
+    search if there is no proof.
+    """
+    place, tolerance = problem.place, problem.tolerance
+    if place.kind in ("polygon", "disk"):
+        from shoal.steering.certificates.relaxation import Relaxation, round_directions
+        from shoal.steering.certificates.search import Search
+
+        searches = [Search(Relaxation(place, start, goal, tolerance, limit)) for goal in goals]
+        more = {"directions": round_directions().tolist()} if place.round else {}
+        return list(searches), more | {"runs": searches[0].relaxation.walls.runs}
+    from shoal.steering.certificates.cells import cells_of
+    from shoal.steering.certificates.route_search import RouteSearch
+
+    cells = cells_of(place)
+    if cells is None or not limit:
+        return [], {}
+    found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
+    return [one for one in found if all(other.trees for other in found)], cells.stated
 
 
 def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
     """Return the problem as a certificate states it."""
     place = problem.place
-    rings = [ring.tolist() for ring in place.rings]
-    where = {"rings": rings} if place.kind == "region" else {"corners": rings[0]}
-    if place.dimensions == 3:
-        where["height"] = place.height
+    if place.kind == "disk":
+        where = {"center": place.center.tolist(), "radius": place.radius}
+    elif place.kind == "region":
+        where = {"rings": [ring.tolist() for ring in place.rings]}
+    else:
+        where = {"corners": place.vertices.tolist()}
+        where |= {"height": place.height} if place.height else {}
     return {
         **where,
         "start": start.tolist(),
@@ -211,29 +242,36 @@ def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, 
     }
 
 
-def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
-    """Refuse a problem whose plans have no least length, and a search without Clarabel."""
-    check_number(seconds, what="certify", above=0)
-    if problem.noisy or problem.bounds is not None:
-        raise InvalidInputError(
-            "certify: expected a problem without noise, uneven field and stated errors, because"
-            " only its plans have a least length"
-        )
-    import_extra("clarabel", "certificates need Clarabel", extra="certify")
-
-
 def check_certificate_of(
     problem: SteeringProblem, certificate: Any, *, seed: int = 0
 ) -> Verification:
     """Check that a certificate is right, and that it is one of ``problem``."""
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
         return Verification(False, f"the file is no {KIND}")
-    if problem.place.round or problem.friction < inf or problem.particle_radius:
-        return Verification(False, "certificates are for points and flat walls without sliding")
-    for name, value in _stated(problem, *problem.endpoints(seed)).items():
+    start, goal = problem.endpoints(seed)
+    if not has_proof(problem):
+        return Verification(
+            False,
+            "certificates are for two points in polygons, disks, prisms and regions, without"
+            " sliding and open ends",
+        )
+    for name, value in _stated(problem, start, goal).items():
         if certificate.get(name) != value:
             return Verification(False, f"the certificate is for another problem: see {name}")
     return check_certificate(certificate)
+
+
+def _shortened(
+    episode: SteeringEpisode, order: tuple[int, ...], tree: PatternTree
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan of a tree, if this is shorter than ``episode``."""
+    if tree.best is None or tree.upper * (1 + CERTIFIED) >= episode.length:
+        return episode
+    from shoal.steering.certificates.relaxation import Hold
+
+    walls = len(episode.problem.place.vertices)
+    holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
+    return improved(episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds])
 
 
 def improved(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -177,7 +176,7 @@ def _region(place: Region) -> Cells | None:
     walls_of: list[list[int]] = []
     doors_of: list[list[int]] = []
     for polygon in polygons:
-        sides = list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
+        sides = _sides(polygon)
         walls_of.append([edges[side] for side in sides if side in edges])
         doors_of.append(
             [
@@ -255,29 +254,26 @@ def _convex_parts(place: Region, vertices: Points) -> list[list[int]] | None:
             return None
         parts.append(part if area > 0 else part[::-1])
 
-    def grown() -> Iterator[tuple[int, int, list[int]]]:
-        sides = {
-            side: k
-            for k, part in enumerate(parts)
-            for side in zip(part, part[1:] + part[:1], strict=True)
-        }
-        for (a, b), one in sides.items():
-            other = sides.get((b, a))
-            if other is None or a > b:
-                continue
-            first, second = parts[one], parts[other]
-            at, to = first.index(b), second.index(a)
-            whole = first[at:] + first[:at] + (second[to:] + second[:to])[1:-1]
-            if all(
-                _left(*(vertices[whole[(k + step) % len(whole)]] for step in (0, 1, 2))) >= 0
-                for k in range(len(whole))
-            ):
-                yield one, other, whole
+    owner = {side: k for k, part in enumerate(parts) for side in _sides(part)}
+    for a, b in list(owner):
+        one, other = owner[a, b], owner.get((b, a))
+        if other is None or a > b or one == other:
+            continue
+        first, second = parts[one], parts[other]
+        at, to = first.index(b), second.index(a)
+        whole = first[at:] + first[:at] + (second[to:] + second[:to])[1:-1]
+        count = len(whole)
+        if all(
+            _left(*(vertices[whole[(k + step) % count]] for step in (0, 1, 2))) >= 0
+            for k in range(count)
+        ):
+            parts[one], parts[other] = whole, []
+            owner.update((side, one) for side in _sides(whole))
+    return [part for part in parts if part]
 
-    while (found := next(grown(), None)) is not None:
-        one, other, whole = found
-        parts = [part for k, part in enumerate(parts) if k not in (one, other)] + [whole]
-    return parts
+
+def _sides(polygon: list[int]) -> list[tuple[int, int]]:
+    return list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
 
 
 @dataclass(frozen=False, eq=False)

@@ -1,17 +1,18 @@
 """Check certificates of steering in exact arithmetic, without any code of the search.
 
-The module uses whole numbers only: all coordinates are scaled so that they are whole, and the
-multipliers of a certificate are multiples of a power of two. The formulas are those of
-docs/concepts/steering/certificates.md.
+The module uses whole numbers and fractions only: all coordinates are scaled so that they are whole,
+and the multipliers of a certificate are multiples of a power of two. Roots, sines, cosines and
+angles are rounded outward. The formulas are those of docs/concepts/steering/certificates.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
-from math import floor, isfinite, lcm
-from typing import Any
+from math import floor, isfinite, isqrt, lcm
+from typing import Any, NamedTuple
 
 from shoal.core.episode import Verification
 
@@ -20,225 +21,656 @@ Pair = tuple[int, int]
 Vector = tuple[dict[int, int], dict[int, int]]
 _ONE = -1  # key of the constant of an expression
 
-# An item of a pattern is a hold (wall, particle), or a gap: a tuple of its holds in a list, or None.
-Item = Pair | list[Pair] | None
+WallArc = tuple[int, int, int]  # first wall, wall after the last, particle
+
+
+class _Hold(NamedTuple):
+    """Contacts of one particle; the ranges are those of their first, last, least and most walls."""
+
+    particle: int
+    first: Pair
+    last: Pair
+    least: Pair
+    most: Pair
+    order: int = 0
+
+
+# An item of a pattern is a hold, or a gap: a list of its arcs, or None for all contacts.
+Item = _Hold | list[WallArc] | None
 
 
 class _WrongError(Exception):
     """A certificate that proves nothing."""
 
 
+class _FlatWalls:
+    """The walls of a convex polygon, in whole numbers."""
+
+    radius = 0
+
+    def __init__(self, corners: list[Pair]) -> None:
+        following = corners[1:] + corners[:1]
+        self.corners = corners
+        self.count = len(corners)
+        self.along = [(q[0] - p[0], q[1] - p[1]) for p, q in zip(corners, following, strict=True)]
+        if len(corners) < 3 or any(
+            _cross(self.along[k - 1], self.along[k]) <= 0 for k in range(self.count)
+        ):
+            raise _WrongError("the corners are not those of a convex polygon")
+        if _turns(self.along) != 1:
+            raise _WrongError("the corners go around more than once")
+        self.normals = [(-y, x) for x, y in self.along]
+        # all corners are at most R from a centre, and all walls at least q
+        self.middle = tuple(sum(part) // self.count for part in zip(*corners, strict=True))
+        out = [(x - self.middle[0], y - self.middle[1]) for x, y in corners]
+        near = min(
+            -_dot(normal, corner) // _root(_dot(normal, normal))
+            for normal, corner in zip(self.normals, out, strict=True)
+        )
+        self.far = _root(max(_dot(corner, corner) for corner in out))
+        self.ring = self.far**2 - max(near, 0) ** 2
+        xs, ys = zip(*corners, strict=True)
+        self.low, self.high = (min(xs), min(ys)), (max(xs), max(ys))
+        self.sides = [
+            (normal, _dot(normal, corner))
+            for normal, corner in zip(self.normals, corners, strict=True)
+        ]
+
+    def axis(self, first: int, end: int) -> tuple[Pair, int]:
+        """Return m and s with m . u <= s |u| for each adjustment u of a contact with the walls.
+
+        With w the greatest angle between m and an inward normal N of the walls, N . u <= 0 means an
+        angle of 90 degrees or more between N and u, so of 90 degrees - w or more between m and u.
+        """
+        walls = [self.normals[k % self.count] for k in range(first, end)]
+        axis = sum(x for x, _ in walls), sum(y for _, y in walls)
+        if any(_dot(axis, normal) <= 0 for normal in walls):
+            return axis, _root(_dot(axis, axis))
+        # |m| sin w = max |m x N| / |N|, rounded up; 0 for one wall
+        return axis, max(
+            _ratio(abs(_cross(axis, normal)), isqrt(_dot(normal, normal))) for normal in walls
+        )
+
+    def arc(self, first: int, end: int) -> list[tuple[Pair, int]]:
+        """Return normals N and numbers b with N . c >= b for all points c of the walls."""
+        walls = [k % self.count for k in range(first, end)]
+        chord = (
+            -sum(self.normals[k][0] for k in walls),
+            -sum(self.normals[k][1] for k in walls),
+        )
+        return [
+            *(self.sides[k] for k in walls),
+            (chord, _dot(chord, self.corners[first % self.count])),
+        ]
+
+
+class _RoundWalls:
+    """The wall of a disk around the origin, as arcs between directions, in whole numbers."""
+
+    def __init__(self, radius: int, directions: list[Pair]) -> None:
+        following = directions[1:] + directions[:1]
+        if (
+            len(directions) < 3
+            or radius <= 0
+            or any(_cross(p, q) <= 0 for p, q in zip(directions, following, strict=True))
+            or _turns(directions) != 1
+        ):
+            raise _WrongError("the directions do not go around the disk once")
+        self.radius, self.directions = radius, directions
+        self.far, self.ring, self.middle = radius, 0, (0, 0)
+        self.count = len(directions)
+        self.low, self.high = (-radius, -radius), (radius, radius)
+        self.sides: list[tuple[Pair, int]] = []
+
+    def _cone(self, first: int, end: int) -> tuple[Pair, list[Pair], bool]:
+        """Return the sum of the directions at the ends of an arc, these directions, and whether the
+        arc is small.
+        """
+        ends = [self.directions[first % self.count], self.directions[end % self.count]]
+        middle = ends[0][0] + ends[1][0], ends[0][1] + ends[1][1]
+        small = end - first <= self.count // 3
+        if small and (_cross(*ends) <= 0 or any(_dot(middle, one) <= 0 for one in ends)):
+            raise _WrongError("a third of the directions goes around half of the disk")
+        return middle, ends, small
+
+    def axis(self, first: int, end: int) -> tuple[Pair, int]:
+        """As that of flat walls; the normals are the opposite directions."""
+        (x, y), ends, small = self._cone(first, end)
+        if not small:
+            return (-x, -y), _root(x * x + y * y)
+        return (-x, -y), max(
+            _ratio(abs(_cross((x, y), one)), isqrt(_dot(one, one))) for one in ends
+        )
+
+    def arc(self, first: int, end: int) -> list[tuple[Pair, int]]:
+        """As that of flat walls: with M the sum of the directions d at the ends, the contacts have
+        M . c >= r M . d / |d| for one of these, rounded down.
+        """
+        middle, ends, small = self._cone(first, end)
+        if not small:
+            return []
+        least = min(self.radius * _dot(middle, one) // _root(_dot(one, one)) for one in ends)
+        return [(middle, least)]
+
+
 class _Task:
     """One assignment of goals to particles, in whole numbers."""
 
-    def __init__(
-        self,
-        corners: Sequence[Sequence[float]],
-        start: Sequence[Sequence[float]],
-        goal: Sequence[Sequence[float]],
-        tolerance: float,
-        limit: float,
-        unit: float,
-    ) -> None:
-        origin = [Fraction(x) for x in corners[0]]
+    def __init__(self, certificate: Mapping[str, Any], order: Sequence[int]) -> None:
+        disk = "radius" in certificate
+        flat = [] if disk else certificate["corners"]
+        round_ = certificate["directions"] if disk else []
+        origin = [Fraction(x) for x in (certificate["center"] if disk else flat[0])]
+        unit = Fraction(certificate["unit"])
+        if unit <= 0:
+            raise _WrongError("the unit is not positive")
 
         def scaled(points: Sequence[Sequence[float]]) -> list[list[Fraction]]:
             return [
-                [
-                    (Fraction(x) - least) / Fraction(unit)
-                    for x, least in zip(point, origin, strict=True)
-                ]
+                [(Fraction(x) - least) / unit for x, least in zip(point, origin, strict=True)]
                 for point in points
             ]
 
-        places = [scaled(points) for points in (corners, start, goal)]
-        sizes = [Fraction(tolerance) / Fraction(unit), Fraction(limit) / Fraction(unit)]
-        numbers = [x for points in places for point in points for x in point]
-        self.whole = lcm(*(x.denominator for x in [*numbers, *sizes]))
-        self.unit = Fraction(unit)
-        if min(self.unit, *sizes) < 0:
-            raise _WrongError("the unit, the tolerance or the limit is negative")
-        self.corners, self.start, self.goal = (
-            [(int(x * self.whole), int(y * self.whole)) for x, y in points] for points in places
-        )
-        self.tolerance, self.limit = (int(size * self.whole) for size in sizes)
-        following = self.corners[1:] + self.corners[:1]
-        self.along = [
-            (q[0] - p[0], q[1] - p[1]) for p, q in zip(self.corners, following, strict=True)
+        goal = [certificate["goal"][k - 1] for k in order]
+        places = [scaled(points) for points in (flat, certificate["start"], goal)]
+        around = [[Fraction(x) for x in direction] for direction in round_]
+        sizes = [
+            Fraction(certificate[name]) / unit
+            for name in ("tolerance", "limit", *(["radius"] if disk else []))
         ]
-        if len(corners) < 3 or any(
-            _cross(self.along[k - 1], self.along[k]) <= 0 for k in range(len(self.along))
-        ):
-            raise _WrongError("the corners are not those of a convex polygon")
-        if self._turns() != 1:
-            raise _WrongError("the corners go around more than once")
-        self.normals = [(-y, x) for x, y in self.along]
-        self.every = [(wall, particle) for wall in range(len(corners)) for particle in (0, 1)]
-        xs, ys = zip(*self.corners, strict=True)
-        self.extent = (max(xs) - min(xs), max(ys) - min(ys))
+        numbers = [x for points in (*places, around) for point in points for x in point]
+        self.whole = lcm(*(x.denominator for x in [*numbers, *sizes]))
+        self.unit = unit
+        if min(sizes) < 0:
+            raise _WrongError("the tolerance or the limit is negative")
+        corners, self.start, self.goal, directions = (
+            [(int(x * self.whole), int(y * self.whole)) for x, y in points]
+            for points in (*places, around)
+        )
+        self.tolerance, self.limit, *radius = (int(size * self.whole) for size in sizes)
+        self.walls = _RoundWalls(radius[0], directions) if disk else _FlatWalls(corners)
+        self.runs = bool(certificate["runs"])
+        if disk and not self.runs:
+            raise _WrongError("the holds of a disk are no runs")
+        self.extent = (
+            self.walls.high[0] - self.walls.low[0],
+            self.walls.high[1] - self.walls.low[1],
+        )
 
-    def _turns(self) -> int:
-        """How often the sides turn around: changes of the sides from down to up."""
-        ups = [y > 0 or (y == 0 and x > 0) for x, y in self.along]
-        return sum(one and not before for before, one in zip([ups[-1], *ups], ups, strict=False))
-
-    def follows(self, first: Pair, second: Pair) -> bool:
-        """Whether the second hold can change the difference directly after the first."""
-        if first == second:
+    def opposite(self, first: _Hold, second: _Hold) -> bool:
+        """Whether the second of two holds by flat walls always finds both particles on its wall."""
+        walls = self.walls
+        if self.runs or isinstance(walls, _RoundWalls):
             return False
-        one, other = self.normals[first[0]], self.normals[second[0]]
-        sign = 1 if first[1] == second[1] else -1
-        return _cross(one, other) != 0 or sign * _dot(one, other) > 0
+        one, other = (walls.normals[hold.first[0] % walls.count] for hold in (first, second))
+        sign = 1 if first.particle == second.particle else -1
+        return _cross(one, other) == 0 and sign * _dot(one, other) < 0
+
+    def repeats(self, first: _Hold, second: _Hold) -> bool:
+        """Whether two holds without contacts between them would be one hold."""
+        if self.runs:
+            return first.particle == second.particle
+        count = self.walls.count
+        return (first.particle, first.first[0] % count) == (
+            second.particle,
+            second.first[0] % count,
+        )
 
     def value(self, pattern: Sequence[Item], leaf: Mapping[str, Any]) -> Fraction:
         """Return the bound that the multipliers of a leaf prove for all plans of a pattern."""
-        norms, rows, bounds = self.program(pattern)
-        vectors, slacks = leaf["norms"], leaf["slacks"]
-        if len(vectors) != len(norms):
-            raise _WrongError(f"expected {len(norms)} norms, got {len(vectors)}")
-        total: dict[int, int] = {}
-        for vector, norm in zip(vectors, norms, strict=True):
+        program = _Program(self, pattern)
+        vectors = leaf["norms"]
+        if len(vectors) != len(program.norms):
+            raise _WrongError(f"expected {len(program.norms)} norms, got {len(vectors)}")
+        total = dict.fromkeys(program.costs, STEP * self.whole)
+        for vector, norm in zip(vectors, program.norms, strict=True):
             x, y = (_multiple(part) for part in vector)
             if x * x + y * y > STEP * STEP:
                 raise _WrongError("the multiplier of a norm is longer than 1")
             for factor, part in ((x, norm[0]), (y, norm[1])):
-                for key, number in part.items():
-                    total[key] = total.get(key, 0) + factor * number * self.whole
-        for index, given in slacks:
+                _add(total, part, factor * self.whole)
+        for index, given in leaf["slacks"]:
             slack = _multiple(given)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
-            if not (isinstance(index, int) and 0 <= index < len(rows)):
-                raise _WrongError(f"no constraint has the number {index}")
-            for key, number in rows[index].items():
-                total[key] = total.get(key, 0) - slack * number
+            _add(total, _numbered(program.rows, index)(), -slack)
+        for index, *given in leaf["cones"]:
+            factors = [_multiple(part) for part in given]
+            length, vectors = _numbered(program.cones, index)
+            # t >= |v| and n >= |z| mean n t - z . v >= 0
+            size = _root(sum(factor * factor for factor in factors))
+            _add(total, length, -size * self.whole)
+            # fewer parts of z than of v, or more, are 0
+            for factor, part in zip(factors, vectors, strict=False):
+                _add(total, part, factor * self.whole)
         value = total.pop(_ONE, 0)
         for key, number in total.items():
-            low, high = bounds[key]
+            low, high = program.bounds[key]
             value += min(number * low, number * high)
         proven = Fraction(value, STEP * self.whole * self.whole) * self.unit
         return min(proven, Fraction(self.limit, self.whole) * self.unit)
-
-    def program(
-        self, pattern: Sequence[Item]
-    ) -> tuple[list[Vector], list[dict[int, int]], list[Pair]]:
-        """Return the norms, the constraints and the bounds of the variables of a pattern."""
-        bounds: list[Pair] = []
-        norms: list[Vector] = []
-        rows: list[dict[int, int]] = []
-
-        def vector(low: Pair, high: Pair) -> Vector:
-            bounds.extend(zip(low, high, strict=True))
-            return {len(bounds) - 2: 1}, {len(bounds) - 1: 1}
-
-        def around(reach: Pair) -> Vector:
-            return vector((-reach[0], -reach[1]), reach)
-
-        def equal(one: Vector, other: Vector) -> None:
-            # times the number that all other rows contain through their normals
-            for first, second in ((one, other), (other, one)):
-                rows.extend(
-                    {key: number * self.whole for key, number in part.items()}
-                    for part in _minus(first, second)
-                )
-
-        far, tolerance = (self.limit, self.limit), self.tolerance
-        goals = [
-            vector((x - tolerance, y - tolerance), (x + tolerance, y + tolerance))
-            for x, y in self.goal
-        ]
-        places = [_constant(point) for point in self.start]
-        if not pattern:
-            apart = _minus(_minus(goals[1], goals[0]), _minus(places[1], places[0]))
-            equal(apart, ({}, {}))
-            return [_minus(goals[0], places[0])], rows, bounds
-        reached: list[Vector] | None = None
-        for number, item in enumerate(pattern):
-            final = number == len(pattern) - 1
-            if not isinstance(item, tuple):
-                free = around(far)
-                before: Vector = ({}, {}) if final else around(self.extent)
-                norms.append(free)
-                reached = [_plus(place, free) for place in places]
-                for wall, particle in [(-1, 0), (-1, 1)] if item is None else sorted(item):
-                    change = around(far)
-                    norms.append(change)
-                    reached[1 - particle] = _plus(reached[1 - particle], change)
-                    if item is not None:
-                        rows.append(_along(self.normals[wall], change, -1))
-                continue
-            wall, particle = item
-            sign = 1 if particle == 0 else -1
-            contacts = []
-            for _ in range(2):
-                bounds.append((0, 1))
-                contacts.append(_constant(self.corners[wall]))
-                for axis in (0, 1):
-                    contacts[-1][axis][len(bounds) - 1] = self.along[wall][axis]
-            first, last = contacts
-            if reached is None:
-                before = _minus(places[1], places[0])
-                norms.append(_minus(first, places[particle]))
-            else:
-                now = (
-                    [first, _plus(first, before)]
-                    if particle == 0
-                    else [_minus(first, before), first]
-                )
-                equal(reached[0], now[0])
-                equal(reached[1], now[1])
-                reached = None
-            after = _minus(goals[1], goals[0]) if final else around(self.extent)
-            norms += [_minus(last, first), _minus(after, before)]
-            for contact, apart in ((first, before), (last, after)):
-                other = _plus(contact, apart) if sign == 1 else _minus(contact, apart)
-                for normal, corner in zip(self.normals, self.corners, strict=True):
-                    rows.append(_along(normal, _minus(other, _constant(corner)), 1))
-            rows.append(_along(self.normals[wall], _minus(before, after), sign))
-            places = [last, _plus(last, after)] if particle == 0 else [_minus(last, after), last]
-            if final:
-                norms.append(_minus(goals[particle], last))
-        if reached is not None:
-            equal(reached[0], goals[0])
-            equal(reached[1], goals[1])
-        return norms, rows, bounds
 
     def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
         """Return the patterns into which a node must divide its own."""
         place = node["place"]
         if not (isinstance(place, int) and 0 <= place < len(pattern)):
-            raise _WrongError(f"a pattern has no gap at {place}")
-        gap = pattern[place]
-        if isinstance(gap, tuple):
-            raise _WrongError(f"a pattern has no gap at {place}")
-        known = [(wall, particle) for wall, particle in node["known"]]
-        if not set(known) <= set(self.every):
-            raise _WrongError("a gap has an unknown hold")
+            raise _WrongError(f"a pattern has no item at {place}")
+        before, item, after = list(pattern[:place]), pattern[place], list(pattern[place + 1 :])
+        if isinstance(item, _Hold):
+            return [[*before, half, *after] for half in _halves(item, node)]
+        known = [_arc(given) for given in node["known"]]
+        backwards = node["side"] == "last"
+        beside = after[:1] if backwards else before[-1:]
+        neighbour = beside[0] if beside and isinstance(beside[0], _Hold) else None
+        holds = []
+        for particle, begin, end in node["choices"]:
+            _arc((begin, end, particle))
+            holds.append(self._hold(particle, (begin, end), backwards=backwards))
+        covered = [
+            self._mask(arc, 0) | self._mask(arc, 1)
+            for arc in [*known, *((*given[1:], given[0]) for given in node["choices"])]
+        ]
+        missing = self._needed(item, known, neighbour, backwards=backwards)
+        for mask in covered:
+            missing &= ~mask
+        if missing:
+            raise _WrongError("a contact that a gap may have is missing")
         within: list[Item] = [known] if known else []
         middles: list[list[Item]] = [within]
-        middles += [
-            [gap, hold, *within] if node["side"] == "last" else [*within, hold, gap]
-            for hold in (self.every if gap is None else sorted(gap))
-            if hold not in known
-        ]
-        before, after = list(pattern[:place]), list(pattern[place + 1 :])
+        middles += [[item, hold, *within] if backwards else [*within, hold, item] for hold in holds]
+
+        def possible(one: Item, other: Item) -> bool:
+            if not isinstance(one, _Hold) or not isinstance(other, _Hold):
+                return True
+            if self.opposite(one, other):
+                return False
+            # a hold beside a gap of all contacts has all contacts up to the gap that it may have
+            return item is not None or not self.repeats(one, other)
+
         return [
             [*before, *middle, *after]
             for middle in middles
             if all(
-                not isinstance(one, tuple)
-                or not isinstance(other, tuple)
-                or self.follows(one, other)
-                for one, other in pairwise([*before[-1:], *middle, *after[:1]])
+                possible(one, other) for one, other in pairwise([*before[-1:], *middle, *after[:1]])
             )
         ]
 
+    def _hold(self, particle: int, between: Pair, *, backwards: bool) -> _Hold:
+        """Return the hold that begins (or ends) with a range of walls."""
+        whole = between
+        if self.runs:  # numbers of all walls, from half a turn before the range
+            first = (between[0] + between[1]) // 2 - self.walls.count // 2
+            whole = first, first + self.walls.count
+            if not whole[0] <= between[0] < between[1] <= whole[1]:
+                raise _WrongError("a range is more than a turn")
+        elif between[1] - between[0] != 1:
+            raise _WrongError("a hold that is no run has several walls")
+        begins, ends = (whole, between) if backwards else (between, whole)
+        return _Hold(particle, begins, ends, whole, whole)
+
+    def _mask(self, arc: WallArc, particle: int) -> int:
+        """Return the walls of an arc of a particle as bits, those of particle 1 after all of 0."""
+        first, end, owner = arc
+        count = self.walls.count
+        if owner != particle or end <= first:
+            return 0
+        if end - first >= count:
+            bits = (1 << count) - 1
+        else:
+            bits = ((1 << (end - first)) - 1) << (first % count)
+            bits = (bits | bits >> count) & ((1 << count) - 1)
+        return bits << (count * particle)
+
+    def _needed(
+        self, gap: Item, known: list[WallArc], neighbour: _Hold | None, *, backwards: bool
+    ) -> int:
+        """Return the contacts with which a gap may begin (or end), as bits."""
+        count = self.walls.count
+        arcs = [(0, count, 0), (0, count, 1)] if gap is None else gap
+        assert not isinstance(arcs, _Hold)
+        needed = 0
+        for arc in arcs:
+            needed |= self._mask(arc, 0) | self._mask(arc, 1)
+        if known or neighbour is None:
+            return needed
+        if self.runs:
+            if gap is None:  # the neighbour has all contacts of its particle
+                needed &= ~self._mask((0, count, neighbour.particle), neighbour.particle)
+            return needed
+        for wall in range(count):
+            for particle in (0, 1):
+                hold = self._hold(particle, (wall, wall + 1), backwards=backwards)
+                pair = (hold, neighbour) if backwards else (neighbour, hold)
+                if self.opposite(*pair) or self.repeats(*pair):
+                    needed &= ~self._mask((wall, wall + 1, particle), particle)
+        return needed
+
+
+class _Program:
+    """The convex program of a pattern: its norms, rows, cones, costs, and bounds of variables.
+
+    A row is a function that returns the row, because most rows have no multiplier.
+    """
+
+    def __init__(self, task: _Task, pattern: Sequence[Item]) -> None:
+        self.task = task
+        self.bounds: list[Pair] = []
+        self.norms: list[Vector] = []
+        self.rows: list[Callable[[], dict[int, int]]] = []
+        self.cones: list[tuple[Mapping[int, Any], tuple[Mapping[int, Any], ...]]] = []
+        self.costs: list[int] = []
+        (x, y), (other_x, other_y) = task.start
+        walls = task.walls
+        # of the law of growth: sqrt(k) / R, and g
+        self.slope = Fraction(_root(walls.ring), walls.far) if task.runs else Fraction(0)
+        self.grown: dict[int, Fraction] = {
+            _ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) + Fraction(walls.ring, walls.far)
+        }
+        self._build(pattern)
+
+    def _vector(self, low: Pair, high: Pair) -> Vector:
+        self.bounds.extend(zip(low, high, strict=True))
+        return {len(self.bounds) - 2: 1}, {len(self.bounds) - 1: 1}
+
+    def _around(self, reach: Pair) -> Vector:
+        return self._vector((-reach[0], -reach[1]), reach)
+
+    def _equal(self, one: Vector, other: Vector) -> None:
+        # times the number that all other rows contain through their normals
+        whole = self.task.whole
+        for first, second in ((one, other), (other, one)):
+            for part in _minus(first, second):
+                self.rows.append(
+                    partial(
+                        lambda part: {key: number * whole for key, number in part.items()}, part
+                    )
+                )
+
+    def _above(self, normal: Pair, vector: Vector, offset: int) -> None:
+        """Add the row normal . vector - offset."""
+
+        def row() -> dict[int, int]:
+            found = _along(normal, vector, 1)
+            found[_ONE] = found.get(_ONE, 0) - offset
+            return found
+
+        self.rows.append(row)
+
+    def _inside(self, point: Vector) -> None:
+        for normal, offset in self.task.walls.sides:
+            self._above(normal, point, offset)
+        if self.task.walls.radius:
+            self.cones.append(({_ONE: self.task.walls.radius}, point))
+
+    def _contact(self, between: Pair) -> Vector:
+        walls = self.task.walls
+        first = between[0] % walls.count
+        if isinstance(walls, _FlatWalls) and between[1] - between[0] == 1:
+            self.bounds.append((0, 1))
+            point = _constant(walls.corners[first])
+            for axis in (0, 1):
+                point[axis][len(self.bounds) - 1] = walls.along[first][axis]
+            return point
+        point = self._vector(walls.low, walls.high)
+        for normal, offset in walls.arc(*between):
+            self._above(normal, point, offset)
+        if walls.radius:
+            self.cones.append(({_ONE: walls.radius}, point))
+        return point
+
+    def _at_least(self, change: Vector) -> int:
+        """Return a variable that is at least the norm of a vector and part of the length."""
+        self.bounds.append((0, self.task.limit))
+        length = len(self.bounds) - 1
+        self.costs.append(length)
+        self.cones.append(({length: 1}, change))
+        return length
+
+    def _travel(self, change: Vector) -> None:
+        """Count free translations; with the law of growth, remember the sum of their lengths."""
+        if self.task.runs:
+            self.grown[self._at_least(change)] = 1 + self.slope
+        else:
+            self.norms.append(change)
+
+    def _adjust(self, change: Vector) -> None:
+        """Count adjustments; with the law of growth, remember the sum of their lengths."""
+        if self.slope:
+            self.grown[self._at_least(change)] = self.slope
+        else:
+            self.norms.append(change)
+
+    def _touch(self, contact: Vector, item: _Hold) -> None:
+        """Begin the law of growth with a first contact, from the middle."""
+        walls, (one, other) = self.task.walls, self.task.start
+        sign = 1 - 2 * item.particle
+        apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
+        grown: dict[int, Fraction] = {_ONE: Fraction(walls.ring, walls.far)}
+        for part, size in zip(contact, apart, strict=True):
+            for key, number in part.items():
+                grown[key] = grown.get(key, Fraction(0)) - Fraction(number * size, walls.far)
+        self.grown = grown
+
+    def _spread(self, apart: Vector) -> None:
+        """Add the law of growth.
+
+        All places p are in a disk of radius R around a middle, and each wall has a distance of at
+        least q from it. With k = R² - q², the outward normal of a wall is at most a = asin(sqrt(k)
+        / R) from the direction of each of its points. Let p and o be the places of both particles
+        from the middle, D = o - p, and f = -p . o. So |D|² = |p|² + |o|² + 2 f <= 2 R² + 2 f.
+
+        An adjustment u moves o while a wall with the outward normal n holds p, and n . u >= 0. So
+        p . u >= -|p| sin a |u|, and f rises by at most sqrt(k) |u|.
+        A translation t to the next contact, of p + t (as well as of o + t), has n . t >= 0 for the
+        wall of this contact, and f rises by -t . (o + (p + t)) <= R |t| + sqrt(k) |t|.
+        At the first contact, f = -|p|² - p . D <= -q² - p . D, and D is that of the start.
+        Together, |D|² <= 2 R g, where g is k / R - p . D / R at the first contact + (1 + sqrt(k) /
+        R) (sum of the translations) + sqrt(k) / R (sum of the adjustments). In a disk, k = 0. If
+        the first contact is in a gap, -p . D / R <= |D|.
+        """
+        if self.task.runs:
+            # |v|² <= a b as |(2 v, a - b)| <= a + b
+            doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
+            least, most = dict(self.grown), dict(self.grown)
+            least[_ONE] -= 2 * self.task.walls.far
+            most[_ONE] += 2 * self.task.walls.far
+            self.cones.append((most, (*doubled, least)))
+
+    def _adjusts(self, first: int, end: int, change: Vector) -> None:
+        """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
+        walls = self.task.walls
+        axis, sine = walls.axis(first, end)
+        if isinstance(walls, _FlatWalls) and end - first == 1:
+            self._adjust(change)
+            self.rows.append(lambda: _along(axis, change, -1))
+            return
+        length = self._at_least(change)
+        if self.slope:
+            self.grown[length] = self.slope
+
+        def row() -> dict[int, int]:
+            return _along(axis, change, -1) | {length: sine}
+
+        self.rows.append(row)
+
+    def _build(self, pattern: Sequence[Item]) -> None:
+        task, norms = self.task, self.norms
+        far, tolerance = (task.limit, task.limit), task.tolerance
+        goals = [
+            self._vector((x - tolerance, y - tolerance), (x + tolerance, y + tolerance))
+            for x, y in task.goal
+        ]
+        places = [_constant(point) for point in task.start]
+        if not pattern:
+            self._equal(_minus(_minus(goals[1], goals[0]), _minus(places[1], places[0])), ({}, {}))
+            norms.append(_minus(goals[0], places[0]))
+            return
+        reached: list[Vector] | None = None
+        before: Vector = ({}, {})
+        for number, item in enumerate(pattern):
+            final = number == len(pattern) - 1
+            if not isinstance(item, _Hold):
+                free = self._around(far)
+                self._travel(free)
+                reached = [_plus(place, free) for place in places]
+                for first, end, particle in (
+                    [(0, 0, 0), (0, 0, 1)] if item is None else sorted(item)
+                ):
+                    change = self._around(far)
+                    if item is None:
+                        self._adjust(change)
+                    else:
+                        self._adjusts(first, end, change)
+                    reached[1 - particle] = _plus(reached[1 - particle], change)
+                if not final:
+                    before = self._around(task.extent)
+                self._spread(_minus(goals[1], goals[0]) if final else before)
+                continue
+            first_contact, last_contact = self._contact(item.first), self._contact(item.last)
+
+            def other(contact: Vector, apart: Vector, sign: int = 1 - 2 * item.particle) -> Vector:
+                return _combined(contact, apart, sign)
+
+            if reached is None:
+                before = _minus(places[1], places[0])
+                way = _minus(first_contact, places[item.particle])
+                if number:
+                    self._travel(way)
+                else:
+                    norms.append(way)
+                    if task.runs:
+                        self._touch(_minus(first_contact, _constant(task.walls.middle)), item)
+            else:
+                now = [first_contact, other(first_contact, before)]
+                for one, there in zip(reached, now[:: 1 - 2 * item.particle], strict=True):
+                    self._equal(one, there)
+                reached = None
+            after = _minus(goals[1], goals[0]) if final else self._around(task.extent)
+            touched = [
+                first_contact,
+                *(self._contact(between) for between in _between(item)),
+                last_contact,
+            ]
+            for one, another in pairwise(touched):
+                self._travel(_minus(another, one))
+            self._spread(after)
+            change = other(({}, {}), _minus(after, before))
+            self._adjusts(item.least[0], item.most[1], change)
+            self._inside(other(first_contact, before))
+            self._inside(other(last_contact, after))
+            places = [last_contact, other(last_contact, after)][:: 1 - 2 * item.particle]
+            if final:
+                norms.append(_minus(goals[item.particle], last_contact))
+        if reached is not None:
+            self._equal(reached[0], goals[0])
+            self._equal(reached[1], goals[1])
+
+
+def _between(hold: _Hold) -> list[Pair]:
+    """Return the walls of contacts that a hold certainly has between its first and its last."""
+    if hold.order:
+        return [hold.least, hold.most][:: hold.order]
+    if hold.least[1] <= max(hold.first[0], hold.last[0]):
+        return [hold.least]
+    if hold.most[0] >= min(hold.first[1], hold.last[1]):
+        return [hold.most]
+    return []
+
+
+def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
+    """Return the two cases into which a node divides a hold, without those that cannot be."""
+    if node["name"] == "order":
+        if hold.order:
+            raise _WrongError("the order of a hold is divided again")
+        return [hold._replace(order=1), hold._replace(order=-1)]
+    names = ("first", "last", "least", "most")
+    place, wall = names.index(node["name"]), node["wall"]
+    ranges = [hold.first, hold.last, hold.least, hold.most]
+    first, end = ranges[place]
+    if not (isinstance(wall, int) and first < wall < end):
+        raise _WrongError(f"a hold has no wall {wall} to be divided at")
+    found = []
+    for part in ((first, wall), (wall, end)):
+        ranges[place] = part
+        low, high = ranges[2][0], ranges[3][1]
+        inner = [(max(one, low), min(other, high)) for one, other in ranges]
+        if all(one < other for one, other in inner):
+            first_, last, least, most = inner
+            found.append(_Hold(hold.particle, first_, last, least, most, hold.order))
+    return found
+
+
+_PIECES = 256  # of the least distance, in the law of growth
+_BITS = 240  # of cosines and angles
+_HALVES = 20  # of an angle
+
+
+def _growth(task: _Task) -> Fraction:
+    """Return a bound for a disk from the law of growth, where a plan cannot be a translation.
+
+    Let d be the least |D| of a plan, D the vector between the particles. The sum of the adjustments
+    is at least as long as a path of D from the start to the goal that stays outside the disk of
+    radius d: two tangents and an arc. From then on, the translations are at least as long as
+    |D at the goal|² / 2 r - d, by the law of growth. Each piece of the interval of d has the path
+    of its lower and the translations of its upper end.
+
+    A goal within the tolerance changes D by less than 3 tolerances.
+    """
+    walls, slack = task.walls, 3 * task.tolerance
+    if not walls.radius:
+        raise _WrongError("the law of growth is for disks")
+    ends = [(two[0] - one[0], two[1] - one[1]) for one, two in (task.start, task.goal)]
+    start, goal = (isqrt(_dot(end, end)) for end in ends)
+    apart = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+    straight = isqrt(_dot(apart, apart)) - slack
+    if straight <= 0:
+        raise _WrongError("the law of growth is not for a translation")
+    one, low = 1 << _BITS, max(goal - slack, 0)
+    turn = _angle(_dot(*ends) * one, start * goal)[0] if start and goal else 0
+    most, least = min(start, goal + slack) + 1, None  # no plan has a greater d
+    for piece in range(_PIECES):
+        inner = most * piece // _PIECES - slack
+        outer = most * (piece + 1) // _PIECES + 1
+        way = straight
+        if 0 < inner < min(start, goal):
+            between = turn - sum(_angle(inner * one, end)[1] for end in (start, goal))
+            if between > 0:
+                tangents = sum(isqrt(end * end - inner * inner) for end in (start, goal))
+                way = max(way, tangents + inner * between // one - slack)
+        way += max(low * low // (2 * walls.radius) - outer, 0)
+        least = way if least is None else min(least, way)
+    assert least is not None
+    return Fraction(least, task.whole) * task.unit
+
+
+def _angle(part: int, whole: int) -> Pair:
+    """Return the angle with the cosine part / whole / 2**_BITS, rounded down and up; times 2**_BITS.
+
+    The chord c of an angle is sqrt(2 - 2 cos), that of half of it sqrt(2 - sqrt(4 - c²)). A small
+    angle a is between its chord 2 sin(a / 2) and c (1 + c² / 20).
+    """
+    one = 1 << _BITS
+    found = []
+    for cosine, up in ((-(-part // whole), 0), (part // whole, 1)):
+        square = 2 * one - 2 * max(min(cosine, one), -one)  # of the chord
+        for _ in range(_HALVES):
+            inner = (4 * one - square) * one
+            square = 2 * one - (isqrt(inner) if up else _root(inner))
+        chord = _root(square * one) if up else isqrt(square * one)
+        if up:
+            chord += chord * square // (20 * one) + 1
+        found.append(chord << _HALVES)
+    return found[0], found[1]
+
 
 def _leaves(
-    task: _Task, proof: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[list[Item], Mapping[str, Any]]]:
-    """Yield the leaves of a proof with their patterns, and check that no case is missing."""
-    stack: list[list[Item]] = [[None]]  # all plans
+    task: Any, proof: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[list[Any], Mapping[str, Any]]]:
+    """Yield the leaves of a proof with their patterns, and check that no case is missing.
+
+    The task has the method ``parts``.
+    """
+    stack: list[list[Any]] = [[None]]  # all plans
     for node in proof:
         if not stack:
             raise _WrongError("the proof goes on after its last case")
@@ -251,20 +683,13 @@ def _leaves(
         raise _WrongError(f"{len(stack)} cases are missing")
 
 
-def _polygon_leaves(
-    certificate: Mapping[str, Any],
-) -> Iterator[tuple[_Task, list[Item], Mapping[str, Any]]]:
-    for tree in certificate["trees"]:
-        task = _Task(
-            certificate["corners"],
-            certificate["start"],
-            [certificate["goal"][k - 1] for k in tree["order"]],
-            certificate["tolerance"],
-            certificate["limit"],
-            certificate["unit"],
-        )
-        for pattern, leaf in _leaves(task, tree["proof"]):
-            yield task, pattern, leaf
+def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
+    """Yield the bound of each leaf of a proof."""
+    if proof == "growth":
+        yield _growth(task)
+        return
+    for pattern, leaf in _leaves(task, proof):
+        yield task.value(pattern, leaf)
 
 
 def check_certificate(certificate: Mapping[str, Any]) -> Verification:
@@ -279,21 +704,28 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
     certificate : mapping
         The JSON object that `shoal.steering.certify` returns as `Certificate.proof`.
     """
-    from shoal.steering.certificates.check_routes import route_leaves  # which uses this module
+    from shoal.steering.certificates.check_routes import route_values  # which uses this module
 
     try:
         bound = Fraction(certificate["lower_bound"])
-        cells = "rings" in certificate or "height" in certificate
-        orders = [tree["order"] for tree in certificate["orders" if cells else "trees"]]
+        by_routes = "rings" in certificate or "height" in certificate
+        orders = [tree["order"] for tree in certificate["trees"]]
         needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
         if sorted(orders) != needed:
             raise _WrongError(f"expected proofs for the orders {needed}, got {orders}")
         count = 0
-        for task, pattern, leaf in (route_leaves if cells else _polygon_leaves)(certificate):
-            value = task.value(pattern, leaf)
-            count += 1
-            if value < bound:
-                raise _WrongError(f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}")
+        for tree in certificate["trees"]:
+            values = (
+                route_values(certificate, tree)
+                if by_routes
+                else _values(_Task(certificate, tree["order"]), tree["proof"])
+            )
+            for value in values:
+                count += 1
+                if value < bound:
+                    raise _WrongError(
+                        f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}"
+                    )
     except _WrongError as error:
         return Verification(False, f"the certificate is wrong: {error}")
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
@@ -307,6 +739,41 @@ def _multiple(given: float) -> int:
     if not isfinite(given) or floor(given * STEP) != given * STEP:
         raise _WrongError(f"a multiplier is no multiple of 2**-36: {given!r}")
     return int(given * STEP)
+
+
+def _arc(given: Sequence[int]) -> WallArc:
+    first, end, particle = given
+    if not all(isinstance(x, int) for x in given) or particle not in (0, 1) or first >= end:
+        raise _WrongError(f"no arc is {list(given)}")
+    return first, end, particle
+
+
+def _numbered(values: Sequence[Any], index: Any) -> Any:
+    if not (isinstance(index, int) and 0 <= index < len(values)):
+        raise _WrongError(f"no constraint has the number {index}")
+    return values[index]
+
+
+def _turns(vectors: Sequence[Pair]) -> int:
+    """How often vectors turn around: changes from down to up."""
+    ups = [y > 0 or (y == 0 and x > 0) for x, y in vectors]
+    return sum(one and not before for before, one in zip([ups[-1], *ups], ups, strict=False))
+
+
+def _root(square: int) -> int:
+    """Return the root of a whole number, rounded up."""
+    root = isqrt(square)
+    return root + (root * root < square)
+
+
+def _ratio(one: int, other: int) -> int:
+    """Return a ratio of whole numbers, rounded up."""
+    return -(-one // other)
+
+
+def _add(total: dict[int, Any], part: Mapping[int, Any], factor: int) -> None:
+    for key, number in part.items():
+        total[key] = total.get(key, 0) + factor * number
 
 
 def _cross(one: Pair, other: Pair) -> int:

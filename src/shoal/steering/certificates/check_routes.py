@@ -9,8 +9,11 @@ from itertools import pairwise, product
 from math import lcm
 from typing import Any, NamedTuple
 
-from shoal.steering.certificates.check import STEP, Item, _leaves, _multiple, _Task, _WrongError
+from shoal.steering.certificates.check import STEP, _leaves, _multiple, _numbered, _WrongError
 
+# An item of a pattern is a hold (place, particle, cells), or a gap: a list of its holds, or None.
+Hold = tuple[int, ...]
+Item = Hold | list[Hold] | None
 Spot = tuple[int, ...]
 Row = dict[int, int]
 Place = list[Row]  # one expression for each coordinate
@@ -200,7 +203,7 @@ class _Cover:
         return first[shared:][::-1] + second[shared:]
 
 
-class _RouteTask(_Task):
+class _RouteTask:
     """One assignment of goals to particles."""
 
     def __init__(self, cells: _Cells, order: Sequence[int]) -> None:
@@ -208,7 +211,7 @@ class _RouteTask(_Task):
         self.goals = [cells.goal[k - 1] for k in order]
         self.most = Fraction(cells.limit, cells.whole) * cells.unit
         self.covers: list[_Cover] = []
-        self.ends = (0, 0)
+        self.ends: tuple[int, ...] = (0, 0)
 
     def explore(self, covers: Sequence[Mapping[str, Any]]) -> None:
         """Check the covers of both particles."""
@@ -233,7 +236,8 @@ class _RouteTask(_Task):
             )
         )
 
-    def follows(self, first: Sequence[int], second: Sequence[int]) -> bool:
+    def follows(self, first: Hold, second: Hold) -> bool:
+        """Whether the second hold can change the difference directly after the first."""
         if tuple(first[:2]) == tuple(second[:2]):
             return False
         if self.cells.sides_of:
@@ -245,24 +249,51 @@ class _RouteTask(_Task):
         )
         return not parallel or sign * sum(a * b for a, b in zip(one, other, strict=True)) > 0
 
-    def parts(self, pattern: Sequence[Any], node: Mapping[str, Any]) -> list[list[Any]]:
-        if "contact" not in node:
-            return super().parts(pattern, node)
+    def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
+        """Return the patterns into which a node must divide its own."""
         place = node["place"]
-        hold = pattern[place] if isinstance(place, int) and 0 <= place < len(pattern) else None
-        if not isinstance(hold, tuple):
-            raise _WrongError(f"a pattern has no hold at {place}")
+        if not (isinstance(place, int) and 0 <= place < len(pattern)):
+            raise _WrongError(f"a pattern has no item at {place}")
+        item = pattern[place]
+        if isinstance(item, tuple):
+            return self._sited(pattern, place, item, node)
+        known = [(wall, particle) for wall, particle in node["known"]]
+        if not set(known) <= set(self.every):
+            raise _WrongError("a gap has an unknown hold")
+        within: list[Item] = [list[Hold](known)] if known else []
+        middles: list[list[Item]] = [within]
+        middles += [
+            [item, hold, *within] if node["side"] == "last" else [*within, hold, item]
+            for hold in (self.every if item is None else sorted(item))
+            if hold not in known
+        ]
+        before, after = list(pattern[:place]), list(pattern[place + 1 :])
+        return [
+            [*before, *middle, *after]
+            for middle in middles
+            if all(
+                not isinstance(one, tuple)
+                or not isinstance(other, tuple)
+                or self.follows(one, other)
+                for one, other in pairwise([*before[-1:], *middle, *after[:1]])
+            )
+        ]
+
+    def _sited(
+        self, pattern: Sequence[Item], place: int, hold: Hold, node: Mapping[str, Any]
+    ) -> list[list[Item]]:
         wall, particle, *sites = (*hold, -1, -1)[:4]
         which = ("first", "last").index(node["contact"])
         if sites[which] != -1:
             raise _WrongError("a cell is known already")
-        found = []
+        found: list[list[Item]] = []
         for cell in range(len(self.covers[1 - particle].cells)):
             sites[which] = cell
             found.append([*pattern[:place], (wall, particle, *sites), *pattern[place + 1 :]])
         return found
 
     def value(self, pattern: Sequence[Item], leaf: Mapping[str, Any]) -> Fraction:
+        """Return the bound that a leaf proves, at most the limit."""
         return min(self.proven(pattern, leaf), self.most)
 
     def proven(
@@ -297,9 +328,7 @@ class _RouteTask(_Task):
             slack = _multiple(given)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
-            if not (isinstance(index, int) and 0 <= index < len(rows)):
-                raise _WrongError(f"no constraint has the number {index}")
-            for key, number in rows[index].items():
+            for key, number in _numbered(rows, index).items():
                 total[key] = total.get(key, 0) - slack * number
         value = total.pop(_ONE, 0)
         for key, number in total.items():
@@ -446,23 +475,18 @@ def _program(
     return norms, count, rows, legs, bounds
 
 
-def route_leaves(
-    certificate: Mapping[str, Any],
-) -> Iterator[tuple[_RouteTask, list[Item], Mapping[str, Any]]]:
-    """Yield the leaves of a certificate for cells with their patterns, and check that no case is
-    missing.
-    """
-    cells = _Cells(certificate)
-    for part in certificate["orders"]:
-        task = _RouteTask(cells, part["order"])
-        task.explore(part["covers"])
-        ends = [tuple(tree["ends"]) for tree in part["trees"]]
-        if sorted(ends) != sorted(task.needed_ends()):
-            raise _WrongError("expected a proof for each cell in which a particle can end")
-        for tree in part["trees"]:
-            task.ends = tuple(tree["ends"])
-            for pattern, leaf in _leaves(task, tree["proof"]):
-                yield task, pattern, leaf
+def route_values(certificate: Mapping[str, Any], tree: Mapping[str, Any]) -> Iterator[Fraction]:
+    """Yield the bound of each leaf of a proof for cells, and check that no case is missing."""
+    task = _RouteTask(_Cells(certificate), tree["order"])
+    proof = tree["proof"]
+    task.explore(proof["covers"])
+    ways = [tuple(way["ends"]) for way in proof["ways"]]
+    if sorted(ways) != sorted(task.needed_ends()):
+        raise _WrongError("expected a proof for each cell in which a particle can end")
+    for ends, way in zip(ways, proof["ways"], strict=True):
+        task.ends = ends
+        for pattern, leaf in _leaves(task, way["proof"]):
+            yield task.value(pattern, leaf)
 
 
 def _constant(spot: Spot) -> Place:

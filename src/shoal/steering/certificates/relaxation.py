@@ -2,77 +2,354 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from math import frexp, inf
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
+from shoal.steering.workspaces.convex import ConvexWorkspace
 
-Hold = tuple[int, ...]  # wall, and the particle that it holds, 0 or 1
+Floats = NDArray[np.float64]
 
 STEP = 2.0**-36  # multipliers are multiples of this
+ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
+_RARE = 60  # rows of a program that are tried only if a solution does not meet them
+_OUTSIDE = 1e-7
+_FINE = 2.0**-30  # directions of arcs are multiples of this
+
+
+Range = tuple[int, int]
+"""Walls from the first number up to, but without, the second; counted on after a whole turn."""
+
+
+class WallArc(NamedTuple):
+    """Contacts of one particle, 0 or 1, with walls that follow each other.
+
+    The walls of a disk are `ROUND_WALLS` arcs.
+    """
+
+    first: int
+    end: int
+    particle: int
+
+
+class Hold(NamedTuple):
+    """A run: one or more contacts of one particle, with no contact of the other between them.
+
+    With few flat walls, a hold has contacts with one wall only, and more holds of the same particle
+    may follow. Otherwise, the hold has all contacts of the run.
+
+    ``first`` and ``last`` are ranges of the walls of the first and of the last contact, ``least``
+    and ``most`` of the walls with the lowest and the highest number. ``order`` is 1 if the contact
+    with the lowest number comes before that with the highest, -1 if after it, 0 if unknown.
+    """
+
+    particle: int
+    first: Range
+    last: Range
+    least: Range
+    most: Range
+    order: int = 0
+
+    def range(self, name: str) -> Range:
+        """Return the range of a contact by its name."""
+        found: Range = getattr(self, name)
+        return found
+
+    def way(self) -> list[str]:
+        """Return the contacts that the run certainly has, in their order."""
+        if self.order:
+            return ["first", *("least", "most")[:: self.order], "last"]
+        if self.least[1] <= max(self.first[0], self.last[0]):
+            return ["first", "least", "last"]
+        if self.most[0] >= min(self.first[1], self.last[1]):
+            return ["first", "most", "last"]
+        return ["first", "last"]
+
+    @property
+    def arc(self) -> WallArc:
+        """All walls of the contacts."""
+        return WallArc(self.least[0], self.most[1], self.particle)
+
+    @property
+    def single(self) -> bool:
+        """Whether all contacts are with one wall."""
+        return self.most[1] - self.least[0] == 1
 
 
 @dataclass(frozen=True)
 class HoldGap:
-    """A place of a pattern where any number of holds may be: of ``holds``, or of all holds if it is
-    None.
+    """A place of a pattern where any number of contacts may be: with the arcs ``holds``, or with all
+    walls if it is None.
     """
 
-    holds: frozenset[Hold] | None = None
+    holds: frozenset[WallArc] | None = None
 
 
 Pattern = tuple[Hold | HoldGap, ...]
-"""All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
-Between two gaps is a hold."""
+"""All plans whose chain of contacts divides into those of the items, in their order. Between two
+gaps is a hold."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A lower bound of a pattern, with the multipliers of norms, float64 (n, 2), and of
-    constraints, float64 (m,), that prove it; and the length of the inputs in each gap.
+    """A lower bound of a pattern, with the multipliers of norms, float64 (n, 2), of constraints,
+    float64 (m,), and of cones, float64 (k, 3), that prove it.
+
+    ``errors`` has, for each place of the pattern that can be divided, how much might be lost there,
+    as a length, and for a hold also what to divide, and where.
     """
 
     value: float
-    norms: NDArray[np.float64]
-    slacks: NDArray[np.float64]
-    loads: dict[int, float]
-
-    def proof(self) -> dict[str, Any]:
-        """Return the multipliers as JSON."""
-        slacks = [[int(k), float(self.slacks[k])] for k in np.flatnonzero(self.slacks)]
-        return {"norms": self.norms.tolist(), "slacks": slacks}
+    norms: Floats
+    slacks: Floats
+    cones: Floats
+    errors: dict[int, tuple[float, str, int]]
 
 
-class Programs(Protocol):
-    """The convex programs of all patterns of one task."""
+@dataclass(frozen=True)
+class Program:
+    """A convex program: the least sum of norms and of ``costs @ x``.
 
-    scale: float
-    limit: float
-    holds: list[Hold]
+    Expressions have one column for each variable, and one for the constant.
 
-    def follows(self, first: Hold, second: Hold) -> bool:
-        """Return whether ``second`` can come directly after ``first``."""
+    Parameters
+    ----------
+    norms : ndarray of float64, shape (n, 2, variables + 1)
+    costs : ndarray of float64, shape (variables,)
+    rows : ndarray of float64, shape (m, variables + 1)
+        Expressions that are at least 0.
+    cones : ndarray of float64, shape (k, 4, variables + 1)
+        The first expression is at least the norm of the other three.
+    low, high : ndarray of float64, shape (variables,)
+    rare : ndarray of bool, shape (m,)
+        Whether a row is one of many of which few matter.
+    boxed : ndarray of bool, shape (variables,)
+        Whether ``low`` and ``high`` do not follow from the rest.
+    contacts : list of tuple
+        For each hold: place in the pattern, and its contacts and adjustments by name.
+    gaps : list of tuple
+        For each gap: place in the pattern, numbers of its norms, numbers of its variables with
+        costs.
+    """
 
-    def bound(self, pattern: Pattern) -> Bound:
-        """Return the lower bound of all plans of a pattern, at most the limit."""
+    norms: Floats
+    costs: Floats
+    rows: Floats
+    cones: Floats
+    low: Floats
+    high: Floats
+    rare: NDArray[np.bool_]
+    boxed: NDArray[np.bool_]
+    contacts: list[tuple[int, dict[str, Floats]]]
+    gaps: list[tuple[int, list[int], list[int]]]
+
+    def worth(self, vectors: Floats, slacks: Floats, turns: Floats) -> float:
+        """Return the lower bound that multipliers prove, or minus infinity."""
+        total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
+        total[:-1] += self.costs
+        if len(turns):
+            # the checker, too, rounds up
+            sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
+            total -= sizes @ self.cones[:, 0]
+            total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
+        rest = total[:-1]
+        value = float(total[-1] + np.minimum(rest * self.low, rest * self.high).sum())
+        return value if np.isfinite(value) else -inf
+
+
+class Walls(Protocol):
+    """Walls of a workspace, in a unit and with an origin of their own.
+
+    Attributes
+    ----------
+    count : int
+    radius : float
+        Radius of the round wall around the origin; 0 if all walls are flat.
+    rings : tuple of float or None
+        For the law of growth with runs: the radius R of a circle around all walls, and R² - q²,
+        where all walls are at least q from its centre, ``middle``.
+    middle : ndarray of float64, shape (2,)
+    low, high : ndarray of float64, shape (2,)
+        Bounds of the workspace.
+    base : list of tuple of int
+        Ranges of walls that begin the search, each wall in one.
+    runs : bool
+        Whether a hold is a whole run.
+    """
+
+    count: int
+    radius: float
+    rings: tuple[float, float] | None
+    middle: Floats
+    low: Floats
+    high: Floats
+    base: list[Range]
+    runs: bool
+
+    def axis(self, first: int, end: int) -> tuple[Floats, float]:
+        """Return an inward direction m of an arc, and s: each adjustment u has m @ u <= s |u|."""
+        ...
+
+    def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
+        """Return the corner and the vector of a flat wall; None for an arc."""
+        ...
+
+    def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
+        """Return normals (n, 2) and offsets (n,) that bound the hull of an arc."""
+        ...
+
+    def inside_rows(self) -> tuple[Floats, Floats]:
+        """Return normals (n, 2) and offsets (n,) of the flat walls."""
+        ...
+
+    def hold(self, particle: int, between: Range, *, right: bool) -> Hold:
+        """Return the hold that begins (or, from the right, ends) with a range of walls. If it is a
+        run, it may have all walls, from half a turn before the middle of the range on.
+        """
+        whole = between
+        if self.runs:
+            first = (between[0] + between[1]) // 2 - self.count // 2
+            whole = first, first + self.count
+        begins, ends = (whole, between) if right else (between, whole)
+        return Hold(particle, begins, ends, whole, whole)
+
+    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
+        """Return the inward unit normal of the wall of an arc nearest a point, and the distance."""
+        ...
+
+
+class _FlatWalls(Walls):
+    """The walls of a convex polygon with ``corners``, counter-clockwise."""
+
+    radius = 0.0
+
+    def __init__(self, corners: Floats, base: int) -> None:
+        self.corners = corners
+        self.count = len(corners)
+        self.along = np.roll(corners, -1, axis=0) - corners
+        self.normals = np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
+        self.offsets = np.sum(self.normals * corners, axis=1)
+        self.lengths = np.hypot(*self.normals.T)
+        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
+        self.base = _arcs(self.count, base)
+        self.runs = self.count > base
+        self.rings = None
+        self.middle = corners.mean(axis=0)
+        if self.runs:
+            out = corners - self.middle
+            near = -np.sum(self.normals * out, axis=1) / self.lengths
+            far = float(np.max(np.sum(out * out, axis=1)))
+            self.rings = far**0.5, far - float(np.min(near)) ** 2
+
+    def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
+        if end - first > 1:
+            return None
+        return self.corners[first % self.count], self.along[first % self.count]
+
+    def axis(self, first: int, end: int) -> tuple[Floats, float]:
+        if end - first == 1:
+            return self.normals[first % self.count], 0.0
+        walls = np.arange(first, end) % self.count
+        # the normal of the chord of the arc; the sum of the normals of its walls
+        axis = self.normals[walls].sum(axis=0)
+        if (self.normals[walls] @ axis <= 0).any():
+            return axis, float(np.hypot(*axis))
+        x, y = self.normals[walls].T
+        return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / self.lengths[walls]))
+
+    def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
+        walls = np.arange(first, end) % self.count
+        chord = -self.normals[walls].sum(axis=0)
+        return (
+            np.concatenate([self.normals[walls], [chord]]),
+            np.append(self.offsets[walls], chord @ self.corners[first % self.count]),
+        )
+
+    def inside_rows(self) -> tuple[Floats, Floats]:
+        return self.normals, self.offsets
+
+    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
+        walls = np.arange(first, end) % self.count
+        depths = (self.normals[walls] @ point - self.offsets[walls]) / self.lengths[walls]
+        nearest = int(np.argmin(depths))
+        wall = walls[nearest]
+        return self.normals[wall] / self.lengths[wall], float(depths[nearest])
+
+
+class _RoundWalls(Walls):
+    """The wall of a disk around the origin, as arcs between ``directions``, shape (n, 2)."""
+
+    def __init__(self, radius: float, directions: Floats, base: int) -> None:
+        self.radius = radius
+        self.directions = directions
+        self.rings = radius, 0.0
+        self.middle = np.zeros(2)
+        self.count = len(directions)
+        self.high = np.full(2, radius)
+        self.low = -self.high
+        self.base = _arcs(self.count, base)
+        self.runs = True
+
+    def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
+        return None
+
+    def _ends(self, first: int, end: int) -> Floats:
+        return self.directions[[first % self.count, end % self.count]]
+
+    def axis(self, first: int, end: int) -> tuple[Floats, float]:
+        ends = self._ends(first, end)
+        axis = -ends.sum(axis=0)
+        if end - first > self.count // 3:
+            return axis, float(np.hypot(*axis))
+        x, y = ends.T
+        return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / np.hypot(x, y)))
+
+    def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
+        if end - first > self.count // 3:
+            return np.zeros((0, 2)), np.zeros(0)
+        ends = self._ends(first, end)
+        axis = ends.sum(axis=0)
+        least = np.min(ends @ axis / np.hypot(*ends.T))
+        return axis[None], np.array([self.radius * least])
+
+    def inside_rows(self) -> tuple[Floats, Floats]:
+        return np.zeros((0, 2)), np.zeros(0)
+
+    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
+        far = float(np.hypot(*point))
+        normal = -point / far if far > 0 else self.axis(first, end)[0]
+        return normal, self.radius - far
+
+
+def _arcs(count: int, number: int) -> list[Range]:
+    """Return about ``number`` ranges of ``count`` walls."""
+    ends = np.round(np.linspace(0, count, min(number, count) + 1)).astype(int).tolist()
+    return list(pairwise(ends))
+
+
+def round_directions(count: int = ROUND_WALLS) -> Floats:
+    """Return directions around a disk, counter-clockwise; float64, shape (count, 2)."""
+    angles = 2 * np.pi * np.arange(count) / count
+    return np.round(np.stack([np.cos(angles), np.sin(angles)], axis=1) / _FINE) * _FINE
 
 
 class Relaxation:
     """The convex programs of all patterns of one task.
 
-    The programs, with the order of their variables, norms and constraints, are those of
+    The programs, with the order of their variables, norms, constraints and cones, are those of
     docs/concepts/steering/certificates.md. Their unit is a power of two.
 
     Parameters
     ----------
-    corners : ndarray of float64, shape (n, 2)
-        Corners of a convex polygon, counter-clockwise.
+    place : ConvexWorkspace
+        A polygon or a disk.
     start, goal : ndarray of float64, shape (2, 2)
     tolerance : float
         Largest error of each coordinate at the end.
@@ -86,246 +363,510 @@ class Relaxation:
     """
 
     def __init__(
-        self,
-        corners: NDArray[np.float64],
-        start: NDArray[np.float64],
-        goal: NDArray[np.float64],
-        tolerance: float,
-        limit: float,
+        self, place: ConvexWorkspace, start: Floats, goal: Floats, tolerance: float, limit: float
     ) -> None:
         clarabel = import_extra("clarabel", "certificates need Clarabel", extra="certify")
         self._clarabel = clarabel
-        self.scale = 2.0 ** frexp(float(np.ptp(corners, axis=0).max()))[1]
-        origin = corners[0]
-        self.corners = (corners - origin) / self.scale
-        self.along = np.roll(self.corners, -1, axis=0) - self.corners
-        self.normals = np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
-        self.offsets = np.sum(self.normals * self.corners, axis=1)
+        self.scale = 2.0 ** frexp(place.size)[1]
+        self.walls: Walls
+        if place.round:
+            origin = place.center
+            self.walls = _RoundWalls(place.radius / self.scale, round_directions(), 8)
+            self._useless: set[tuple[Range, Range]] = set()
+        else:
+            origin = place.vertices[0]
+            self.walls = _FlatWalls((place.vertices - origin) / self.scale, 8)
+            self._useless = _useless(place.vertices)
         self.start, self.goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self.tolerance, self.limit = tolerance / self.scale, limit / self.scale
-        self.extent = np.ptp(self.corners, axis=0)
-        self.holds: list[Hold] = [(k, particle) for k in range(len(corners)) for particle in (0, 1)]
-        self._useless = _useless(corners)
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.presolve_enable = False, False
         settings.chordal_decomposition_enable, settings.max_threads = False, 1
         self._settings = settings
 
-    def follows(self, first: Hold, second: Hold) -> bool:
+    def follows(self, first: Hold, second: Hold, *, every: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
         of the particles.
+
+        If ``every``, one of them is beside a gap of all contacts, and so has all contacts up to it
+        that it may have.
         """
-        return first != second and (first, second) not in self._useless
+        count = self.walls.count
+        if self.walls.runs:
+            return not every or first.particle != second.particle
+        one, other = ((hold.arc.first % count, hold.particle) for hold in (first, second))
+        return (one, other) not in self._useless and not (every and one == other)
 
     def bound(self, pattern: Pattern) -> Bound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
         from scipy.sparse import csc_matrix
 
-        norms, rows, low, high = self.program(pattern)
-        count, size = len(low), len(norms)
+        program = self.program(pattern)
+        count, size, cones = len(program.low), len(program.norms), len(program.cones)
         clarabel = self._clarabel
-        # the variables of the program, then the length of each norm
-        system = np.zeros((len(rows) + 2 * count + 3 * size, count + size + 1))
-        system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
-        box = system[len(rows) : len(rows) + 2 * count]
-        box[:count, :count], box[:count, -1] = np.eye(count), -low
-        box[count:, :count], box[count:, -1] = -np.eye(count), high
-        cones = system[len(rows) + 2 * count :].reshape(size, 3, -1)
-        cones[:, 0, count:-1] = np.eye(size)
-        cones[:, 1:, :count], cones[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
-        solution = clarabel.DefaultSolver(
-            csc_matrix((count + size, count + size)),
-            np.concatenate([np.zeros(count), np.ones(size)]),
-            csc_matrix(-system[:, :-1]),
-            system[:, -1],
-            [
-                clarabel.NonnegativeConeT(len(rows) + 2 * count),
-                *(clarabel.SecondOrderConeT(3) for _ in range(size)),
-            ],
-            self._settings,
-        ).solve()
+        # most walls of a polygon with many sides are far from a solution
+        used = ~program.rare if program.rare.sum() > _RARE else np.ones(len(program.rows), np.bool_)
+        while True:
+            rows = program.rows[used]
+            # the variables of the program, then the length of each norm
+            boxed = np.flatnonzero(program.boxed)
+            linear = len(rows) + 2 * len(boxed)
+            system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
+            system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
+            box = system[len(rows) : linear].reshape(2, len(boxed), count + size + 1)
+            box[0, np.arange(len(boxed)), boxed], box[0, :, -1] = 1, -program.low[boxed]
+            box[1, np.arange(len(boxed)), boxed], box[1, :, -1] = -1, program.high[boxed]
+            lengths = system[linear : linear + 3 * size].reshape(size, 3, count + size + 1)
+            lengths[:, 0, count:-1] = np.eye(size)
+            lengths[:, 1:, :count] = program.norms[:, :, :-1]
+            lengths[:, 1:, -1] = program.norms[:, :, -1]
+            turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
+            turned[:, :, :count] = program.cones[:, :, :-1]
+            turned[:, :, -1] = program.cones[:, :, -1]
+            solution = clarabel.DefaultSolver(
+                csc_matrix((count + size, count + size)),
+                np.concatenate([program.costs, np.ones(size)]),
+                csc_matrix(-system[:, :-1]),
+                system[:, -1],
+                [
+                    clarabel.NonnegativeConeT(linear),
+                    *(clarabel.SecondOrderConeT(3) for _ in range(size)),
+                    *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
+                ],
+                self._settings,
+            ).solve()
+            point = np.array(solution.x)
+            outside = ~used & (program.rows @ np.append(point[:count], 1.0) < -_OUTSIDE)
+            if not outside.any() or "Infeasible" in str(solution.status):
+                break
+            used |= outside
         dual = np.array(solution.z)
-        slacks = np.maximum(dual[: len(rows)], 0.0)
-        vectors = -dual[len(rows) + 2 * count :].reshape(size, 3)[:, 1:]
         if not np.isfinite(dual).all():
-            vectors, slacks = np.zeros_like(vectors), np.zeros_like(slacks)
+            dual = np.zeros_like(dual)
+        slacks = np.zeros(len(program.rows))
+        slacks[used] = np.maximum(dual[: len(rows)], 0.0)
+        split = linear + 3 * size
+        vectors = -dual[linear:split].reshape(size, 3)[:, 1:]
+        turns = -dual[split:].reshape(cones, 4)[:, 1:]
         if "Infeasible" in str(solution.status):
             vectors = np.zeros_like(vectors)
-            worth = _worth(norms, rows, low, high, vectors, slacks)
-            slacks *= 2 * self.limit / worth if worth > 0 else 0.0
-        vectors /= np.maximum(np.hypot(*vectors.T), 1)[:, None]
+            worth = program.worth(vectors, slacks, turns)
+            factor = 2 * self.limit / worth if worth > 0 else 0.0
+            slacks, turns = slacks * factor, turns * factor
+        vectors = vectors / np.maximum(np.hypot(*vectors.T), 1)[:, None]
         # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds 1
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
-        slacks = np.round(slacks / STEP) * STEP
-        value = min(_worth(norms, rows, low, high, vectors, slacks), self.limit)
-        lengths = np.array(solution.x)[count:]
-        loads, number = {}, 0
-        for place, item in enumerate(pattern):
-            more = (
-                3
-                if not isinstance(item, HoldGap)
-                else 3
-                if item.holds is None
-                else 1 + len(item.holds)
-            )
-            if isinstance(item, HoldGap):
-                loads[place] = float(lengths[number : number + more].sum())
-            number += more - (place > 0 and isinstance(pattern[place - 1], HoldGap))
-        return Bound(max(value, 0.0) * self.scale, vectors, slacks, loads)
+        slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
+        value = min(program.worth(vectors, slacks, turns), self.limit)
+        if value < 0:  # without multipliers, the bound is 0
+            value, vectors, slacks, turns = 0.0, 0 * vectors, 0 * slacks, 0 * turns
+        errors = self._errors(pattern, program, point)
+        return Bound(value * self.scale, vectors, slacks, turns, errors)
 
-    def program(
-        self, pattern: Pattern
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the norms (n, 2, variables + 1) whose sum is least, the rows (m, variables + 1) of
-        expressions that are at least 0, and the bounds of the variables.
-        """
-        far = (
-            4
-            + 4 * len(pattern)
-            + 2
-            * sum(
-                2 + (2 if item.holds is None else len(item.holds))
-                for item in pattern
-                if isinstance(item, HoldGap)
-            )
+    def _errors(
+        self, pattern: Pattern, program: Program, solution: Floats
+    ) -> dict[int, tuple[float, str, int]]:
+        count = len(program.low)
+        errors = {
+            place: (float(solution[count:][norms].sum() + solution[costs].sum()), "gap", 0)
+            for place, norms, costs in program.gaps
+        }
+        point = np.append(solution[:count], 1.0)
+        for place, named in program.contacts:
+            hold = pattern[place]
+            assert isinstance(hold, Hold)
+            error = self._error(hold, {name: value @ point for name, value in named.items()})
+            if error is not None:
+                errors[place] = error
+        return errors
+
+    def _error(self, hold: Hold, named: dict[str, Floats]) -> tuple[float, str, int] | None:
+        """Return how far the solution of a hold is from one contact, and how to divide it."""
+        if hold.single:
+            return None
+        found = {
+            name: self.walls.inward(*hold.range(name), named[name])
+            for name in ("first", "last", "least", "most")
+            if name in named
+        }
+        against = max(min(float(normal @ named["change"]) for normal, _ in found.values()), 0.0)
+        depths = {
+            name: depth
+            for name, (_, depth) in found.items()
+            if hold.range(name)[1] - hold.range(name)[0] > 1
+        }
+        deepest = max(depths, key=lambda name: depths[name], default=None)
+        total = against + sum(depths.values())
+        if deepest is not None and depths[deepest] > against:
+            first, end = hold.range(deepest)
+            return total, deepest, (first + end) // 2
+        least, most, arc = hold.least, hold.most, hold.arc
+        if arc.end - arc.first > self.walls.count // 3:  # most runs stay near their first contact
+            near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
+            margin = self.walls.count // len(self.walls.base)
+            for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
+                first, end = hold.range(name)
+                if first < wall < end:
+                    return total, name, wall
+        if not hold.order and least[1] <= most[0]:
+            return total, "order", 0
+        if most[0] < least[1] < most[1]:
+            return total, "most", least[1]
+        name = "least" if least[1] - least[0] >= most[1] - most[0] else "most"
+        first, end = hold.range(name)
+        return None if end - first == 1 else (total, name, (first + end) // 2)
+
+    def program(self, pattern: Pattern) -> Program:
+        """Return the convex program of a pattern."""
+        walls = self.walls
+        far = 4 + sum(
+            5 + 3 * (2 if item.holds is None else len(item.holds))
+            if isinstance(item, HoldGap)
+            else 15
+            for item in pattern
         )
-        low, high = np.zeros(far), np.zeros(far)
+        low, high, costs = np.zeros(far), np.zeros(far), np.zeros(far)
+        boxed = np.zeros(far, np.bool_)
+        rare: list[int] = []  # numbers in ``rows``
         used = 0
+        norms: list[Floats] = []
+        rows: list[Floats] = []
+        cones: list[Floats] = []
+        radius = np.zeros((1, far + 1))
+        radius[0, -1] = walls.radius
+        # the law of growth: |difference|² <= 2 R grown, where grown is |difference at the start|
+        # + k / R + (1 + a) (sum of the translations) + a (sum of the adjustments), a = sqrt(k) / R
+        around, grown = np.zeros((1, far + 1)), np.zeros((1, far + 1))
+        out, ring = walls.rings or (0.0, 0.0)
+        if walls.rings:
+            around[0, -1] = 2 * out
+            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / out
+            slope = ring**0.5 / out
+        contacts, gaps = [], []
 
-        def vector(least: NDArray[np.float64], most: NDArray[np.float64]) -> NDArray[np.float64]:
+        def vector(least: Floats, most: Floats, *, box: bool = False) -> Floats:
             nonlocal used
+            boxed[used : used + 2] = box
             new = np.zeros((2, far + 1))
             new[0, used] = new[1, used + 1] = 1
             low[used : used + 2], high[used : used + 2] = least, most
             used += 2
             return new
 
-        def constant(value: NDArray[np.float64]) -> NDArray[np.float64]:
+        def constant(value: Floats) -> Floats:
             new = np.zeros((2, far + 1))
             new[:, -1] = value
             return new
 
-        reach = np.full(2, self.limit)
-        goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
+        def cone(least: Floats, *vector: Floats) -> None:
+            """Add the condition that an expression is at least the norm of others."""
+            new = np.zeros((4, far + 1))
+            new[0] = least
+            new[1 : 1 + sum(len(part) for part in vector)] = np.concatenate(vector)
+            cones.append(new)
+
+        def at_least(change: Floats) -> Floats:
+            """Return a variable that is at least the norm of a vector and part of the length."""
+            nonlocal used
+            length = np.zeros((1, far + 1))
+            length[0, used], high[used], costs[used] = 1, self.limit, 1
+            used += 1
+            cone(length, change)
+            return length
+
+        def travel(change: Floats) -> None:
+            """Count the length of free translations; with a law of growth, remember their sum."""
+            if walls.rings:
+                grown[0] += (1 + slope) * at_least(change)[0]
+            else:
+                norms.append(change)
+
+        def spread(apart: Floats) -> None:
+            """Add the law of growth to a program."""
+            if walls.rings:
+                # |v|² <= a b as |(2 v, a - b)| <= a + b
+                cone(grown + around, 2 * apart, grown - around)
+
+        def length_of(arc: WallArc, change: Floats) -> None:
+            """Count the length of the adjustments with an arc whose sum is ``change``."""
+            nonlocal used
+            axis, sine = walls.axis(arc.first, arc.end)
+            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
+                adjust(change)
+                rows.append(-axis[None] @ change)
+                return
+            rows.append(sine * adjust(change, arc=True) - axis[None] @ change)
+
+        def adjust(change: Floats, *, arc: bool = False) -> Floats:
+            """Count the length of adjustments; with a law of growth, remember their sum."""
+            if not arc and not ring:
+                norms.append(change)
+                return change
+            length = at_least(change)
+            if ring:
+                grown[0] += slope * length[0]
+            return length
+
+        def inside(point: Floats) -> None:
+            normals, offsets = walls.inside_rows()
+            if len(normals):
+                depth = normals @ point
+                depth[:, -1] -= offsets
+                rare.append(len(rows))
+                rows.append(depth)
+            if walls.radius:
+                cone(radius, point)
+
+        def contact(between: Range) -> Floats:
+            nonlocal used
+            segment = walls.segment(*between)
+            if segment is not None:
+                point = constant(segment[0])
+                point[:, used], high[used], boxed[used] = segment[1], 1, True
+                used += 1
+                return point
+            point = vector(walls.low, walls.high, box=True)
+            normals, offsets = walls.arc_rows(*between)
+            depth = normals @ point
+            depth[:, -1] -= offsets
+            rows.append(depth)
+            if walls.radius:
+                cone(radius, point)
+            return point
+
+        reach, extent = np.full(2, self.limit), walls.high - walls.low
+        goals = [vector(one - self.tolerance, one + self.tolerance, box=True) for one in self.goal]
         places = [constant(one) for one in self.start]
-        norms, rows = [], []
         if not pattern:
             apart = (goals[1] - goals[0]) - (places[1] - places[0])
-            norms, rows = [goals[0] - places[0]], [apart, -apart]
-        gap: list[NDArray[np.float64]] | None = None
+            norms.append(goals[0] - places[0])
+            rows += [apart, -apart]
+        gap: list[Floats] | None = None
         for number, item in enumerate(pattern):
+            final = number == len(pattern) - 1
             if isinstance(item, HoldGap):
+                begun = len(norms), used
                 free = vector(-reach, reach)
-                if number < len(pattern) - 1:
-                    before = vector(-self.extent, self.extent)
-                norms.append(free)
+                travel(free)
                 gap = [places[0] + free, places[1] + free]
-                for hold in [(-1, 0), (-1, 1)] if item.holds is None else sorted(item.holds):
-                    change = vector(-reach, reach)
-                    norms.append(change)
-                    gap[1 - hold[1]] = gap[1 - hold[1]] + change
-                    if item.holds is not None:
-                        rows.append(-self.normals[hold[0] : hold[0] + 1] @ change)
+                if item.holds is None:
+                    for particle in (0, 1):
+                        change = vector(-reach, reach)
+                        adjust(change)
+                        gap[1 - particle] = gap[1 - particle] + change
+                else:
+                    for hold in sorted(item.holds):
+                        change = vector(-reach, reach)
+                        length_of(hold, change)
+                        gap[1 - hold.particle] = gap[1 - hold.particle] + change
+                gaps.append(
+                    (
+                        number,
+                        [*range(begun[0], len(norms))],
+                        [k for k in range(begun[1], used) if costs[k]],
+                    )
+                )
+                if not final:
+                    before = vector(-extent, extent)
+                spread(goals[1] - goals[0] if final else before)
                 continue
-            wall, particle = item
+            particle = item.particle
             sign = 1.0 if particle == 0 else -1.0
-            first, last = constant(self.corners[wall]), constant(self.corners[wall])
-            first[:, used] = last[:, used + 1] = self.along[wall]
-            high[used : used + 2] = 1
-            used += 2
+            first, last = contact(item.first), contact(item.last)
             if gap is None:
                 before = places[1] - places[0]
-                norms.append(first - places[particle])
+                if number:
+                    travel(first - places[particle])
+                else:
+                    norms.append(first - places[particle])
+                    if walls.rings:  # instead of |difference at the start|, its depth there
+                        apart = self.start[1] - self.start[0]
+                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / out
+                        grown[0, -1] += ring / out
             else:
                 now = [first, first + before] if particle == 0 else [first - before, first]
                 rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
                 gap = None
-            after = (
-                goals[1] - goals[0]
-                if number == len(pattern) - 1
-                else vector(-self.extent, self.extent)
-            )
-            norms += [last - first, after - before]
-            for contact, apart in ((first, before), (last, after)):
-                inside = self.normals @ (contact + sign * apart)
-                inside[:, -1] -= self.offsets
-                rows.append(inside)
-            rows.append(sign * self.normals[wall : wall + 1] @ (before - after))
+            after = goals[1] - goals[0] if final else vector(-extent, extent)
+            named = {"first": first, "last": last, "change": sign * (after - before)}
+            way = item.way()
+            named |= {name: contact(item.range(name)) for name in way[1:-1]}
+            for one, other in pairwise(way):
+                travel(named[other] - named[one])
+            spread(after)
+            length_of(item.arc, sign * (after - before))
+            inside(first + sign * before)
+            inside(last + sign * after)
+            contacts.append((number, named))
             places = [last, last + after] if particle == 0 else [last - after, last]
-            if number == len(pattern) - 1:
+            if final:
                 norms.append(goals[particle] - last)
         if gap is not None:
             rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
         keep = [*range(used), far]
-        return np.stack(norms)[:, :, keep], np.concatenate(rows)[:, keep], low[:used], high[:used]
+        return Program(
+            np.stack(norms)[:, :, keep] if norms else np.zeros((0, 2, used + 1)),
+            costs[:used],
+            np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1)),
+            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
+            low[:used],
+            high[:used],
+            np.repeat([k in rare for k in range(len(rows))], [len(part) for part in rows]),
+            boxed[:used],
+            [
+                (number, {name: value[:, keep] for name, value in named.items()})
+                for number, named in contacts
+            ],
+            gaps,
+        )
 
 
-def _useless(corners: NDArray[np.float64]) -> set[tuple[Hold, Hold]]:
-    """Return the pairs of holds of which the second finds both particles on its wall, and so
-    holds both: those with opposite normals times signs, in exact arithmetic.
+def _useless(corners: Floats) -> set[tuple[Range, Range]]:
+    """Return the pairs of holds, each a wall and a particle, of which the second finds both
+    particles on its wall, and so holds both: those with opposite normals times signs, in exact
+    arithmetic.
     """
     points = [[Fraction(x) for x in corner] for corner in corners.tolist()]
     along = [
         (following[0] - point[0], following[1] - point[1])
         for point, following in zip(points, points[1:] + points[:1], strict=True)
     ]
-    found: set[tuple[Hold, Hold]] = set()
+    found = set()
     for one, first in enumerate(along):
         for other, second in enumerate(along):
             if first[0] * second[1] == first[1] * second[0]:
                 same = first[0] * second[0] + first[1] * second[1] > 0
                 for particle in (0, 1):
-                    found.add(((one, particle), (other, 1 - particle if same else particle)))
+                    found.add(((one, particle), (other, particle if not same else 1 - particle)))
     return found
 
 
-def _worth(
-    norms: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    vectors: NDArray[np.float64],
-    slacks: NDArray[np.float64],
-) -> float:
-    total: Any = np.einsum("ni,nij->j", vectors, norms) - slacks @ rows
-    rest = total[:-1]
-    value = float(total[-1] + np.minimum(rest * low, rest * high).sum())
-    return value if np.isfinite(value) else -inf
-
-
 @dataclass(frozen=True)
-class Branching:
-    """How the plans of a pattern are divided: by the hold of a gap that is the first (or, from the
-    right, the last) not to be in ``known``.
+class GapBranching:
+    """How the plans of a pattern are divided: by the contact of a gap that is the first (or, from
+    the right, the last) not to be in ``known``. It begins (or ends) one of ``choices``.
     """
 
     place: int
-    known: frozenset[Hold] = frozenset()
-    right: bool = False
-
-    def proof(self) -> dict[str, Any]:
-        """Return the division as JSON."""
-        known = [list(hold) for hold in sorted(self.known)]
-        return {"place": self.place, "known": known, "side": "last" if self.right else "first"}
+    known: frozenset[WallArc]
+    right: bool
+    choices: tuple[Hold, ...]
 
 
-def branches(relaxation: Programs, pattern: Pattern, how: Branching) -> list[Pattern]:
-    """Return the patterns into which a branching divides a pattern."""
-    before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
+@dataclass(frozen=True)
+class HoldBranching:
+    """How the plans of a pattern are divided: by whether the contact ``name`` of a hold ("first",
+    "last", "least", "most") is with a wall before ``wall`` or not; or by the "order" of its least
+    and most contact.
+    """
+
+    place: int
+    name: str
+    wall: int
+
+
+Branching = GapBranching | HoldBranching
+
+
+def gap_branching(
+    relaxation: Relaxation, pattern: Pattern, place: int, known: frozenset[WallArc], *, right: bool
+) -> GapBranching:
+    """Return the branching of a gap, with as few choices as possible."""
+    gap, walls = pattern[place], relaxation.walls
     assert isinstance(gap, HoldGap)
+    beside = pattern[place + 1 : place + 2] if right else pattern[max(place - 1, 0) : place]
+    neighbour = beside[0] if beside else None
+    assert not isinstance(neighbour, HoldGap)
+    excluded = set(known)
+    if not known and not walls.runs and isinstance(neighbour, Hold):
+        excluded = {neighbour.arc}  # the gap begins after the last contact with that wall
+    if gap.holds is None:
+        every = [WallArc(*part, particle) for part in walls.base for particle in (0, 1)]
+    else:
+        every = sorted(gap.holds)
+    choices = []
+    for arc in every:
+        for rest in _without(arc, excluded, walls.count):
+            hold = walls.hold(arc.particle, rest, right=right)
+            if not known and isinstance(neighbour, Hold):
+                pair = (hold, neighbour) if right else (neighbour, hold)
+                if not relaxation.follows(*pair, every=gap.holds is None):
+                    continue
+            choices.append(hold)
+    return GapBranching(place, known, right, tuple(choices))
+
+
+def use_branchings(
+    relaxation: Relaxation, pattern: Pattern, place: int, *, right: bool
+) -> Iterator[GapBranching]:
+    """Yield branchings of a gap by whether it has contacts outside some arcs.
+
+    These arcs are all of the gap but one.
+    """
+    gap, walls = pattern[place], relaxation.walls
+    assert isinstance(gap, HoldGap)
+    every = gap.holds or frozenset(
+        WallArc(*part, particle) for part in walls.base for particle in (0, 1)
+    )
+    for arc in sorted(every) if len(every) > 1 else []:
+        hold = walls.hold(arc.particle, arc[:2], right=right)
+        yield GapBranching(place, every - {arc}, right, (hold,))
+
+
+def _without(arc: WallArc, excluded: Iterable[WallArc], count: int) -> list[Range]:
+    """Return the parts of an arc outside some others; ``count`` walls are a whole turn."""
+    parts = [(arc.first, arc.end)]
+    for other in excluded:
+        if other.particle == arc.particle:
+            for turn in (-count, 0, count):
+                begin, end = other.first + turn, other.end + turn
+                parts = [
+                    (least, most)
+                    for first, last in parts
+                    for least, most in ((first, min(last, begin)), (max(first, end), last))
+                    if least < most
+                ]
+    return parts
+
+
+def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[Pattern]:
+    """Return the patterns into which a branching divides a pattern."""
+    before, item, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
+    if isinstance(how, HoldBranching):
+        assert isinstance(item, Hold)
+        return [(*before, half, *after) for half in halves(item, how)]
+    assert isinstance(item, HoldGap)
     known = (HoldGap(how.known),) if how.known else ()
-
-    def fits(*middle: Hold | HoldGap) -> bool:
-        whole = (*before[-1:], *middle, *after[:1])
-        return all(
-            isinstance(one, HoldGap) or isinstance(other, HoldGap) or relaxation.follows(one, other)
-            for one, other in pairwise(whole)
-        )
-
     middles: list[Pattern] = [known]
-    middles += [
-        (gap, hold, *known) if how.right else (*known, hold, gap)
-        for hold in (relaxation.holds if gap.holds is None else sorted(gap.holds))
-        if hold not in how.known
+    middles += [(item, hold, *known) if how.right else (*known, hold, item) for hold in how.choices]
+    every = item.holds is None
+    return [
+        (*before, *middle, *after)
+        for middle in middles
+        if all(
+            isinstance(first, HoldGap)
+            or isinstance(second, HoldGap)
+            or relaxation.follows(first, second, every=every)
+            for first, second in pairwise((*before[-1:], *middle, *after[:1]))
+        )
     ]
-    return [(*before, *middle, *after) for middle in middles if fits(*middle)]
+
+
+def halves(hold: Hold, how: HoldBranching) -> list[Hold]:
+    """Return the holds into which a branching divides a hold."""
+    if how.name == "order":
+        return [hold._replace(order=1), hold._replace(order=-1)]
+    first, end = hold.range(how.name)
+    found = []
+    for part in ((first, how.wall), (how.wall, end)):
+        parts: dict[str, Any] = {how.name: part}
+        half = hold._replace(**parts)
+        low, high = half.least[0], half.most[1]
+        ranges = [
+            (max(one[0], low), min(one[1], high))
+            for one in (half.first, half.last, half.least, half.most)
+        ]
+        if all(one < other for one, other in ranges):
+            begins, ends, least, most = ranges
+            found.append(Hold(hold.particle, begins, ends, least, most, hold.order))
+    return found

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise, product
+from itertools import pairwise
 from math import frexp
 from typing import Any, NamedTuple
 
@@ -16,27 +16,53 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
 from shoal.steering.certificates.cells import Cells, Cover, Wall
-from shoal.steering.certificates.relaxation import STEP, Bound, Hold, HoldGap, Pattern, branches
-from shoal.steering.certificates.search import Node, PatternTree, _branching
+from shoal.steering.certificates.relaxation import STEP
+
+Hold = tuple[int, ...]
+"""A wall in the cover of a particle, and this particle, 0 or 1; then, if they are known, the cells
+in the cover of the other particle where this is at the first contact and at the last, else -1."""
+
+
+@dataclass(frozen=True)
+class HoldGap:
+    """A place of a pattern where any number of holds may be: of ``holds``, each without cells, or of
+    all holds if it is None.
+    """
+
+    holds: frozenset[Hold] | None = None
+
+
+Item = Hold | HoldGap
+Pattern = tuple[Item, ...]
+"""All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
+Between two gaps is a hold."""
 
 Expression = NDArray[np.float64]  # (dimensions, variables + 1); the last column is the constant
-_LACKING = 1e-5  # relative to the limit: shorter inputs are not short
 _SWEEPS = 12
 MOST_CELLS = 150  # of a cover; with more, a certificate is for a smaller limit
 
 
 @dataclass(frozen=True)
-class RouteBound(Bound):
-    """A lower bound of a pattern, also with the multipliers of legs, float64 (l,); those of norms
-    have the shape (n, dimensions).
+class RouteBound:
+    """A lower bound of a pattern, with the multipliers that prove it: of norms, float64 (n,
+    dimensions), of constraints, float64 (m,), and of legs, float64 (l,); the length of the inputs
+    in each gap, and the variables.
     """
 
+    value: float
+    norms: NDArray[np.float64]
+    slacks: NDArray[np.float64]
     legs: NDArray[np.float64]
+    loads: dict[int, float]
     solution: NDArray[np.float64]
 
     def proof(self) -> dict[str, Any]:
         """Return the multipliers as JSON."""
-        return {**super().proof(), "legs": self.legs.tolist()}
+        return {
+            "norms": self.norms.tolist(),
+            "slacks": [[int(k), float(self.slacks[k])] for k in np.flatnonzero(self.slacks)],
+            "legs": self.legs.tolist(),
+        }
 
 
 class Leg(NamedTuple):
@@ -82,9 +108,7 @@ class RouteRelaxation:
     """The convex programs of all patterns of one task, in which each particle starts in the first
     cell of its cover and ends in a given one.
 
-    The programs are those of docs/concepts/steering/certificates.md. A hold is a wall in the cover
-    of a particle, and this particle; then, if they are known, the cells in the cover of the other
-    particle where this is at the first contact and at the last, else -1.
+    The programs are those of docs/concepts/steering/certificates.md.
 
     Parameters
     ----------
@@ -280,8 +304,8 @@ class RouteRelaxation:
             max(value, 0.0) * self.scale,
             vectors,
             slacks,
-            loads,
             weights,
+            loads,
             np.array(solution.x)[:count],
         )
 
@@ -492,77 +516,6 @@ class RouteRelaxation:
         )
 
 
-@dataclass(frozen=True)
-class Siting:
-    """How the plans of a pattern are divided: by the cell of the other particle at a contact of the
-    hold at ``place``, its first or its last one.
-    """
-
-    place: int
-    last: bool
-
-    def proof(self) -> dict[str, Any]:
-        """Return the division as JSON."""
-        return {"place": self.place, "contact": "last" if self.last else "first"}
-
-
-class RouteNode(Node):
-    """A node of a proof for cells."""
-
-    @property
-    def open(self) -> bool:
-        """Whether the pattern has gaps, or contacts where the cell of the other particle is not
-        known.
-        """
-        return any(isinstance(item, HoldGap) or -1 in (*item, -1, -1)[:4] for item in self.pattern)
-
-
-class RouteTree(PatternTree):
-    """Branch and bound in a workspace of cells.
-
-    Parameters
-    ----------
-    routes : RouteRelaxation
-    """
-
-    def __init__(self, routes: RouteRelaxation) -> None:
-        self.routes = routes
-        super().__init__(routes)
-
-    def _divide(self, node: Node) -> None:
-        assert isinstance(node, RouteNode)
-        siting = self._siting(node)
-        if siting is None:
-            plain = tuple(x if isinstance(x, HoldGap) else x[:2] for x in node.pattern)
-            node.how = _branching(plain, node.bound.loads)
-            parts = branches(self.routes, node.pattern, node.how)
-            node.parts = [self._node(one) for one in parts]
-            return
-        before, after = node.pattern[: siting.place], node.pattern[siting.place + 1 :]
-        hold: Any = node.pattern[siting.place]
-        wall, particle, *sites = (*hold, -1, -1)[:4]
-        node.how, node.parts = siting, []
-        for cell in range(len(self.routes.covers[1 - particle].cells)):
-            sites[siting.last] = cell
-            node.parts.append(self._node((*before, (wall, particle, *sites), *after)))
-
-    def _siting(self, node: RouteNode) -> Siting | None:
-        """Return the contact whose inputs before and after are the most too short for the ways of
-        the other particle; None if there is none, and the pattern has gaps.
-        """
-        bound, relaxation = node.bound, self.routes
-        assert isinstance(bound, RouteBound)
-        program = relaxation.program(node.pattern)
-        lacking = [relaxation.lacking(sight, program, bound.solution) for sight in program.sights]
-        if not lacking or (node.bound.loads and max(lacking) < _LACKING * relaxation.limit):
-            return None
-        sight = program.sights[int(np.argmax(lacking))]
-        return Siting(sight.place, sight.last)
-
-    def _node(self, pattern: Pattern) -> Node:
-        return RouteNode(pattern, self.relaxation.bound(pattern))
-
-
 def caps_of(
     size: int, legs: Sequence[Leg], weights: NDArray[np.float64], number: int
 ) -> NDArray[np.float64]:
@@ -597,82 +550,3 @@ def _worth(
     rest = total[:-1]
     value = float(total[-1] + np.minimum(rest * low, rest * high).sum())
     return value if np.isfinite(value) else -np.inf
-
-
-class RouteSearch:
-    """The search in a workspace of cells: one tree for each assignment of goals to particles and
-    each pair of cells in which the particles can end.
-
-    Parameters
-    ----------
-    cells : Cells
-    start, goal : ndarray of float64, shape (2, dimensions)
-    orders : sequence of tuple of int
-        Assignments of goals to particles.
-    tolerance : float
-    limit : float
-        Length of a known plan.
-
-    Attributes
-    ----------
-    trees : list of RouteTree
-        None if a start is in no cell, or if too many cells can be reached.
-    orders : list of tuple of int
-        The assignment of each tree.
-    """
-
-    def __init__(
-        self,
-        cells: Cells,
-        start: NDArray[np.float64],
-        goal: NDArray[np.float64],
-        orders: Sequence[tuple[int, ...]],
-        tolerance: float,
-        limit: float,
-    ) -> None:
-        self.trees: list[RouteTree] = []
-        self.orders: list[tuple[int, ...]] = []
-        first = [cells.cell_of(spot) for spot in start]
-        if None in first:
-            return
-        for order in orders:
-            ends = goal[list(order)]
-            one = RouteRelaxation(cells, start, ends, tolerance, limit)
-            if not one.explore([cell for cell in first if cell is not None]):
-                self.trees, self.orders = [], []
-                return
-            for pair in product(
-                *(
-                    [
-                        k
-                        for k, cell in enumerate(cover.cells)
-                        if cells.may_end(cell, spot, tolerance)
-                    ]
-                    for cover, spot in zip(one.covers, ends, strict=True)
-                )
-            ):
-                self.trees.append(RouteTree(one.ending(pair)))
-                self.orders.append(order)
-
-    def proof(self) -> dict[str, Any]:
-        """Return the proof as JSON."""
-        relaxation = self.trees[0].routes
-        return {
-            **relaxation.cells.stated,
-            "limit": relaxation.limit * relaxation.scale,
-            "unit": relaxation.scale,
-            "orders": [
-                {
-                    "order": [k + 1 for k in order],
-                    "covers": [cover.stated() for cover in trees[0].routes.covers],
-                    "trees": [
-                        {"ends": list(tree.routes.ends), "proof": tree.root.proof()}
-                        for tree in trees
-                    ],
-                }
-                for order in dict.fromkeys(self.orders)
-                for trees in [
-                    [t for t, o in zip(self.trees, self.orders, strict=True) if o == order]
-                ]
-            ],
-        }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -11,12 +13,22 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
+    GapBranching,
+    Hold,
+    HoldBranching,
     HoldGap,
     Pattern,
-    Programs,
+    Range,
+    Relaxation,
     branches,
+    gap_branching,
+    use_branchings,
 )
 
+_USEFUL = 0.01  # least rise of a division by use, relative to the gap
+_HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
+_NARROW = 16  # part of a turn, of arcs that may take turns in a gap
+_PIECES = 256  # of the least distance in the law of growth
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -25,25 +37,54 @@ class Node:
     """A node of the proof: a pattern with its bound, and how it is divided, if it is."""
 
     pattern: Pattern
-    bound: Bound
-    how: Any = None
+    bound: Bound | None
+    least: float = 0.0
+    how: Branching | None = None
     parts: list[Node] | None = None
 
     @property
     def open(self) -> bool:
-        """Whether the pattern has gaps."""
-        return any(isinstance(item, HoldGap) for item in self.pattern)
+        """Whether the pattern has gaps, or holds by several walls."""
+        return self.bound is None or bool(self.bound.errors)
 
-    def proof(self) -> list[dict[str, Any]]:
-        """Return the nodes of the proof below this node as JSON, each before its parts."""
+    def proof(self, enough: float) -> list[dict[str, Any]]:
+        """Return the nodes of the proof below this node as JSON, each before its parts.
+
+        A node whose own multipliers prove ``enough`` needs no parts.
+        """
         found, stack = [], [self]
         while stack:
             node = stack.pop()
-            if node.how is None:
-                found.append(node.bound.proof())
+            bound = node.bound
+            if bound is not None and (node.how is None or bound.value >= enough):
+                found.append(
+                    {"norms": bound.norms.tolist()}
+                    | {
+                        name: [
+                            [int(k), *np.atleast_1d(values[k]).tolist()]
+                            for k in np.unique(np.nonzero(values)[0])
+                        ]
+                        for name, values in (("slacks", bound.slacks), ("cones", bound.cones))
+                    }
+                )
+                continue
+            how = node.how
+            assert how is not None
+            if isinstance(how, HoldBranching):
+                found.append({"place": how.place, "name": how.name, "wall": how.wall})
             else:
-                found.append(node.how.proof())
-                stack += (node.parts or [])[::-1]
+                found.append(
+                    {
+                        "place": how.place,
+                        "known": [list(arc) for arc in sorted(how.known)],
+                        "side": "last" if how.right else "first",
+                        "choices": [
+                            [hold.particle, *(hold.last if how.right else hold.first)]
+                            for hold in how.choices
+                        ],
+                    }
+                )
+            stack += (node.parts or [])[::-1]
         return found
 
 
@@ -52,7 +93,10 @@ class PatternTree:
 
     Parameters
     ----------
-    relaxation : Programs
+    relaxation : Relaxation
+    by_use : bool
+        Whether to prefer to divide a gap by whether it has a hold somewhere, rather than by its
+        first hold. For some tasks, this is much better, for others much worse.
 
     Attributes
     ----------
@@ -61,7 +105,8 @@ class PatternTree:
         The shortest pattern without gaps so far; its bound is the infimum of its plans.
     """
 
-    def __init__(self, relaxation: Programs) -> None:
+    def __init__(self, relaxation: Relaxation, *, by_use: bool = False) -> None:
+        self.by_use = by_use
         self.relaxation = relaxation
         self.root = self._node((HoldGap(),))
         self.best: Node | None = None
@@ -78,7 +123,7 @@ class PatternTree:
     def upper(self) -> float:
         """Least infimum of a pattern without gaps, at most the limit."""
         limit = self.relaxation.limit * self.relaxation.scale
-        return limit if self.best is None else min(limit, self.best.bound.value)
+        return limit if self.best is None else min(limit, self.best.least)
 
     @property
     def lower(self) -> float:
@@ -88,46 +133,131 @@ class PatternTree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        self._divide(node)
-        for one in node.parts or []:
-            self._push(one)
+        assert node.bound is not None
+        errors, pattern = node.bound.errors, node.pattern
+        node.how = _branching(self.relaxation, pattern, errors)
+        if isinstance(node.how, HoldBranching):
+            node.parts = [self._node(one) for one in branches(self.relaxation, pattern, node.how)]
+            for one in node.parts:
+                self._push(one, node.least)
+            return
+        by_use = None
+        if self.by_use:
+            by_use = self._by_use(node, node.how.place, right=node.how.right)
+        if by_use is not None:
+            node.how, node.parts = by_use
+            for one in node.parts:
+                self._push(one, node.least)
+            return
+        node.parts = []
+        for pattern in branches(self.relaxation, node.pattern, node.how):
+            if len(pattern) > len(node.pattern):
+                place = node.how.place + (node.how.right or bool(node.how.known))
+                hold = pattern[place]
+                assert isinstance(hold, Hold)
+                near = hold.last if node.how.right else hold.first
+                part, ends = self._by_reach(pattern, place, near)
+            else:
+                part = self._node(pattern)
+                ends = [part]
+            node.parts.append(part)
+            for one in ends:
+                self._push(one, node.least)
 
-    def _divide(self, node: Node) -> None:
-        node.how = how = _branching(node.pattern, node.bound.loads)
-        node.parts = [self._node(one) for one in branches(self.relaxation, node.pattern, how)]
+    def _by_use(
+        self, node: Node, place: int, *, right: bool
+    ) -> tuple[GapBranching, list[Node]] | None:
+        """Return the best division of a gap by whether it has contacts outside some arcs, with the
+        nodes of its parts; None if no such division raises the bound enough.
+        """
+        best: tuple[float, GapBranching, list[Node]] | None = None
+        most = _USEFUL * (self.upper - node.least)
+        for how in use_branchings(self.relaxation, node.pattern, place, right=right):
+            parts: list[Node] = []
+            least, greatest = inf, 0.0
+            for pattern in branches(self.relaxation, node.pattern, how):
+                part = self._node(pattern)
+                assert part.bound is not None
+                rise = max(part.bound.value - node.least, 0.0)
+                least, greatest = min(least, rise), max(greatest, rise)
+                parts.append(part)
+                if least + 0.1 * (self.upper - node.least) < most:
+                    break
+            else:
+                if least + 0.1 * greatest > most:
+                    most, best = least + 0.1 * greatest, (least, how, parts)
+        return None if best is None else best[1:]
+
+    def _by_reach(self, pattern: Pattern, place: int, near: Range) -> tuple[Node, list[Node]]:
+        """Return the node of a new hold, divided by whether its run stays near its first (or last)
+        contact, which is with the walls ``near``, and the undivided nodes below it.
+        """
+        hold, walls = pattern[place], self.relaxation.walls
+        assert isinstance(hold, Hold)
+        margin = walls.count // len(walls.base)
+        for name, wall, close in (("least", near[0] - margin, 1), ("most", near[1] + margin, 0)):
+            first, end = hold.range(name)
+            if walls.runs and first < wall < end:
+                how = HoldBranching(place, name, wall)
+                halves = branches(self.relaxation, pattern, how)
+                far = self._node(halves[1 - close])
+                part, ends = self._by_reach(halves[close], place, near)
+                parts = [far, part] if close else [part, far]
+                return Node(pattern, None, how=how, parts=parts), [far, *ends]
+        node = self._node(pattern)
+        return node, [node]
 
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))
 
-    def _push(self, node: Node) -> None:
+    def _push(self, node: Node, least: float = 0.0) -> None:
+        """Add a node whose plans are at least as long as ``least``, as those of its parent."""
+        assert node.bound is not None
+        node.least = max(node.bound.value, least)
         if node.open:
             self._made += 1
-            heapq.heappush(self._heap, (node.bound.value, -len(node.pattern), self._made, node))
-        elif self.best is None or node.bound.value < self.best.bound.value:
+            heapq.heappush(self._heap, (node.least, -len(node.pattern), self._made, node))
+        elif self.best is None or node.least < self.best.least:
             self.best = node
 
 
-def _branching(pattern: Pattern, loads: dict[int, float]) -> Branching:
-    """Return how to divide a pattern: at the gap that holds most of the length.
+def _branching(
+    relaxation: Relaxation, pattern: Pattern, errors: dict[int, tuple[float, str, int]]
+) -> Branching:
+    """Return how to divide a pattern: at the item with the greatest error.
 
     A gap of few holds next to many of them has been divided often, which did not help. Another gap
     is then better.
     """
-    order = sorted(loads, key=lambda place: (_divided(pattern, place) > _OFTEN, -loads[place]))
-    place = order[0]
-    gap = pattern[place]
-    assert isinstance(gap, HoldGap)
+
+    def rank(place: int) -> tuple[bool, float]:
+        if isinstance(pattern[place], HoldGap):
+            return _divided(pattern, place) > _OFTEN, -errors[place][0]
+        return False, -errors[place][0] * _HOLDS_FIRST
+
+    place = min(errors, key=rank)
+    item = pattern[place]
+    if isinstance(item, Hold):
+        return HoldBranching(place, *errors[place][1:])
     left, right = pattern[:place][::-1], pattern[place + 1 :]
     last = len(left) > len(right)
-    if gap.holds is not None:
-        inner = [bool(side) and side[0] in gap.holds for side in (left, right)]
-        return Branching(place, right=inner[0] if inner[0] != inner[1] else last)
-    near = [item for item in (right if last else left) if not isinstance(item, HoldGap)]
+    if item.holds is not None:
+        inner = [
+            bool(side) and isinstance(side[0], Hold) and side[0].arc in item.holds
+            for side in (left, right)
+        ]
+        last = inner[0] if inner[0] != inner[1] else last
+        return gap_branching(relaxation, pattern, place, frozenset(), right=last)
+    near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
+    known = frozenset(near[:2])
+    widest = max((arc.end - arc.first for arc in known), default=0)
+    if len(known) < 2 or (relaxation.walls.runs and widest > relaxation.walls.count // _NARROW):
+        known = frozenset()
     for count in (4, 3):  # few holds in turn, again and again, become one gap
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
-            return Branching(place, frozenset(near[: 2 * count]), last)
-    pair = frozenset(near[:2])
-    return Branching(place, pair if len(pair) == 2 else frozenset(), last)
+            known = frozenset(near[: 2 * count])
+            break
+    return gap_branching(relaxation, pattern, place, known, right=last)
 
 
 def _divided(pattern: Pattern, place: int) -> int:
@@ -137,7 +267,73 @@ def _divided(pattern: Pattern, place: int) -> int:
     found = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
-            if gap.holds is None or item not in gap.holds:
+            if gap.holds is None or isinstance(item, HoldGap) or item.arc not in gap.holds:
                 break
             found += 1
     return found
+
+
+class Search:
+    """The searches for the bound of one assignment of goals to particles.
+
+    With few flat walls, these are two, each with half of the time; otherwise one.
+    """
+
+    def __init__(self, relaxation: Relaxation) -> None:
+        self.relaxation = relaxation
+        ways = (False,) if relaxation.walls.runs else (False, True)
+        self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in ways]
+        self._spent = [0.0] * len(ways)
+        self.growth = growth_bound(relaxation)
+
+    @property
+    def lower(self) -> float:
+        """Lower bound on the length of all plans, at most the limit."""
+        return max(self.growth, *(tree.lower for tree in self._trees))
+
+    def proof(self, enough: float) -> Any:
+        """Return a proof that no plan is shorter than ``enough``, as JSON."""
+        if self.growth and self.growth >= enough:
+            return "growth"
+        return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
+
+    @property
+    def shortest(self) -> PatternTree:
+        """The tree with the shortest plan."""
+        return min(self._trees, key=lambda tree: tree.upper)
+
+    def step(self, clock: Callable[[], float]) -> None:
+        """Go on with the tree that had less time."""
+        number = min(range(len(self._trees)), key=lambda k: self._spent[k])
+        begun = clock()
+        self._trees[number].step()
+        self._spent[number] += clock() - begun
+
+
+def growth_bound(relaxation: Relaxation) -> float:
+    """Return the bound of a disk from the law of growth, as the checker computes it; 0 if there is
+    none.
+    """
+    radius = relaxation.walls.radius
+    start, goal = (points[1] - points[0] for points in (relaxation.start, relaxation.goal))
+    slack = 3 * relaxation.tolerance
+    straight = float(np.hypot(*(goal - start))) - slack
+    if not radius or straight <= 0:
+        return 0.0
+    far = [float(np.hypot(*end)) for end in (start, goal)]
+    most = min(far[0], far[1] + slack)
+    outer = most * np.arange(1, _PIECES + 1) / _PIECES
+    inner = most * np.arange(_PIECES) / _PIECES - slack
+    way = np.full(_PIECES, straight)
+    around = (inner > 0) & (inner < min(far))
+    if around.any():
+        least = inner[around]
+        turn = np.arccos(np.clip(start @ goal / (far[0] * far[1]), -1, 1))
+        between = turn - sum(np.arccos(least / end) for end in far)
+        path = sum(np.sqrt(end**2 - least**2) for end in far) + least * between - slack
+        way[around] = np.where(between > 0, np.maximum(path, straight), straight)
+    way += np.maximum(max(far[1] - slack, 0.0) ** 2 / (2 * radius) - outer, 0)
+    # the checker rounds down
+    return float(
+        min(way.min() * (1 - 1e-12) * relaxation.scale, relaxation.limit * relaxation.scale)
+    )

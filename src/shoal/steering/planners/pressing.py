@@ -56,6 +56,7 @@ class PressingSearch:
         )
         self.pressing, self.rng = pressing, rng
         self._space, self._tables = world.free_space, {} if tables is None else tables
+        self._total = 1  # nodes of the last search
         ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
         self._nodes = kernels.Nodes(
             np.zeros((NODES, 2, 2)),
@@ -82,6 +83,7 @@ class PressingSearch:
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
+        self._total = total
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         found = []
@@ -113,7 +115,15 @@ class PressingSearch:
             if count >= 0:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
+        self._total = total
         return found
+
+    def first_presses(self, goal: Points) -> Points | None:
+        """Return moves from the start of the last search, after which fewer presses are left to the
+        goals; None if it found none.
+        """
+        node = kernels.nearest_node(self._nodes, self._total, self._count_presses(goal))
+        return self._path(int(node)) if node else None
 
     def _count_presses(self, goal: Points) -> kernels.Differences:
         """Return how many presses lead from each difference of the particles to that of the goals;
@@ -131,7 +141,7 @@ class PressingSearch:
                     y,
                     friction,
                     SLOPES,
-                    *_holding_places(self._space),
+                    *holding_places(self._space),
                     self.world.edges,
                     self.world.walls.circle,
                     self._tables[key],
@@ -269,8 +279,10 @@ class Conformant:
         )
 
 
-def _holding_places(space: Any) -> tuple[Points, Points]:
-    """Return places on the walls, and the inward normals there; float64, shape (places, 2)."""
+def holding_places(space: Any, spacing: float = SPACING) -> tuple[Points, Points]:
+    """Return places on the walls, ``spacing`` sizes apart where they are straight, and the inward
+    normals there; float64, shape (places, 2).
+    """
     if space.round:
         angles = 2 * np.pi * np.arange(ROUND_PLACES) / ROUND_PLACES
         normals = -np.column_stack([np.cos(angles), np.sin(angles)])
@@ -280,7 +292,7 @@ def _holding_places(space: Any) -> tuple[Points, Points]:
     at: list[Points] = []
     inward: list[Points] = []
     for (a, b, c, d), normal in zip(edges.ends, edges.normals, strict=True):
-        count = max(1, ceil(hypot(c - a, d - b) / (SPACING * space.size)))
+        count = max(1, ceil(hypot(c - a, d - b) / (spacing * space.size)))
         share = (np.arange(count)[:, None] + 0.5) / count
         at.append((1 - share) * [a, b] + share * [c, d])
         inward.append(np.tile(normal, (count, 1)))

@@ -19,6 +19,7 @@ from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.annealing import Annealing
+from shoal.steering.planners.rearrangement import rearrange
 from shoal.steering.planners.task import (
     SteeringTask,
     choose,
@@ -106,13 +107,29 @@ class Sampling:
                 task, world_of(task.world), np.random.default_rng(task.seed), simple=simple
             )
             plans, sensitive = plans + more_plans, sensitive + more_sensitive
-        plans = plans + sensitive if simple else plans or sensitive
+        plans = plans + sensitive if simple else plans or sensitive or _rearranged(task)
         if simple and plans:
             plans = Annealing(task, world, rng).shorten(plans)
             plans = sorted(plans, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
                 :BEST
             ]
         return choose(task, [remove_moves(task, moves) for moves in plans])
+
+
+def _rearranged(task: SteeringTask) -> list[Points]:
+    """Return the long plan of `rearrange` for any number of particles, if it applies."""
+    world = task.world
+    plain = isinstance(world, ContactWorld) and world.friction == np.inf and not world.radius
+    if not plain or world.gradient is not None or world.workspace.round or task.bounds:
+        return []
+    for push in (PUSH, 0.0):  # the end of plans without a push depends on the contact tolerance
+        try:
+            moves = rearrange(world.workspace, task.start, task.goal, push=push)
+        except InvalidInputError:  # positions on walls, or without room
+            continue
+        if task.reaches_goal(moves):
+            return [moves]
+    return []
 
 
 def _grow_trees(

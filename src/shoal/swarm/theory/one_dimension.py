@@ -503,8 +503,11 @@ class Line:
         All ways to distribute the empty cells over the gaps are equally likely. As m grows, the
         gaps become those of uniform points on a segment, whose largest has this mean.
         """
+        from scipy.special import digamma
+
         mean = (self.cells - self.particles) / (self.particles + 1)
-        return mean * float(np.sum(1 / np.arange(1, self.particles + 2)))
+        # 1 + 1/2 + ... + 1/k is digamma(k + 1) + gamma, also for millions of particles
+        return mean * float(digamma(self.particles + 2) + np.euler_gamma)
 
     @property
     def printed_largest_gap_law(self) -> float:

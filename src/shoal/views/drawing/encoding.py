@@ -13,7 +13,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -252,7 +251,9 @@ class LiveWindow:
     """
 
     def __init__(self, title: str) -> None:
-        self._figure = plt.figure()
+        import matplotlib.pyplot as plt  # slow to import, and pictures need it not
+
+        self._plt, self._figure = plt, plt.figure()
         if self._figure.canvas.manager is not None:
             self._figure.canvas.manager.set_window_title(title)
         self._axes = self._figure.add_axes((0, 0, 1, 1))
@@ -265,11 +266,11 @@ class LiveWindow:
         self._axes.set_axis_off()
         self._axes.imshow(picture)
         if self._figure.canvas.required_interactive_framework is not None:  # a display exists
-            plt.pause(pause)
+            self._plt.pause(pause)
 
     def close(self) -> None:
         """Close the window."""
-        plt.close(self._figure)
+        self._plt.close(self._figure)
 
 
 class NotebookFigure(Figure):

@@ -11,7 +11,8 @@ from typing import Any
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.protocol.robot import LOOK, advance, with_beacon
+from shoal.search.kernels.protocol.numbers import LOOK, RETRY, TRIES
+from shoal.search.protocol.robot import advance, with_beacon
 from shoal.search.protocol.state import (
     Action,
     Begin,
@@ -32,7 +33,6 @@ from shoal.search.protocol.state import (
 )
 from shoal.search.simulation.live.ports import Leg, RobotVehicle, SearchSensor
 from shoal.search.simulation.live.radio import LiveTask, Messenger
-from shoal.search.simulation.scenario import RETRY, TRIES
 
 _LONGEST = 0.5  # seconds: maximum duration of a sleep
 _FAREWELLS = 8  # beacons of a robot that gives up, half a period apart

@@ -1,0 +1,169 @@
+"""What plans cost: python -m benchmarks.plans [CASE…] [--beside CHECKOUT]
+
+CPU seconds (user and system, with all child processes) of one plan in a fresh process, the start of
+Python included, with a warm cache of kernels. With --beside, each case also runs with the code of
+another checkout of Shoal, such as that of the commit before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.timing import ROOT
+
+_METRES = 111_194.9  # per degree of latitude, and of longitude at the equator
+
+
+@dataclass(frozen=True)
+class Case:
+    """One command, its aim in CPU seconds, and the region that it reads."""
+
+    aim: float
+    arguments: tuple[str, ...]
+    region: Callable[[], list[np.ndarray]]
+    zones: Callable[[], list[np.ndarray]] | None = None
+
+
+def rectangle(width: float, height: float) -> list[np.ndarray]:
+    return [np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float64)]
+
+
+def field() -> list[np.ndarray]:
+    """A field of 20 ha with five corners."""
+    corners = np.array([(0, 0), (520, 40), (560, 330), (300, 470), (-30, 400)], dtype=np.float64)
+    x, y = corners.T
+    area = abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    return [corners * np.sqrt(200_000 / area)]
+
+
+def lake(cells: int, corners: int) -> list[np.ndarray]:
+    """A round lake with bays of all lengths, of about so many cells of 10 m."""
+    rng = np.random.default_rng(corners)
+    angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    radii = np.ones(corners)
+    for wave in (2, 3, 5, 8, 13, 21, 34, 55, 89):
+        radii += 0.25 / wave * np.sin(wave * angles + rng.uniform(0, 2 * np.pi))
+    radii *= 1 + rng.uniform(-0.5, 0.5, corners) * np.pi / corners
+    radius = 10 * np.sqrt(cells / np.pi)
+    return [radius * radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])]
+
+
+def zones(count: int) -> list[np.ndarray]:
+    """No-go zones of eight corners in a square, one in each 40 m by 40 m, at random places."""
+    rng = np.random.default_rng(count)
+    side = int(np.ceil(np.sqrt(count)))
+    angles = np.arange(8) * np.pi / 4
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    found = []
+    for k in range(count):
+        radius = rng.uniform(2, 8)
+        middle = 40 * np.array(divmod(k, side)) + rng.uniform(radius + 1, 39 - radius, 2)
+        found.append(middle + radius * ring)
+    return found
+
+
+def among_zones(count: int, robots: int = 6) -> Case:
+    side = 40.0 * np.ceil(np.sqrt(count))
+    arguments = ("--robots", str(robots), "--footprint", "20", "--no-simulate")
+    return Case(10.0, arguments, lambda: rectangle(side, side), zones=lambda: zones(count))
+
+
+def plan(robots: int, *more: str) -> tuple[str, ...]:
+    return ("--robots", str(robots), "--footprint", "10", "--no-simulate", *more)
+
+
+def flown(robots: int, formats: str) -> tuple[str, ...]:
+    return plan(robots, "--missions", "MISSIONS", *(("--format", formats) if formats else ()))
+
+
+CASES = {
+    "field-missions": Case(
+        0.7,
+        ("--robots", "3", "--footprint", "20", "--missions", "MISSIONS"),
+        field,
+    ),
+    "cells-3e3": Case(0.8, plan(6), lambda: lake(3_000, 100)),
+    "cells-3e3-flown": Case(0.8, plan(6, "--vehicle", "multirotor"), lambda: lake(3_000, 100)),
+    "cells-1e5": Case(2.0, plan(6), lambda: lake(100_000, 100)),
+    "cells-1e6": Case(10.0, plan(1000), lambda: rectangle(10_000, 10_000)),
+    "corners-1e4": Case(2.0, plan(6), lambda: lake(3_000, 10_000)),
+    "corners-1e5": Case(10.0, plan(6), lambda: lake(3_000, 100_000)),
+    "zones-1e3": among_zones(1_000),
+    "zones-1e4": among_zones(10_000),
+    "missions-10": Case(3.0, flown(10, ""), lambda: lake(3_000, 100)),
+    "missions-50": Case(10.0, flown(50, "plan"), lambda: lake(3_000, 100)),
+}
+
+
+def write(polygons: list[np.ndarray], to: Path) -> None:
+    """Write polygons in metres as GeoJSON in degrees, so that Shoal chooses the angle of rows."""
+    rings = [(ring / _METRES).round(9).tolist() for ring in polygons]
+    shapes = [{"type": "Polygon", "coordinates": [[*ring, ring[0]]]} for ring in rings]
+    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
+    to.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+
+
+def measure(case: Case, checkout: Path, limit: float) -> tuple[float, dict[str, object]]:
+    """Return the CPU seconds of a case with the code of a checkout, and what it printed."""
+    with tempfile.TemporaryDirectory() as folder:
+        at = Path(folder)
+        region = at / "region.geojson"
+        write(case.region(), region)
+        arguments = ["search", str(region), *case.arguments, "--json"]
+        if case.zones is not None:
+            write(case.zones(), at / "zones.geojson")
+            arguments += ["--no-go", str(at / "zones.geojson")]
+        arguments = [str(at / "missions") if one == "MISSIONS" else one for one in arguments]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(
+            [sys.executable, "-m", "shoal", *arguments],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(checkout / "src")},
+            capture_output=True,
+            text=True,
+            timeout=limit,
+            check=False,
+        )
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        raise SystemExit(done.stderr or done.stdout)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return used, json.loads(done.stdout)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"one of {', '.join(CASES)}")
+    parser.add_argument("--beside", type=Path, help="another checkout of Shoal")
+    parser.add_argument("--limit", type=float, default=300.0, help="longest wall time of a case, s")
+    options = parser.parse_args()
+    checkouts = [ROOT] if options.beside is None else [options.beside.resolve(), ROOT]
+    print(f"{'':<18} {'aim':>5}" + "".join(f"{checkout.name:>28}" for checkout in checkouts))
+    for name in options.cases or CASES:
+        case = CASES[name]
+        words = ""
+        for checkout in checkouts:
+            try:
+                measure(case, checkout, options.limit) if name == next(iter(CASES)) else None
+                used, report = measure(case, checkout, options.limit)
+                words += f"{used:>9.2f} s, makespan {report['makespan_s']:>7.0f}"
+            except subprocess.TimeoutExpired:
+                words += f"{f'over {options.limit:.0f} s':>28}"
+        print(f"{name:<18} {case.aim:>5.1f}{words}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,297 @@
+"""Plans of Shoal beside those of a plain strip planner: python -m benchmarks.strips [--prefer rows]
+
+40 seeded regions of many kinds, footprints of 10 to 60 m, 1 and 3 robots. The strip planner divides
+the region into equal strips at each of 180 angles, flies the middle of each strip from end to end,
+the nearest end next, and keeps the fastest plan; it may leave the region, but flies around zones
+and holes. Several robots share its strips by length. Time is that of the whole search, with the way
+out and home, at 1 m/s and with a turn that takes as long as a footprint (``--turn``); a turn is a
+change of direction of more than a degree. With --pictures, a picture of each pair is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import heapq
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.optimize import linear_sum_assignment
+from shapely.affinity import rotate, scale, translate
+
+from benchmarks.turns import own_outlines
+from shoal.search import SearchProblem, SearchRegion, coverage_check, plan_search, region_of
+from shoal.search.flight.timing import turns_of
+
+SHORT = 2.0  # footprints: a shorter leg within a search is counted as short
+
+
+def outlines(count: int) -> list[tuple[str, Any, float]]:
+    """Return names, polygons in metres and footprints."""
+    own = own_outlines()
+    more = {
+        "rectangle": shapely.box(0, 0, 3, 2),
+        "square": shapely.box(0, 0, 1, 1),
+        "ring": shapely.Point(0, 0).buffer(2).difference(shapely.Point(0, 0).buffer(1.1)),
+        "corridor": shapely.LineString([(0, 0), (3, 0.4), (4, 2.5), (7, 3)]).buffer(0.35),
+        "T": shapely.union_all([shapely.box(0, 2, 4, 3), shapely.box(1.5, 0, 2.5, 2)]),
+        "cross": shapely.union_all([shapely.box(0, 1, 3, 2), shapely.box(1, 0, 2, 3)]),
+        "Z": shapely.Polygon(
+            [(0, 0), (3, 0), (3, 1.6), (5, 1.6), (5, 2.6), (2, 2.6), (2, 1), (0, 1)]
+        ),
+        "quarters": shapely.box(0, 0, 4, 3).difference(shapely.box(1.8, 1.2, 2.4, 1.9)),
+        "lens": shapely.Point(0, 0).buffer(2).intersection(shapely.Point(1.8, 0).buffer(2)),
+        "wedge": shapely.Polygon([(0, 0), (5, 0), (5, 0.6), (0, 2)]),
+    }
+    kinds = own | more
+    found = []
+    for number in range(count):
+        rng = np.random.default_rng(7000 + number)
+        name = list(kinds)[number % len(kinds)]
+        shape = rotate(kinds[name], float(rng.uniform(0, 180)) if number >= len(kinds) else 0.0)
+        shape = scale(shape, 1.0, float(rng.uniform(0.8, 1.25)))
+        footprint = float(np.round(rng.uniform(10, 60)))
+        cells = float(rng.uniform(120, 700))
+        grown = scale(shape, *[(cells * footprint**2 / shape.area) ** 0.5] * 2, origin=(0, 0))
+        low = np.array(grown.bounds[:2])
+        grown = translate(grown, *-low)
+        for _ in range(number % 3 if number % 2 else 0):
+            x, y = rng.uniform(0, 1, 2) * np.array(grown.bounds[2:])
+            sides = footprint * rng.uniform(1.5, 4, 2)
+            zone = rotate(shapely.box(x, y, x + sides[0], y + sides[1]), float(rng.uniform(0, 90)))
+            grown = max(shapely.get_parts(grown.difference(zone)), key=lambda part: part.area)
+        found.append((f"{number} {name}", grown, footprint))
+    return found
+
+
+class Ways:
+    """Shortest ways that avoid the holes of a region, but may leave it."""
+
+    def __init__(self, area: Any) -> None:
+        holes = [shapely.Polygon(ring) for ring in area.interiors]
+        self.blocked = shapely.union_all(holes).buffer(-0.01) if holes else shapely.Polygon()
+        corners = [shapely.get_coordinates(hole.simplify(0.5).buffer(0.02)) for hole in holes]
+        self.corners = np.concatenate(corners) if corners else np.zeros((0, 2))
+        shapely.prepare(self.blocked)
+        self.known: dict[Any, np.ndarray] = {}
+
+    def way(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return the points of the way between two points, with both."""
+        straight = np.stack([start, end])
+        if not shapely.intersects(self.blocked, shapely.linestrings(straight)):
+            return straight
+        key = (*start, *end)
+        if key not in self.known:
+            self.known[key] = self._around(start, end)
+        return self.known[key]
+
+    def _around(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        points = np.vstack([start, end, self.corners])
+        best, before, queue = {0: 0.0}, {}, [(0.0, 0)]
+        while queue:
+            so_far, here = heapq.heappop(queue)
+            if here == 1:
+                break
+            if so_far > best[here]:
+                continue
+            lines = shapely.linestrings(
+                np.stack([np.broadcast_to(points[here], points.shape), points], axis=1)
+            )
+            free = ~shapely.intersects(self.blocked, lines)
+            for there in np.flatnonzero(free).tolist():
+                far = so_far + float(np.hypot(*(points[there] - points[here])))
+                if far < best.get(there, np.inf) - 1e-9:
+                    best[there], before[there] = far, here
+                    heapq.heappush(queue, (far, there))
+        if 1 not in before:  # an end lies within a zone
+            return np.stack([start, end])
+        way = [1]
+        while way[-1]:
+            way.append(before[way[-1]])
+        return points[way[::-1]]
+
+
+def strips_at(area: Any, size: float, angle: float) -> np.ndarray:
+    """Return the middle lines of the strips at an angle; shape (n, 2, 2)."""
+    flat = rotate(area, -angle, origin=(0, 0))
+    left, low, right, high = flat.bounds
+    count = max(1, int(np.ceil((high - low) / size - 1e-9)))
+    edges = low + (high - low) / 2 + size * (np.arange(count + 1) - count / 2)
+    bands = shapely.box(left - 1, edges[:-1], right + 1, edges[1:])
+    parts, band = shapely.get_parts(shapely.intersection(flat, bands), return_index=True)
+    kept = shapely.area(parts) > 1e-6 * size**2
+    bounds, band = shapely.bounds(parts[kept]), band[kept]
+    middle, long = (bounds[:, 0] + bounds[:, 2]) / 2, bounds[:, 2] - bounds[:, 0]
+    half = np.maximum(long - size, 0.0) / 2 + 1e-6
+    y = (edges[:-1] + edges[1:])[band] / 2
+    lines = np.stack(
+        [np.stack([middle - half, y], axis=1), np.stack([middle + half, y], axis=1)], axis=1
+    )
+    turn = np.radians(angle)
+    matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return np.asarray(lines @ matrix)
+
+
+def in_turn(lines: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return the lines in the order of the nearest end, from a point."""
+    rest, here, order = list(range(len(lines))), start, []
+    while rest:
+        far = np.hypot(*np.moveaxis(lines[rest] - here, -1, 0))
+        row, end = np.unravel_index(int(far.argmin()), far.shape)
+        line = lines[rest.pop(int(row))]
+        order.append(line if end == 0 else line[::-1])
+        here = order[-1][1]
+    return np.array(order)
+
+
+def path(order: np.ndarray, home: np.ndarray, ways: Ways) -> np.ndarray:
+    """Return the way from home along lines and back."""
+    stops = np.vstack([home[None], order.reshape(-1, 2), home[None]])
+    pieces = [ways.way(a, b)[:-1] for a, b in pairwise(stops)]
+    return np.vstack([*pieces, stops[-1:]])
+
+
+def cost(way: np.ndarray, turn: float) -> float:
+    """Return the time of a way at 1 m/s."""
+    return float(np.hypot(*np.diff(way, axis=0).T).sum()) + turn * int(turns_of(way, 0.01).sum())
+
+
+def strip_plan(area: Any, size: float, homes: np.ndarray, turn: float) -> list[np.ndarray]:
+    """Return the ways of the robots in the fastest plan."""
+    ways, best, found = Ways(area), np.inf, []
+    ranked: list[tuple[float, int, np.ndarray]] = []
+    for angle in range(180):
+        lines = strips_at(area, size, angle)
+        for start in (homes[0], lines[0, 0], lines[0, 1], lines[-1, 0], lines[-1, 1]):
+            order = in_turn(lines, start)
+            plain = np.vstack([homes[:1], order.reshape(-1, 2), homes[:1]])
+            ranked.append((cost(plain, turn), len(ranked), order))
+    for _, _, order in sorted(ranked, key=lambda one: one[:2])[:12]:
+        for rows in (order, order[::-1, ::-1]):
+            plan = shared(rows, homes, ways, turn)
+            latest = max(cost(way, turn) for way in plan)
+            if latest < best:
+                best, found = latest, plan
+    return found
+
+
+def shared(order: np.ndarray, homes: np.ndarray, ways: Ways, turn: float) -> list[np.ndarray]:
+    """Return the ways of robots that share lines by their lengths."""
+    robots = len(homes)
+    if robots == 1:
+        return [path(order, homes[0], ways)]
+    work = np.hypot(*(order[:, 1] - order[:, 0]).T) + 2 * turn
+    borders = np.searchsorted(np.cumsum(work), work.sum() * np.arange(1, robots) / robots)
+    parts = [part for part in np.split(order, borders) if len(part)]
+    costs = [[cost(path(part, home, ways), turn) for part in parts] for home in homes]
+    robot, part = linear_sum_assignment(costs)
+    return [path(parts[p], homes[r], ways) for r, p in zip(robot, part, strict=True)]
+
+
+def short_legs(way: np.ndarray, size: float) -> int:
+    """Return the number of legs between two turns that are shorter than two footprints, but longer
+    than the step from row to row.
+    """
+    corners = np.concatenate([[0], 1 + np.flatnonzero(turns_of(way, 0.01)), [len(way) - 1]])
+    long = np.hypot(*np.diff(way[corners], axis=0).T)
+    return int((long < SHORT * size).sum())
+
+
+def compare(
+    name: str, area: Any, size: float, robots: int, turn: float, **fields: Any
+) -> tuple[Any, list[np.ndarray], list[np.ndarray], SearchRegion]:
+    """Return times, turns and lengths of both plans, their ways, and the region."""
+    region = region_of(area, name=name)
+    problem = SearchProblem(
+        region, robots=robots, footprint=size, angle="auto", vehicle="ideal", **fields
+    )
+    plan = plan_search(problem, seed=1)
+    ours = []
+    for robot in range(robots):
+        stops = plan.stops(robot)
+        if len(stops):
+            route = plan.route(robot, stops).points
+            ours.append(np.vstack([route, plan.leg(route[-1], plan.places[robot])[1:]]))
+    theirs = strip_plan(area, size, plan.places, turn * size)
+    seen = coverage_check(region, ours, size, angle=plan.grid.angle)
+    figures = [
+        (
+            max(cost(way, turn * size) for way in ways),
+            sum(int(turns_of(way, 0.01).sum()) for way in ways),
+            sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways),
+            sum(short_legs(way, size) for way in ways),
+        )
+        for ways in (ours, theirs)
+    ]
+    return (figures, seen.covered_fraction, seen.outside_m, plan), ours, theirs, region
+
+
+def draw(
+    place: Path, region: SearchRegion, plans: Sequence[list[np.ndarray]], titles: Sequence[str]
+) -> None:
+    """Write a picture of two plans side by side."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(15, 7))
+    for axis, ways, title in zip(axes, plans, titles, strict=True):
+        for part in region.parts:
+            for ring in (part.exterior, *part.interiors):
+                axis.fill(*np.asarray(ring.coords).T, facecolor="none", edgecolor="0.5")
+        for way in ways:
+            axis.plot(*way.T, lw=1.2)
+            axis.plot(*way[:1].T, "o")
+        axis.set_aspect("equal")
+        axis.set_title(title, fontsize=9)
+    figure.tight_layout()
+    figure.savefig(place, dpi=60)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--regions", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--robots", default="1,3")
+    parser.add_argument("--prefer")
+    parser.add_argument("--turn", type=float, default=1.0, help="time of a turn, in footprints")
+    parser.add_argument("--pictures", type=Path)
+    options = parser.parse_args()
+    fields = {} if options.prefer is None else {"prefer": options.prefer}
+    print(
+        "| region | robots | tour | grid | time | turns | of strips | length | short legs | seen |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    found_ratios = []
+    for name, area, size in outlines(options.regions)[options.first :]:
+        for robots in (int(word) for word in options.robots.split(",")):
+            found, ours, theirs, region = compare(name, area, size, robots, options.turn, **fields)
+            (our, their), seen, outside, plan = found
+            ratio = np.array(our[:3]) / np.array(their[:3])
+            found_ratios.append(ratio)
+            print(
+                f"| {name} | {robots} | {plan.tour.name} | {plan.grid.angle:.1f} | {ratio[0]:.3f} |"
+                f" {our[1]} | {their[1]} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
+                f" {100 * seen:.4f} %, {outside:.1f} m outside |",
+                flush=True,
+            )
+            if options.pictures:
+                options.pictures.mkdir(parents=True, exist_ok=True)
+                titles = [f"{name}: {one[0]:.0f} s, {one[1]} turns" for one in (our, their)]
+                draw(options.pictures / f"{name}-{robots}.png", region, [ours, theirs], titles)
+    ratios = np.array(found_ratios)
+    mean = np.exp(np.log(ratios).mean(axis=0))
+    print(
+        f"\ngeometric means: {mean[0]:.3f} times the time (worst {ratios[:, 0].max():.3f}),"
+        f" {mean[1]:.3f} times the turns (worst {ratios[:, 1].max():.3f}), {mean[2]:.3f} times the"
+        " length"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,396 @@
+"""What a robot does next.
+
+Counterpart: `next_action`, `head_for` and what they call in `shoal.search.protocol.robot`, and
+`settled` in `shoal.search.protocol.state`. Regions without unknown obstacles, and footprints of one
+cell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import in_place_kernel
+from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO
+from shoal.search.kernels.protocol.costs import (
+    add,
+    ahead_of,
+    arc_holds,
+    cost_alone,
+    from_launch,
+    holds,
+    is_empty,
+    length,
+    next_stretch,
+    remove,
+    way,
+)
+from shoal.search.kernels.protocol.helping import cell_to_help, is_taken, leaves_to_others
+from shoal.search.kernels.protocol.knowledge import is_live, silence_limit
+from shoal.search.kernels.protocol.numbers import ARRIVAL
+from shoal.search.kernels.protocol.worlds import (
+    A_PARTITION,
+    COMPLETE,
+    HOME,
+    LISTENING,
+    NOTHING,
+    SEARCHING,
+    WAITING,
+)
+
+NONE, GO, GO_HOME, DECLARE = range(4)  # actions
+
+
+@in_place_kernel
+def place_of(robot, i):
+    """Return what `cost_alone` must know of a robot."""
+    return robot.partition, robot.own, np.int64(i), robot.start, robot.at_launch
+
+
+@in_place_kernel
+def fill(bits, n):
+    """Make a bitset that contains all cells."""
+    for k in range(bits.shape[0]):
+        bits[k] = ALL
+    if n & 63:
+        bits[n >> 6] = (ONE << np.uint64(n & 63)) - ONE
+
+
+@in_place_kernel
+def is_settled_by_all(w, b, i, cell, time, limit, waits):
+    """Return whether all robots that a robot presumes alive have searched a cell that it has
+    searched itself: no further robot can search it.
+    """
+    if not waits:
+        return True
+    lacking = 0
+    for other in range(w.counts.shape[2]):
+        if other != i and w.counts[b, i, other] >= 0 and is_live(w, b, i, other, time, limit):
+            lacking += 1
+    fact = w.head[b, cell]
+    while fact >= 0:
+        other = np.int64(w.owner[b, fact >> 6])
+        if (
+            other != i
+            and w.counts[b, i, other] >= 0
+            and holds(w.known[b, i], fact)
+            and is_live(w, b, i, other, time, limit)
+        ):
+            lacking -= 1
+        fact = w.next[b, fact]
+    return lacking == 0
+
+
+@in_place_kernel
+def write_unsettled(tour, rules, w, b, i, time, out):
+    """Write to a bitset the cells that need further search; see `settled`."""
+    robot = w.robots[b, i]
+    fill(out, tour.cells)
+    for k in range(out.shape[0]):
+        out[k] &= ~w.done[b, i, k]
+    if rules.multiplicity == 1:
+        return
+    limit = silence_limit(robot, rules)
+    waits = time < 3 * robot.deadline
+    for cell in range(tour.cells):
+        if (
+            holds(out, cell)
+            and holds(w.own[b, i], cell)
+            and is_settled_by_all(w, b, i, cell, time, limit, waits)
+        ):
+            remove(out, cell)
+
+
+@in_place_kernel
+def allot(tour, rules, partitions, w, b, i, time):
+    """Let a robot divide the tour among all robots that it knows; see
+    `shoal.search.protocol.robot._allotted`. Return False if the world needs something first.
+    """
+    robot, control = w.robots[b, i], w.control[b]
+    if robot.offered_for != robot.peers + 1:
+        control.need, control.need_one = A_PARTITION, i
+        return False
+    division, known = robot.offer, robot.peers + 1
+    begin = partitions.starts[division]
+    own = 0
+    while partitions.robots[begin + own] != i:
+        own += 1
+    if not rules.helping:
+        take(robot, division, own, known, time)
+        robot.deadline = np.inf
+        return True
+    write_unsettled(tour, rules, w, b, i, -np.inf, w.left[b])
+    for k in range(w.left.shape[1]):
+        w.left[b, k] &= ~w.own[b, i, k]
+    place = (division, own, np.int64(i), robot.start, robot.at_launch)
+    alone = cost_alone(tour, control, rules, partitions, place, w.left[b], robot.cell, robot.fresh)
+    last = max(
+        time + alone / robot.rate, after_others(tour, rules, partitions, w, b, i, division, own)
+    )
+    if control.need != NOTHING:
+        return False
+    if robot.status == LISTENING:
+        robot.deadline = last
+        take(robot, division, own, known, time)
+    elif last <= robot.deadline + 1e-9:
+        take(robot, division, own, known, time)
+    else:
+        robot.allotted_to = known
+    return True
+
+
+@in_place_kernel
+def take(robot, division, own, known, time):
+    """Let a robot take its part of a division."""
+    robot.partition, robot.own, robot.status = division, own, SEARCHING
+    robot.allotted_to, robot.allotted_at = known, time
+
+
+@in_place_kernel
+def add_arcs(partitions, division, own, multiplicity, bits, n):
+    """Add the cells to a bitset that the robot with a part must search. Return the number of their
+    arcs, and the last cell that it searches.
+    """
+    begin = partitions.starts[division]
+    parts = partitions.starts[division + 1] - begin
+    arcs, last = 0, 0
+    for ahead in range(min(multiplicity, parts)):
+        part = begin + (own + ahead) % parts
+        for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
+            first, count, step = (
+                partitions.first[arc],
+                partitions.sizes[arc],
+                partitions.step[arc],
+            )
+            for k in range(count):
+                add(bits, (first + step * k) % n)
+            arcs, last = arcs + 1, (first + step * (count - 1)) % n
+    return arcs, last
+
+
+@in_place_kernel
+def after_others(tour, rules, partitions, w, b, i, division, own):
+    """Return when a robot would finish if it searched everything after all others should be done;
+    see `shoal.search.protocol.robot._after_others`.
+    """
+    if not rules.delayed:
+        return 0.0
+    robot, control, n = w.robots[b, i], w.control[b], tour.cells
+    begin = partitions.starts[division]
+    parts = partitions.starts[division + 1] - begin
+    theirs = w.settled[b]
+    theirs[:] = ZERO
+    end, some = 0.0, False
+    for index in range(parts):
+        number = partitions.robots[begin + index]
+        other = w.robots[b, number]
+        bits = w.left[b]
+        bits[:] = ZERO
+        arcs, _ = add_arcs(partitions, division, index, rules.multiplicity, bits, n)
+        if arcs == 0 or index == own:
+            continue
+        place = (division, index, number, other.start, np.int64(1))
+        for k in range(bits.shape[0]):
+            theirs[k] |= bits[k]
+        cost = cost_alone(tour, control, rules, partitions, place, bits, other.start, np.int64(1))
+        some = True
+        end = max(end, robot.began + other.listening + longest_time(rules, cost, other.rate))
+    if not some:
+        return 0.0
+    bits = w.left[b]
+    bits[:] = ZERO
+    arcs, last = add_arcs(partitions, division, own, rules.multiplicity, bits, n)
+    place = (division, own, np.int64(i), robot.start, robot.at_launch)
+    fill(bits, n)
+    everything = cost_alone(tour, control, rules, partitions, place, bits, robot.cell, robot.fresh)
+    here = last if arcs else robot.cell
+    launched = robot.at_launch if arcs == 0 else np.int64(0)
+    place = (division, own, np.int64(i), robot.start, launched)
+    rest = cost_alone(tour, control, rules, partitions, place, theirs, here, np.int64(arcs == 0))
+    return end + ARRIVAL * rules.beat + max(everything, rest) / robot.rate
+
+
+@in_place_kernel
+def longest_time(rules, cost, rate):
+    """Return an upper bound of the time for a cost; see
+    `shoal.search.protocol.robot._longest_time`.
+    """
+    if cost == np.inf:
+        return np.inf
+    charges = np.int64(2 * cost // rules.energy) if rules.energy < np.inf else 0
+    return (cost + (charges * rules.energy if charges else 0.0)) / rate + charges * rules.recharge
+
+
+@in_place_kernel
+def is_apart(robot, cell, n):
+    """Return whether a cell is neither the robot's cell nor one beside it on the tour."""
+    ahead = (cell - robot.cell) % n
+    return ahead != 0 and ahead != 1 and ahead != n - 1
+
+
+@in_place_kernel
+def own_cell(tour, rules, partitions, robot, wanted):
+    """Return the next cell of ``wanted`` in the arcs that the robot must search, or -1."""
+    begin = partitions.starts[robot.partition]
+    parts = partitions.starts[robot.partition + 1] - begin
+    for ahead in range(min(rules.multiplicity, parts)):
+        part = begin + (robot.own + ahead) % parts
+        for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
+            first, step = partitions.first[arc], partitions.step[arc]
+            at, _ = next_stretch(wanted, first, 0, partitions.sizes[arc], step, tour.cells)
+            if at >= 0:
+                return (first + step * at) % tour.cells
+    return -1
+
+
+@in_place_kernel
+def decide(tour, rules, partitions, w, b, i, time):
+    """Let a robot without a target choose its next action. Return the action, its cell, and the
+    time until which the robot waits; see `shoal.search.protocol.robot.next_action`.
+
+    If the world needs something first, the robot stays as it is, and the result has no meaning.
+    """
+    robot, control, n = w.robots[b, i], w.control[b], tour.cells
+    if rules.ordered:
+        cell = robot.order
+        if cell < 0:
+            robot.status = WAITING
+            return NONE, cell, np.inf
+        action, wake = head_for(tour, rules, w, b, i, cell, time)
+        if control.need == NOTHING:
+            robot.order, robot.aim = -1, cell
+        return action, cell, wake
+    if robot.allotted_to <= robot.peers and not allot(tour, rules, partitions, w, b, i, time):
+        return NONE, -1, np.inf
+    wanted = w.wanted[b]
+    write_unsettled(tour, rules, w, b, i, time, wanted)
+    if is_empty(wanted):
+        robot.status, robot.next_beat = COMPLETE, time
+        return DECLARE, -1, np.inf
+    if rules.multiplicity > 1:
+        for k in range(wanted.shape[0]):
+            wanted[k] &= ~w.own[b, i, k]
+    if robot.avoided:
+        avoid(w, b, i, wanted, time)
+    limit = silence_limit(robot, rules)
+    cell, wake = own_cell(tour, rules, partitions, robot, wanted), np.inf
+    if (
+        cell < 0
+        or is_taken(w, b, i, cell, time, limit)
+        or (is_apart(robot, cell, n) and leaves_to_others(rules, w, b, i, time, limit))
+    ):
+        cell, wake = cell_of_others(tour, rules, partitions, w, b, i, cell, time, limit)
+    if control.need != NOTHING:
+        return NONE, -1, np.inf
+    if cell < 0:
+        robot.status = WAITING
+        return NONE, -1, wake
+    apart = is_apart(robot, cell, n)
+    action, wake = head_for(tour, rules, w, b, i, cell, time)
+    if control.need != NOTHING:
+        return NONE, -1, np.inf
+    robot.aim = cell
+    if apart:
+        robot.next_beat = time  # other robots learn at once where this robot helps
+    return action, cell, wake
+
+
+@in_place_kernel
+def avoid(w, b, i, wanted, time):
+    """Remove the cells that a robot avoids from ``wanted`` if others remain, as long as it avoids
+    them.
+    """
+    robot = w.robots[b, i]
+    others = False
+    for k in range(wanted.shape[0]):
+        if wanted[k] & ~w.avoided[b, i, k] != ZERO:
+            others = True
+            break
+    if time < robot.avoided_until and others:
+        for k in range(wanted.shape[0]):
+            wanted[k] &= ~w.avoided[b, i, k]
+        return
+    w.avoided[b, i, :] = ZERO
+    robot.avoided = 0
+
+
+@in_place_kernel
+def cell_of_others(tour, rules, partitions, w, b, i, mine, time, limit):
+    """Return a cell that the robot searches to help other robots, or -1 and the time until which it
+    waits; see `shoal.search.protocol.robot._cell_of_others`.
+    """
+    robot, control, n = w.robots[b, i], w.control[b], tour.cells
+    wanted, left = w.wanted[b], w.left[b]
+    cell = cell_to_help(tour, rules, partitions, w, b, i, time, limit)
+    place = place_of(robot, i)
+    if cell >= 0 and not (
+        is_apart(robot, cell, n) and leaves_to_others(rules, w, b, i, time, limit)
+    ):
+        need = 1.0 + way(tour, control, robot.cell, cell, robot.fresh)
+        need += from_launch(tour, control, i, robot.start, cell) if robot.at_launch else 0.0
+        for k in range(left.shape[0]):
+            left[k] = wanted[k]
+        remove(left, cell)
+        need += cost_alone(tour, control, rules, partitions, place, left, cell, np.int64(0))
+        if time + need / robot.rate <= robot.deadline + 1e-9:
+            return cell, np.inf
+    for k in range(left.shape[0]):
+        left[k] = wanted[k]
+    some = not is_empty(wanted)
+    alone = cost_alone(tour, control, rules, partitions, place, left, robot.cell, robot.fresh)
+    last = robot.deadline - alone / robot.rate
+    if some and time >= last - 1e-9:
+        if mine >= 0:
+            return mine, np.inf
+        return (robot.cell + ahead_of(wanted, robot.cell, 0, n, n)) % n, np.inf
+    wake = last if some else np.inf
+    for other in range(w.counts.shape[2]):
+        if other != i and w.counts[b, i, other] >= 0:
+            silence = w.peers[b, i, other].heard + (limit + 1e-6)
+            if silence > time:
+                wake = min(wake, silence)
+    return -1, wake
+
+
+@in_place_kernel
+def head_for(tour, rules, w, b, i, cell, time):
+    """Let a robot go to a cell, or home to recharge; see `shoal.search.protocol.robot.head_for`."""
+    robot, control = w.robots[b, i], w.control[b]
+    back = from_launch(tour, control, i, robot.start, cell)
+    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh)
+    cost += back if robot.at_launch else 0.0
+    need = cost
+    if robot.left < np.inf:
+        need += length(tour, control, cell, robot.start) + back
+    if need > robot.left and robot.left < rules.energy:
+        away = length(tour, control, robot.cell, robot.start) + rules.recharge * robot.rate
+        away += from_launch(tour, control, i, robot.start, robot.cell)
+        if control.need == NOTHING:
+            robot.status, robot.target, robot.since, robot.cost = SEARCHING, HOME, time, away
+        return GO_HOME, np.inf
+    if control.need == NOTHING:
+        robot.status, robot.target, robot.since, robot.cost = SEARCHING, cell, time, cost
+    return GO, np.inf
+
+
+@in_place_kernel
+def takes_over(tour, rules, partitions, w, b, i, time):
+    """Return whether a robot begins to search the part of another robot that it presumes dead."""
+    robot = w.robots[b, i]
+    if robot.partition < 0 or robot.aim < 0:
+        return False
+    n = tour.cells
+    for part in range(partitions.starts[robot.partition], partitions.starts[robot.partition + 1]):
+        here = again = False
+        for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
+            first, count, step = (
+                partitions.first[arc],
+                partitions.sizes[arc],
+                partitions.step[arc],
+            )
+            here = here or arc_holds(first, count, step, robot.aim, n)
+            again = again or (robot.aimed >= 0 and arc_holds(first, count, step, robot.aimed, n))
+        if here:
+            other = partitions.robots[part]
+            limit = silence_limit(robot, rules)
+            return not again and not is_live(w, b, i, other, time, limit)
+    return False

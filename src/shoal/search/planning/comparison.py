@@ -1,0 +1,140 @@
+"""Comparison: the plans of all tours and allocations for one search, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
+from shoal.search.flight.timing import turns_of
+from shoal.search.planning.plan import (
+    Points,
+    SearchPlan,
+    end_of,
+    plans_along,
+    price_of_turns,
+)
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.fields import AUTO
+from shoal.search.tours import TOURS
+
+
+@dataclass(frozen=True, eq=False)
+class PlanFigures:
+    """The figures of one plan in a comparison.
+
+    Parameters
+    ----------
+    plan : SearchPlan
+    seconds : float
+        Time of the whole search: until the last vehicle is back or, without a vehicle, until all is
+        searched.
+    turns : int
+        Number of turns on the routes of all robots.
+    length : float
+        Length of all routes in metres; of vehicles, with the way home.
+    evenness : float
+        Mean time of the robots divided by the time of the last one: 1 if all are done together.
+    price : float
+        The time that decides between plans, in seconds: the time of the robot that is back last,
+        with what its turns cost in comparisons beyond their own time.
+    refusal : str or None
+        The reason why a vehicle cannot fly the plan, whose time is then an estimate.
+    """
+
+    plan: SearchPlan
+    seconds: float
+    turns: int
+    length: float
+    evenness: float
+    price: float
+    refusal: str | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures as a mapping that can be written as JSON."""
+        return {
+            "tour": self.plan.tour.name,
+            "allocation": self.plan.allocation.allocator,
+            "angle_degrees": self.plan.row_angle,
+            "time_s": self.seconds,
+            "turns": self.turns,
+            "length_m": self.length,
+            "evenness": self.evenness,
+            "refusal": self.refusal,
+        }
+
+
+def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]:
+    """Plan a search along each tour and with each allocation, and return the figures of all plans,
+    the best first.
+
+    A tour or an allocation that the problem names is the only one. The order is the one in which
+    `plan_search` chooses: by the time until the last robot is done, with the price of turns.
+
+    Raises
+    ------
+    InvalidInputError
+        If the robots cannot search the region as the problem demands.
+
+    Examples
+    --------
+    >>> found = compare_plans(SearchProblem("rectangle:80x50", robots=2, tour="strips"), seed=1)
+    >>> {one.plan.tour.name for one in found}, len(found)
+    ({'strips'}, 7)
+    """
+    seed = check_integer(seed, what="seed", least=0)
+    problem.check_at_place()
+    names = [problem.tour] if problem.tour != AUTO else list(TOURS)
+    known: dict[Any, Any] = {}
+    first = plans_along(problem, names[0], seed, known)
+    if problem.launch is None:  # random starts are cells, which differ from tour to tour
+        places = tuple((x, y) for x, y in first[0].places.tolist())
+        problem = problem.replaced(starts=places).at_place(problem.place)
+    rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
+    found = [_figures(plan, problem) for plan in (*first, *rest)]
+    return sorted(found, key=lambda one: (one.refusal is not None, one.price))
+
+
+def ways_of(plan: SearchPlan) -> list[tuple[int, Points]]:
+    """Return the number of each robot that has work, counted from 0, and its route in metres: from
+    its start along its stops and, of a vehicle, to where it lands; float64, each of shape (k, 2).
+    """
+    return [(robot, way[:, :2]) for robot, way in _ways(plan)]
+
+
+def _ways(plan: SearchPlan) -> list[tuple[int, Points]]:
+    found = []
+    for robot in range(len(plan.places)):
+        stops = plan.stops(robot)
+        if not len(stops):
+            continue
+        way = plan.route(robot, stops).points
+        if plan.flies:
+            home = (plan.places if plan.landing is None else plan.landing)[robot]
+            back = plan.leg(home, way[-1, :2])[::-1]
+            level = np.full((len(back), way.shape[1] - 2), way[-1, 2:])
+            way = np.vstack([way, np.hstack([back, level])[1:]])
+        found.append((robot, way))
+    return found
+
+
+def _figures(plan: SearchPlan, problem: SearchProblem) -> PlanFigures:
+    ways = _ways(plan)
+    times = [end_of(sorties) for sorties in plan.sorties] if plan.flies else _own_times(plan)
+    last = max(times, default=0.0)
+    return PlanFigures(
+        plan,
+        seconds=plan.planned_seconds,
+        turns=sum(int(turns_of(way).sum()) for _, way in ways),
+        length=float(sum(plan.leg_lengths(way).sum() for _, way in ways)),
+        evenness=float(np.mean(times)) / last if last else 1.0,
+        price=price_of_turns(plan, problem),
+        refusal=None if plan.refusal is None else str(plan.refusal),
+    )
+
+
+def _own_times(plan: SearchPlan) -> Sequence[float]:
+    return [plan.seconds(float(cells)) for cells in plan.allocation.times]
