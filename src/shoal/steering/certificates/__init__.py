@@ -9,12 +9,14 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Verification
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
-from shoal.steering.certificates.check import check_certificate
 from shoal.steering.certificates.geodesics import geodesic_bound
+from shoal.steering.certificates.verdict import check_certificate
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 KIND = "steering certificate"
 CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
+FOR_MOVES = 0.1
+"""Share of the time of a search that is left for the number of moves."""
 _ENOUGH = 1e-4  # gap at which the search ends
 _SLACK = 1e-9  # relative: what rounding errors may take from a bound
 
@@ -40,13 +44,15 @@ class Certificate:
     lower_bound : float
         No plan is shorter, in the unit of the workspace.
     proof : dict or None
-        JSON object for `check_certificate`; None if the bound has no proof tree, because the
-        workspace is neither a convex polygon nor a disk.
+        JSON object for `check_certificate`; None if the bound has no proof tree.
+    moves_lower_bound : int
+        No plan has fewer moves. The proof is part of ``proof``; without it, this is at most 1.
     """
 
     episode: SteeringEpisode
     lower_bound: float
     proof: dict[str, Any] | None
+    moves_lower_bound: int
 
     @property
     def gap(self) -> float | None:
@@ -63,18 +69,22 @@ class Certificate:
     @property
     def sentence(self) -> str:
         """One sentence about the bound and the gap."""
+        moves = ""
+        if self.moves_lower_bound > 1:
+            moves = f"; no plan has fewer than {self.moves_lower_bound} moves"
         if self.gap is None:
-            return f"no plan is shorter than {self.lower_bound:.6g}"
+            return f"no plan is shorter than {self.lower_bound:.6g}{moves}"
         proof = "" if self.proof is None else ", by a proof that was checked"
         return (
             f"at most {100 * self.gap:.3g} % longer than the shortest plan{proof}"
-            f" (lower bound {self.lower_bound:.6g})"
+            f" (lower bound {self.lower_bound:.6g}){moves}"
         )
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer --certify`` prints."""
         return self.episode.report() | {
             "lower_bound": self.lower_bound,
+            "moves_lower_bound": self.moves_lower_bound,
             "gap": self.gap,
             "certified": self.certified,
             "certificate": None,
@@ -126,16 +136,18 @@ def certify(
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
     limit = episode.length
+    ends = [goal[list(order)] for order in orders]
+    away = min(float(np.abs(end - start).max()) for end in ends) > problem.tolerance
+    least_moves = int(away)
     searches, more = (
-        _searches(problem, start, [goal[list(order)] for order in orders], limit)
-        if (episode and has_proof(problem))
-        else ([], {})
+        _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
     )
     if not searches:
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
-        return Certificate(replace(episode, lower_bound=least), least, None)
+        return Certificate(replace(episode, lower_bound=least), least, None, least_moves)
     begun = told = clock()
-    while (now := clock()) - begun < seconds:
+    for_length = seconds * (1 - FOR_MOVES if place.kind == "polygon" else 1)
+    while (now := clock()) - begun < for_length:
         search = min(searches, key=lambda one: one.lower)
         least = search.lower
         if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
@@ -157,14 +169,27 @@ def certify(
             for order, search in zip(orders, searches, strict=True)
         ],
     }
+    if place.kind == "polygon":
+        # of plans with as few moves as possible, the given one may have more
+        end = clock() + FOR_MOVES * seconds
+        least_moves, proofs = _least_moves(
+            problem, start, ends, episode.moves, lambda: clock() >= end
+        )
+        if proofs:
+            stated = [
+                {"order": [k + 1 for k in order], "proof": one}
+                for order, one in zip(orders, proofs, strict=True)
+            ]
+            proof["moves"] = {"lower_bound": least_moves, "proofs": stated}
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
     order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
-    if place.kind == "polygon":
+    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
+    if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
-    return Certificate(replace(episode, lower_bound=bound), bound, proof)
+    return Certificate(replace(episode, lower_bound=bound), bound, proof, least_moves)
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
@@ -221,6 +246,32 @@ def _searches(
         return [], {}
     found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
     return [one for one in found if all(other.trees for other in found)], cells.stated
+
+
+def _least_moves(
+    problem: SteeringProblem,
+    start: Points,
+    goals: Sequence[Points],
+    most: int,
+    late: Callable[[], bool],
+) -> tuple[int, list[Any]]:
+    """Return the least number of moves that is proven, at most ``most``, with the proof for each
+    assignment of goals.
+    """
+    from shoal.steering.certificates.moves import MovePrograms, prove_more_moves
+
+    corners = problem.place.vertices
+    programs = [MovePrograms(corners, start, goal, problem.tolerance) for goal in goals]
+    least, proofs = 0, list[Any]()
+    while least < most:
+        found = []
+        for one in programs:
+            proof = prove_more_moves(one, least, len(corners), late)
+            if proof is None:
+                return least, proofs
+            found.append(proof)
+        least, proofs = least + 1, found
+    return least, proofs
 
 
 def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
@@ -280,8 +331,6 @@ def improved(
     """Return an episode with a plan of the given holds, if it is shorter and as sure as the plan of
     ``episode``; else ``episode``.
     """
-    import numpy as np
-
     from shoal.steering.planners.chains import Chain, refine_chain
     from shoal.steering.planners.task import SteeringTask, path_length, plan_chain
     from shoal.steering.simulation import replay
