@@ -51,7 +51,7 @@ def random_problem(rng, kind):
     if kind < 2 and rng.random() < 0.5:
         vehicle, footprint = f"{vehicle},{CAMERA}{rng.choice([0, 0.2, 0.4])}", None
     if kind == 0 and rng.random() < 0.5:
-        vehicle += ",endurance=4,recharge=2"  # several sorties
+        vehicle += ",endurance=5,recharge=2"  # several sorties
     if kind != 2 and rng.random() < 0.4:
         vehicle += f",wind_speed=3,wind_from={rng.integers(360)}"
     options = {"margin": 5.0} if rng.random() < 0.5 else {}
@@ -234,7 +234,12 @@ def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
     """
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
     problem = SearchProblem(
-        str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998"
+        str(meadow),
+        robots=2,
+        vehicle=vehicle,
+        margin=5.0,
+        launch="8.4998,47.3999;8.5,47.3998",
+        allocation="hop",
     )
     missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=0)
     episode = missions.run()

@@ -188,7 +188,7 @@ class SearchEnv(WorldEnv):
     ((2, 5, 3, 3), [[1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]])
     >>> observation, reward, terminated, truncated, info = env.step([1, 1])
     >>> round(reward, 2), info["rewards"].tolist()
-    (0.9, [0.9, 0.9])
+    (0.4, [0.9, -0.1])
     """
 
     worlds = SearchWorlds

@@ -34,6 +34,7 @@ from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
 LOOKS = 3  # at the start, which show the error of the camera
+ALIKE = 3e-3  # relative to the size: errors of two orders of the particles that are alike
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
 LEVELS = (
@@ -351,6 +352,7 @@ class _Session(ABC):
         self.inputs: list[Points] = []
         self.seen: list[Points] = []
         self.still, self.begun = 0, perf_counter()
+        self.doubtful = 0  # the last move after which the order of the particles is in doubt
 
     def run(self) -> SteeringDrive:
         """Run the loop until it ends."""
@@ -452,13 +454,31 @@ class _Session(ABC):
                     f" {points.shape}"
                 )
             if len(points) == self.count:
-                return points if expected is None else _in_order(points, expected)
+                return points if expected is None else self._told_apart(points, expected)
             if len(points) > self.count and expected is not None:  # the others are ghosts
                 return _in_order(points, expected)
         raise _Ended(
             Status.ALARM,
             f"{AGAIN} looks in a row did not show {self.count} particles; the last showed {len(points)}",
         )
+
+    def _told_apart(self, points: Points, expected: Points) -> Points:
+        """Return the points in the order of the particles.
+
+        That is the order of the rig, which may know the particles from each other, unless another
+        order explains the look clearly better. Where it does not, as after two particles have been
+        at one place, the order is in doubt.
+        """
+        orders = [points, _in_order(points, expected), points[::-1]]
+        kept, other, reverse = (
+            float(np.linalg.norm(order - expected, axis=1).max()) for order in orders
+        )
+        apart = ALIKE * self.size + 6 * self.deviation
+        if kept > 3 * other + apart:
+            return orders[1]
+        if self.count == 2 and reverse <= 3 * kept + apart:
+            self.doubtful = len(self.inputs)
+        return points
 
     @property
     def state(self) -> Points:
@@ -580,8 +600,13 @@ class _Loop(_Session):
         tolerance, moves = self.problem.tolerance, len(self.inputs)
         # a look that shows them just inside may err
         if self.error <= max(tolerance - 2 * self.deviation, 0.5 * tolerance):
-            text = f"after {moves} moves a look shows all particles within {self.error:.3g} of"
-            raise _Ended(Status.ARRIVED, f"{text} their goals")
+            text = f"after {moves} moves a look shows all particles within {self.error:.3g} of their goals"
+            if self.doubtful and not self.problem.interchangeable:
+                text += (
+                    f"; at move {self.doubtful} they were so near to each other that only a rig that"
+                    " knows them from each other tells which is which"
+                )
+            raise _Ended(Status.ARRIVED, text)
         slips = self.friction.slips
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:

@@ -39,6 +39,8 @@ def field(tmp_path_factory):
     options = [
         "--vehicle",
         "multirotor",
+        "--allocation",
+        "stay",
         "--missions",
         str(folder / "missions"),
         "--format",

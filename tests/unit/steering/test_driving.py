@@ -92,6 +92,18 @@ def test_particles_that_change_places_in_the_picture_or_have_ghosts_are_followed
     assert steer_rig(problem, rig)
 
 
+def test_particles_that_meet_keep_the_order_of_the_rig():
+    """By their distances alone, they were exchanged, and the drive said that it had arrived."""
+    start, goal = SteeringProblem("hexagon").endpoints(8)
+    problem = SteeringProblem("hexagon", start, goal, friction_at_least=9.0, max_moves=300)
+    about = PlantProperties.of("exact", **ERRORS, friction=10.0)
+    plant = SteeringPlant(problem.place, start, about, np.random.default_rng([8, 1]))
+    result = steer_rig(problem, plant, seed=8)
+    assert result
+    assert "so near to each other" in result.reason
+    assert np.linalg.norm(plant.points - result.goal, axis=1).max() <= 1.05 * result.problem.tolerance
+
+
 def test_a_field_that_is_off_is_an_alarm():
     problem = SteeringProblem("square", START, GOAL)
     rig = Bare(plant_of(problem))

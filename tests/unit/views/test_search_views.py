@@ -56,7 +56,9 @@ CASES = {
         transit=True,
         vehicle="ideal,cruise_speed=3",
     ),
-    "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
+    "as planned": lambda: search(
+        "square:60", robots=3, footprint=10, simulate=False, allocation="hop"
+    ),
     "many": lambda: search(
         "square:100",
         robots=30,

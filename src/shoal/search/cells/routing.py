@@ -352,7 +352,7 @@ class RegionPaths:
     >>> grid = cells_of(open_region("ring:50x40"), 10)
     >>> way = RegionPaths(grid).leg((45.0, 0.0), (-45.0, 0.0))
     >>> bool(grid.region.contains(way).all()), round(float(np.hypot(*np.diff(way, axis=0).T).sum()), 1)
-    (True, 128.8)
+    (True, 138.8)
     """
 
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:

@@ -567,7 +567,13 @@ class SearchProblem(Problem):
         """Names of the allocators that the planner compares. The allocator that is most often the
         fastest comes first.
         """
-        return allocations() if self.allocation == AUTO else (self.allocation,)
+        if self.allocation != AUTO:
+            return (self.allocation,)
+        if self.footprint is None or np.ptp(self.footprint) == 0:
+            return allocations()
+        # Wide footprints see cells of their neighbours' arcs: then neighbours that begin at far
+        # ends need longer than planned.
+        return tuple(name for name in allocations() if name not in ("either-end", "loop"))
 
     @property
     def _volume(self) -> bool:
