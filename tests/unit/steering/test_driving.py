@@ -101,7 +101,9 @@ def test_particles_that_meet_keep_the_order_of_the_rig():
     result = steer_rig(problem, plant, seed=8)
     assert result
     assert "so near to each other" in result.reason
-    assert np.linalg.norm(plant.points - result.goal, axis=1).max() <= 1.05 * result.problem.tolerance
+    assert (
+        np.linalg.norm(plant.points - result.goal, axis=1).max() <= 1.05 * result.problem.tolerance
+    )
 
 
 def test_a_field_that_is_off_is_an_alarm():
