@@ -28,7 +28,7 @@ from shoal.steering import (
     region,
     regular_polygon,
 )
-from shoal.steering.certificates.cells import cells_of
+from shoal.steering.certificates.cells import cells_of_place
 from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.certificates.route_search import RouteSearch
 from shoal.steering.run import run
@@ -104,7 +104,7 @@ def slack_of(name: str, number: int, seed: int) -> float | None:
     )
     goal = problem.world(gain=0.0).play(start, moves)[-1]
     length = float(np.linalg.norm(moves, axis=1).sum())
-    cells = cells_of(place)
+    cells = cells_of_place(place)
     assert cells is not None
     search = RouteSearch(cells, start, goal, 1e-6, 1.3 * length)
     if not search.trees:

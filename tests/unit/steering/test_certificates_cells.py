@@ -10,7 +10,7 @@ import pytest
 
 from shoal.steering import SteeringProblem, certify, check_certificate, polygon, prism, region
 from shoal.steering.certificates import check_certificate_of
-from shoal.steering.certificates.cells import cells_of
+from shoal.steering.certificates.cells import cells_of_place
 from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.certificates.route_search import RouteSearch
 from shoal.steering.run import run
@@ -116,7 +116,7 @@ def test_no_plan_is_shorter_than_a_bound(place, seed):
 @pytest.mark.parametrize("place", [ELL, ONE])
 def test_random_moves_are_not_shorter_than_a_bound_for_where_they_end(place):
     rng = np.random.default_rng(3)
-    problem, cells, compared = SteeringProblem(place), cells_of(place), 0
+    problem, cells, compared = SteeringProblem(place), cells_of_place(place), 0
     world = problem.world(gain=0.0)
     for number in range(6):
         start, _ = problem.endpoints(number)
@@ -139,7 +139,7 @@ def test_a_bound_is_not_above_a_plan_that_goes_around():
 
 
 def test_a_region_divides_into_convex_cells():
-    cells = cells_of(ONE)
+    cells = cells_of_place(ONE)
     assert sum(signed_area(corners) for corners in cells.corners) == pytest.approx(2.8 - 0.16)
     assert all(
         np.all(inside[:, :2] @ corner >= inside[:, 2] - 1e-12)
@@ -147,7 +147,7 @@ def test_a_region_divides_into_convex_cells():
         for corner in corners
     )
     touching = region([(0, 0), (2, 0), (2, 2), (0, 2)], [[(0, 1), (1, 0.5), (1, 1.5)]])
-    assert cells_of(touching) is None
+    assert cells_of_place(touching) is None
     start, goal = [(1.3, 1), (1.5, 1)], [(1.4, 1.2), (1.6, 1.2)]
     found = certify(run(SteeringProblem(touching, start, goal, time=0.5)))
     assert found.proof is None

@@ -238,10 +238,10 @@ def _searches(
         searches = [Search(Relaxation(place, start, goal, tolerance, limit)) for goal in goals]
         more = {"directions": round_directions().tolist()} if place.round else {}
         return list(searches), more | {"runs": searches[0].relaxation.walls.runs}
-    from shoal.steering.certificates.cells import cells_of
+    from shoal.steering.certificates.cells import cells_of_place
     from shoal.steering.certificates.route_search import RouteSearch
 
-    cells = cells_of(place)
+    cells = cells_of_place(place)
     if cells is None or not limit:
         return [], {}
     found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]

@@ -117,7 +117,7 @@ def _left(one: Any, other: Any, point: Any) -> Fraction:
     return (c - a) * (y - b) - (d - b) * (x - a)
 
 
-def cells_of(place: Any) -> Cells | None:
+def cells_of_place(place: Any) -> Cells | None:
     """Return the cells of a prism with end caps or of a region; None for other workspaces, and for
     a region that has no exact division into convex cells, such as one whose obstacles touch.
     """

@@ -151,7 +151,7 @@ class _Moves:
         return [[*moves[:number], part, *moves[number + 1 :]] for part in parts]
 
 
-def check_moves(certificate: Mapping[str, Any]) -> int:
+def proven_moves(certificate: Mapping[str, Any]) -> int:
     """Return the number of moves that a certificate proves to be the least, after the check."""
     least, proofs = certificate["moves"]["lower_bound"], certificate["moves"]["proofs"]
     orders = [part["order"] for part in proofs]

@@ -177,12 +177,12 @@ def prove_more_moves(
             if number < 0 or _length(moves[number]) > _NARROW:
                 return None
             found.append({"move": number})
-            parts = [moves[number]._replace(sector=half) for half in halves(moves[number].sector)]
+            parts = [moves[number]._replace(sector=half) for half in _halves(moves[number].sector)]
         stack += [(*moves[:number], part, *moves[number + 1 :]) for part in parts[::-1]]
     return found
 
 
-def halves(
+def _halves(
     sector: tuple[Direction, Direction] | None,
 ) -> list[tuple[Direction, Direction]]:
     """Return the quadrants, or the halves of a sector."""

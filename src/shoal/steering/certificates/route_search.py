@@ -17,7 +17,7 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.cells import Cells
 from shoal.steering.certificates.routes import (
     Hold,
-    HoldGap,
+    HoldsBetween,
     Item,
     Pattern,
     RouteBound,
@@ -68,7 +68,7 @@ class _Node:
         """Whether the pattern has gaps, or contacts where the cell of the other particle is not
         known.
         """
-        return any(isinstance(x, HoldGap) or -1 in (*x, -1, -1)[:4] for x in self.pattern)
+        return any(isinstance(x, HoldsBetween) or -1 in (*x, -1, -1)[:4] for x in self.pattern)
 
 
 class RouteTree:
@@ -85,7 +85,7 @@ class RouteTree:
         self._heap: list[tuple[float, int, int, _Node]] = []
         self._made = 0
         self._least_closed = inf
-        self._root = self._node((HoldGap(),))
+        self._root = self._node((HoldsBetween(),))
         self._push(self._root)
 
     @property
@@ -149,7 +149,7 @@ class RouteTree:
 
     def _sited(self, pattern: Pattern, how: _Siting) -> list[Pattern]:
         item = pattern[how.place]
-        assert not isinstance(item, HoldGap)
+        assert not isinstance(item, HoldsBetween)
         wall, particle, *sites = (*item, -1, -1)[:4]
         found = []
         for cell in range(len(self.routes.covers[1 - particle].cells)):
@@ -169,14 +169,14 @@ class RouteTree:
         gap = pattern[place]
         left, right = pattern[:place][::-1], pattern[place + 1 :]
         last = len(left) > len(right)
-        assert isinstance(gap, HoldGap)
+        assert isinstance(gap, HoldsBetween)
         if gap.holds is not None:
             inner = [
-                bool(side) and not isinstance(side[0], HoldGap) and side[0][:2] in gap.holds
+                bool(side) and not isinstance(side[0], HoldsBetween) and side[0][:2] in gap.holds
                 for side in (left, right)
             ]
             return _Branching(place, frozenset(), right=inner[0] if inner[0] != inner[1] else last)
-        near = [x[:2] for x in (right if last else left) if not isinstance(x, HoldGap)]
+        near = [x[:2] for x in (right if last else left) if not isinstance(x, HoldsBetween)]
         for count in (4, 3):
             if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
                 return _Branching(place, frozenset(near[: 2 * count]), right=last)
@@ -187,8 +187,8 @@ class RouteTree:
         how, pattern = node.how, node.pattern
         assert isinstance(how, _Branching)
         before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
-        assert isinstance(gap, HoldGap)
-        known: Pattern = (HoldGap(how.known),) if how.known else ()
+        assert isinstance(gap, HoldsBetween)
+        known: Pattern = (HoldsBetween(how.known),) if how.known else ()
         holds = self.routes.holds if gap.holds is None else sorted(gap.holds)
         middles: list[Pattern] = [known]
         middles += [
@@ -198,7 +198,7 @@ class RouteTree:
         ]
 
         def fits(one: Item, other: Item) -> bool:
-            if isinstance(one, HoldGap) or isinstance(other, HoldGap):
+            if isinstance(one, HoldsBetween) or isinstance(other, HoldsBetween):
                 return True
             return self.routes.follows(one, other)
 
@@ -212,11 +212,11 @@ class RouteTree:
 def _divided(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
-    assert isinstance(gap, HoldGap)
+    assert isinstance(gap, HoldsBetween)
     found = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
-            if gap.holds is None or isinstance(item, HoldGap) or item[:2] not in gap.holds:
+            if gap.holds is None or isinstance(item, HoldsBetween) or item[:2] not in gap.holds:
                 break
             found += 1
     return found

@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from math import frexp
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ in the cover of the other particle where this is at the first contact and at the
 
 
 @dataclass(frozen=True)
-class HoldGap:
+class HoldsBetween:
     """A place of a pattern where any number of holds may be: of ``holds``, each without cells, or of
     all holds if it is None.
     """
@@ -32,7 +32,7 @@ class HoldGap:
     holds: frozenset[Hold] | None = None
 
 
-Item = Hold | HoldGap
+Item = Hold | HoldsBetween
 Pattern = tuple[Item, ...]
 """All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
 Between two gaps is a hold."""
@@ -65,7 +65,8 @@ class RouteBound:
         }
 
 
-class Leg(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RouteLeg:
     """A way of one particle through doors: the norms of the inputs that move the particle, which
     are together at least as long as the norms from door to door.
     """
@@ -74,7 +75,8 @@ class Leg(NamedTuple):
     steps: list[int]
 
 
-class Sight(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Sight:
     """A contact of the hold at ``place`` where the cell of the other particle is not known, the
     place of this particle, and its known nodes and places before and after, with the norms of the
     inputs between them.
@@ -89,7 +91,8 @@ class Sight(NamedTuple):
     inputs: tuple[list[int], list[int]]
 
 
-class Program(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RouteProgram:
     """Least sum of the first ``size`` norms, float64 (n, dimensions, variables + 1), subject to
     rows (m, variables + 1) that are at least 0, to legs, and to the bounds of the variables.
     """
@@ -97,7 +100,7 @@ class Program(NamedTuple):
     norms: NDArray[np.float64]
     size: int
     rows: NDArray[np.float64]
-    legs: list[Leg]
+    legs: list[RouteLeg]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     gaps: dict[int, list[int]]
@@ -210,7 +213,7 @@ class RouteRelaxation:
                 if door == cover.entries[node]:
                     continue
                 through = [*cover.doors_from_start(node), door]
-                bound = self._solved(self.program((HoldGap(),), (particle, through)))
+                bound = self._solved(self.program((HoldsBetween(),), (particle, through)))
                 if bound.value >= self.limit * self.scale * (1 + 1e-9):
                     cover.closed.append({"node": node, "door": door, **bound.proof()})
                     continue
@@ -244,11 +247,12 @@ class RouteRelaxation:
         bound = self._solved(self.program(pattern))
         return replace(bound, value=min(bound.value, self.limit * self.scale))
 
-    def _solved(self, program: Program) -> RouteBound:
+    def _solved(self, program: RouteProgram) -> RouteBound:
         from scipy.sparse import csc_matrix
 
         clarabel = self._clarabel
-        norms, size, rows, legs, low, high, gaps, _ = program
+        norms, size, rows, legs = program.norms, program.size, program.rows, program.legs
+        low, high, gaps = program.low, program.high, program.gaps
         count, number, dimensions = len(low), len(norms), norms.shape[1]
         # the variables of the program, then the length of each norm
         heights = len(rows), len(legs), count, count, (1 + dimensions) * number
@@ -309,7 +313,7 @@ class RouteRelaxation:
             np.array(solution.x)[:count],
         )
 
-    def lacking(self, sight: Sight, program: Program, solution: NDArray[np.float64]) -> float:
+    def lacking(self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]) -> float:
         """Return how much longer the inputs before and after a contact must be for the ways of the
         other particle; infinite if this is in no cell.
         """
@@ -348,7 +352,7 @@ class RouteRelaxation:
         size = self.start.shape[1]
         count, ways = 2 * size, 2
         for item in pattern:
-            if isinstance(item, HoldGap):
+            if isinstance(item, HoldsBetween):
                 count += size * (2 + (2 if item.holds is None else len(item.holds)))
             else:
                 count, ways = count + 4 + size, ways + 3
@@ -357,7 +361,7 @@ class RouteRelaxation:
 
     def program(
         self, pattern: Pattern, through: tuple[int, Sequence[int]] | None = None
-    ) -> Program:
+    ) -> RouteProgram:
         """Return the program of a pattern.
 
         With ``through``, a particle, from 0, and doors, this particle passes the doors on its way to
@@ -436,7 +440,7 @@ class RouteRelaxation:
             rows = [apart, -apart]
         gap: list[Expression] | None = None
         for number, item in enumerate(pattern):
-            if isinstance(item, HoldGap):
+            if isinstance(item, HoldsBetween):
                 begun = len(norms)
                 free = vector(-reach, reach)
                 if number < len(pattern) - 1:
@@ -494,11 +498,11 @@ class RouteRelaxation:
         for moving, doors, here, there in ways:
             crossed = [spot(one, (other - one)[None]) for one, other in self._doors[doors]]
             steps = [place - before for before, place in pairwise([here, *crossed, there])]
-            legs.append(Leg(moving, list(range(len(norms), len(norms) + len(steps)))))
+            legs.append(RouteLeg(moving, list(range(len(norms), len(norms) + len(steps)))))
             norms += steps
         keep = [*range(used), far]
         whole = np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1))
-        return Program(
+        return RouteProgram(
             np.stack(norms)[:, :, keep],
             count,
             whole,
@@ -507,7 +511,8 @@ class RouteRelaxation:
             high[:used],
             gaps,
             [
-                sight._replace(
+                replace(
+                    sight,
                     spot=sight.spot[:, keep],
                     ends=(sight.ends[0][:, keep], sight.ends[1][:, keep]),
                 )
@@ -517,7 +522,7 @@ class RouteRelaxation:
 
 
 def caps_of(
-    size: int, legs: Sequence[Leg], weights: NDArray[np.float64], number: int
+    size: int, legs: Sequence[RouteLeg], weights: NDArray[np.float64], number: int
 ) -> NDArray[np.float64]:
     """Return how long the multiplier of each norm may be; float64, shape (number,)."""
     caps = np.zeros(number)

@@ -8,7 +8,7 @@ from typing import Any
 
 from shoal.core.episode import Verification
 from shoal.steering.certificates.check import _Task, _values, _WrongError
-from shoal.steering.certificates.check_moves import check_moves
+from shoal.steering.certificates.check_moves import proven_moves
 from shoal.steering.certificates.check_routes import route_values
 
 
@@ -45,7 +45,7 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
                     raise _WrongError(
                         f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}"
                     )
-        least_moves = check_moves(certificate) if "moves" in certificate else 0
+        least_moves = proven_moves(certificate) if "moves" in certificate else 0
     except _WrongError as error:
         return Verification(False, f"the certificate is wrong: {error}")
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
