@@ -107,9 +107,9 @@ def slack_of(name: str, number: int, seed: int) -> float | None:
     cells = cells_of_place(place)
     assert cells is not None
     search = RouteSearch(cells, start, goal, 1e-6, 1.3 * length)
-    if not search.trees:
+    if not search.possible:
         return None
-    for _ in range(_STEPS):
+    for _ in range(_STEPS if search.trees else 0):
         search.step(process_time)
     assert search.lower <= length * (1 + _SLACK), (name, number, search.lower, length)
     return length / search.lower - 1 if search.lower else None

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from shoal.steering import SteeringProblem, certify, check_certificate, polygon, prism, region
+from shoal.steering import (
+    SteeringProblem,
+    certificates,
+    certify,
+    check_certificate,
+    polygon,
+    prism,
+    region,
+)
 from shoal.steering.certificates import check_certificate_of
 from shoal.steering.certificates.cells import cells_of_place
 from shoal.steering.certificates.geodesics import geodesic_bound
@@ -45,6 +55,21 @@ def _first_leaf(proof):
     return next(node for node in proof["trees"][0]["proof"]["ways"][0]["proof"] if "norms" in node)
 
 
+_DIVISION = {"place": 0, "known": [], "side": "first"}
+
+
+def _way(proof):
+    return proof["trees"][0]["proof"]["ways"][0]
+
+
+def _cover(proof):
+    return proof["trees"][0]["proof"]["covers"][0]
+
+
+def _turned(proof):
+    return [[x + 2.0, y] for x, y in _first_leaf(proof)["norms"]]
+
+
 def _without_tree(proof):
     proof["trees"][0]["proof"]["ways"].pop()
 
@@ -79,7 +104,38 @@ def _free_door(proof):
     proof["cells"] = [[0, 1, 2, 3]]
 
 
+def _only_closed(proof):
+    """No plan goes through a closed door within the limit; with limit 0, this says nothing."""
+    proof.update(limit=0.0, start=[[0.2, 0.3], [0.2, 0.3]], goal=[[1.9, 1.3], [1.9, 1.3]])
+    cells = cells_of_place(ONE)
+    cell = cells.cell_of(np.array([0.2, 0.3]))
+    nothing = {"norms": [[0.0, 0.0]] * 5, "slacks": [], "legs": [0.0]}
+    closed = [{"node": 0, "door": door, **nothing} for door in cells.doors_of[cell]]
+    cover = {"cell": cell, "nodes": [], "closed": closed}
+    proof["trees"] = [{"order": [1, 2], "proof": {"covers": [cover, cover], "ways": []}}]
+
+
 WRONG = {
+    "only closed doors": _only_closed,
+    "unit": lambda proof: proof.update(unit=0.0),
+    "text": lambda proof: proof.update(lower_bound="1e999999999"),
+    "not a number": lambda proof: proof.update(limit=float("nan")),
+    "deep": lambda proof: proof.update(start=[[[[[0.0]]]]]),
+    "no limit": lambda proof: proof.pop("limit"),
+    "corners": lambda proof: proof["rings"].append([[9 + k / 4096, k % 2] for k in range(2000)]),
+    "numbers": lambda proof: proof.update(directions=[[0.0] * 100_001]),
+    "cover": lambda proof: _cover(proof).update(nodes=[[0, 0]] * 1001),
+    "orders": lambda proof: proof["trees"][0].update(order=[2, 1]),
+    "missing cases": lambda proof: _way(proof).update(proof=[_DIVISION] * 1000),
+    "one norm": lambda proof: _first_leaf(proof)["norms"].pop(),
+    "long norm": lambda proof: _first_leaf(proof).update(norms=_turned(proof)),
+    "negative": lambda proof: _first_leaf(proof)["slacks"].append([0, -1.0]),
+    "no constraint": lambda proof: _first_leaf(proof)["slacks"].append([10**9, 1.0]),
+    "fine": lambda proof: _first_leaf(proof)["slacks"].append([0, 2.0**-40]),
+    "no item": lambda proof: _way(proof).update(proof=[_DIVISION | {"place": 7}]),
+    "no hold": lambda proof: _way(proof).update(proof=[_DIVISION | {"known": [[999, 0]]}]),
+    "no node": lambda proof: _way(proof).update(proof=[5]),
+    "end": lambda proof: _way(proof).update(ends=[0, 999]),
     "higher": lambda proof: proof.update(lower_bound=proof["lower_bound"] * 1.001),
     "limit": lambda proof: proof.update(limit=proof["limit"] * 1.5),
     "no tree": _without_tree,
@@ -101,7 +157,24 @@ WRONG = {
 def test_wrong_certificates_are_refused(around, name):
     proof = copy.deepcopy(around[1].proof)
     WRONG[name](proof)
-    assert not check_certificate(proof)
+    checked = check_certificate(proof)
+    assert not checked
+    assert checked.message.startswith("the certificate is ")
+
+
+def test_the_checkers_use_nothing_of_the_search():
+    folder = Path(certificates.__file__).parent
+    for name in ("check", "check_routes", "check_moves", "verdict"):
+        tree = ast.parse((folder / f"{name}.py").read_text())
+        used = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        used |= {
+            x.name for node in ast.walk(tree) if isinstance(node, ast.Import) for x in node.names
+        }
+        shoal = {module for module in used if module.startswith("shoal")}
+        assert shoal <= {
+            "shoal.core.episode",
+            *(f"shoal.steering.certificates.{x}" for x in ("check", "check_moves", "check_routes")),
+        }
 
 
 @pytest.mark.parametrize(("place", "seed"), [(ELL, 0), (ONE, 2)])
@@ -118,12 +191,12 @@ def test_random_moves_are_not_shorter_than_a_bound_for_where_they_end(place):
     rng = np.random.default_rng(3)
     problem, cells, compared = SteeringProblem(place), cells_of_place(place), 0
     world = problem.world(gain=0.0)
-    for number in range(6):
+    for number in range(5):
         start, _ = problem.endpoints(number)
         moves = rng.normal(size=(rng.integers(1, 5), 2)) * 0.5
         length = float(np.linalg.norm(moves, axis=1).sum())
         search = RouteSearch(cells, start, world.play(start, moves)[-1], 1e-6, 1.3 * length)
-        for _ in range(20 if search.trees else 0):
+        for _ in range(10 if search.trees else 0):
             search.step(lambda: 0.0)
             compared += search.lower > 0.5 * length
             assert search.lower <= length * (1 + 1e-9)

@@ -43,7 +43,7 @@ def test_moves_that_end_at_the_goals_are_never_excluded(name):
     rng = np.random.default_rng(5)
     problem = SteeringProblem(name)
     place, world = problem.place, problem.world(gain=0.0)
-    for number in range(40):
+    for number in range(12):
         start, _ = problem.endpoints(number)
         moves = rng.normal(size=(rng.integers(1, 3), 2)) * 0.5
         goal = world.play(start, moves)[-1]
@@ -69,6 +69,13 @@ WRONG = {
     "negative": _negative,
     "no multipliers": _no_multipliers,
     "nothing": lambda moves: moves.clear(),
+    "many": lambda moves: moves.update(lower_bound=10**9),
+    "missing cases": lambda moves: moves["proofs"][0].update(
+        proof=[{"move": 0, "particle": 0}] * 9
+    ),
+    "no move": lambda moves: moves["proofs"][0].update(proof=[{"move": 5}]),
+    "no particle": lambda moves: moves["proofs"][0].update(proof=[{"move": 0, "particle": 2}]),
+    "orders": lambda moves: moves["proofs"][0].update(order=[2, 1]),
 }
 
 
@@ -76,7 +83,9 @@ WRONG = {
 def test_wrong_proofs_of_moves_are_refused(certificate, name):
     proof = copy.deepcopy(certificate.proof)
     WRONG[name](proof["moves"])
-    assert not check_certificate(proof)
+    checked = check_certificate(proof)
+    assert not checked
+    assert checked.message.startswith("the certificate is ")
 
 
 def test_without_a_proof_a_move_is_needed_if_particles_are_not_at_their_goals():

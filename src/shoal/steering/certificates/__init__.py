@@ -150,7 +150,7 @@ def certify(
     while (now := clock()) - begun < for_length:
         search = min(searches, key=lambda one: one.lower)
         least = search.lower
-        if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
+        if least * (1 + _ENOUGH) >= min(one.upper for one in searches):
             break
         search.step(clock)
         if progress is not None and now - told > 1:
@@ -185,7 +185,7 @@ def certify(
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
+    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
@@ -245,7 +245,7 @@ def _searches(
     if cells is None or not limit:
         return [], {}
     found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
-    return [one for one in found if all(other.trees for other in found)], cells.stated
+    return found if all(one.possible for one in found) else [], cells.stated
 
 
 def _least_moves(
@@ -258,12 +258,12 @@ def _least_moves(
     """Return the least number of moves that is proven, at most ``most``, with the proof for each
     assignment of goals.
     """
-    from shoal.steering.certificates.moves import MovePrograms, prove_more_moves
+    from shoal.steering.certificates.moves import MOST_MOVES, MovePrograms, prove_more_moves
 
     corners = problem.place.vertices
     programs = [MovePrograms(corners, start, goal, problem.tolerance) for goal in goals]
     least, proofs = 0, list[Any]()
-    while least < most:
+    while least < min(most, MOST_MOVES):
         found = []
         for one in programs:
             proof = prove_more_moves(one, least, len(corners), late)

@@ -13,6 +13,7 @@ from shoal.core.dataclass import dataclass
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points
 from shoal.steering.workspaces.region import Region
 
+_MOST_CORNERS = 2000  # of a region with a certificate
 _ON = 1e-9  # relative to the size: how far outside a cell, behind a wall, a start may lie
 
 
@@ -241,7 +242,7 @@ def _convex_parts(place: Region, vertices: Points) -> list[list[int]] | None:
     import shapely
 
     index = {tuple(vertex): k for k, vertex in enumerate(vertices.tolist())}
-    if len(index) < len(vertices) or _touch(place, vertices):
+    if len(vertices) > _MOST_CORNERS or len(index) < len(vertices) or _touch(place, vertices):
         return None
     parts: list[list[int]] = []
     for triangle in shapely.constrained_delaunay_triangles(place.shape).geoms:

@@ -669,9 +669,11 @@ def _leaves(
     The task has the method ``parts``.
     """
     stack: list[list[Any]] = [[None]]  # all plans
-    for node in proof:
+    for number, node in enumerate(proof):
         if not stack:
             raise _WrongError("the proof goes on after its last case")
+        if len(stack) > len(proof) - number:
+            break
         pattern = stack.pop()
         if "norms" in node:
             yield pattern, node

@@ -25,6 +25,7 @@ from shoal.steering.certificates.check import (
 
 _FREE, _UNKNOWN = -1, -2
 _ONE = -1  # key of the constant of an expression
+_MOST = 100  # moves
 _CLEAR = 10**9  # a contradiction is at least 1 / _CLEAR of its multipliers, in the unit
 
 Sector = tuple[Pair, Pair] | None
@@ -158,19 +159,23 @@ def proven_moves(certificate: Mapping[str, Any]) -> int:
     needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
     if not isinstance(least, int) or sorted(orders) != needed:
         raise _WrongError("expected a number of moves, and a proof for each order")
+    if not 1 <= least <= _MOST:
+        raise _WrongError(f"expected at least 1 and at most {_MOST} moves, got {least}")
     for part in proofs:
         task = _Moves(certificate, part["order"])
         # A plan with fewer moves has more with moves of length 0.
         unknown: Move = ((_UNKNOWN, _UNKNOWN), None)
         stack = [[unknown] * (least - 1)]
-        for node in part["proof"]:
+        for number, node in enumerate(part["proof"]):
             if not stack:
                 raise _WrongError("the proof goes on after its last case")
+            if len(stack) > len(part["proof"]) - number:
+                break
             moves = stack.pop()
             if "slacks" in node:
                 task.check(moves, node)
             else:
                 stack += task.parts(moves, node)[::-1]
-        if stack or least < 1:
+        if stack:
             raise _WrongError(f"{len(stack)} cases are missing")
     return least

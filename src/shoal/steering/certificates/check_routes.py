@@ -19,6 +19,8 @@ Row = dict[int, int]
 Place = list[Row]  # one expression for each coordinate
 Space = tuple[Spot, int]  # inward normal and offset
 _ONE = -1  # key of the constant of an expression
+_MOST_CORNERS = 2000  # of a region
+_MOST_CELLS = 1000  # of a cover
 _ON = Fraction(1, 10**9)  # relative to the unit: how far behind a wall a start may lie
 
 
@@ -34,6 +36,8 @@ class _Cells:
 
     def __init__(self, certificate: Mapping[str, Any]) -> None:
         unit = Fraction(certificate["unit"])
+        if unit <= 0:
+            raise _WrongError("the unit is not positive")
         solid = "height" in certificate
         rings = [certificate["corners"]] if solid else certificate["rings"]
         tops = [certificate["height"]] if solid else []
@@ -44,7 +48,7 @@ class _Cells:
         numbers = [Fraction(x) / unit for x in [*sizes, *(x for spot in spots for x in spot)]]
         origin = [Fraction(x) / unit for x in certificate["start"][0]]
         self.dimensions = len(origin)
-        if unit <= 0 or min(numbers[: len(sizes)]) < 0 or self.dimensions != (3 if solid else 2):
+        if min(numbers[: len(sizes)]) < 0 or self.dimensions != (3 if solid else 2):
             raise _WrongError("a size or the number of coordinates is wrong")
         self.whole = lcm(*(x.denominator for x in [*numbers, *origin]))
         self.unit = unit
@@ -97,11 +101,14 @@ class _Cells:
         edges = [
             (a, b) for ring in self.rings for a, b in zip(ring, ring[1:] + ring[:1], strict=True)
         ]
+        if len(spots) > _MOST_CORNERS:
+            raise _WrongError(f"expected at most {_MOST_CORNERS} corners, got {len(spots)}")
+        walls = {edge: k for k, edge in enumerate(edges)}
         if len(set(spots)) < len(spots):
             raise _WrongError("the rings touch each other")
         for a, b in edges:
             for spot in spots:
-                if spot not in (a, b) and _left(a, b, spot) == 0 and _between(a, b, spot):
+                if _between(a, b, spot) and spot not in (a, b) and _left(a, b, spot) == 0:
                     raise _WrongError("the rings touch each other")
         polygons = [[spots[k] for k in cell] for cell in cells]
         sides = [_convex_sides(polygon) for polygon in polygons]
@@ -111,11 +118,10 @@ class _Cells:
         if any(once[a, b] != 1 for a, b in edges) or any(
             once[b, a] != count or count != 1
             for (a, b), count in once.items()
-            if (a, b) not in set(edges)
+            if (a, b) not in walls
         ):
             raise _WrongError("the cells do not divide the region")
         numbers: dict[frozenset[Spot], int] = {}
-        walls = {edge: k for k, edge in enumerate(edges)}
         for a, b in edges:
             self.walls.append(_Wall(a, [_from(a, b)], _space(a, b)[0], []))
         self.walls_of, self.doors_of, self.insides = [], [], []
@@ -172,6 +178,8 @@ class _Cover:
         if not 0 <= stated["cell"] < len(cells.insides):
             raise _WrongError("a cover begins in no cell")
         cells.check_start(self.cells[0], cells.start[particle])
+        if len(stated["nodes"]) > _MOST_CELLS:
+            raise _WrongError(f"expected a cover of at most {_MOST_CELLS} cells")
         done = set()
         for door, parent in stated["nodes"]:
             if not 0 <= parent < len(self.cells):
@@ -199,7 +207,8 @@ class _Cover:
     def between(self, one: int, other: int) -> list[int]:
         """Return the doors that a particle must pass on its way from a cell to another."""
         first, second = self.words[one], self.words[other]
-        shared = sum(first[: k + 1] == second[: k + 1] for k in range(min(len(first), len(second))))
+        same = [a == b for a, b in zip(first, second, strict=False)]
+        shared = [*same, False].index(False)
         return first[shared:][::-1] + second[shared:]
 
 
@@ -476,10 +485,14 @@ def _program(
 
 
 def route_values(certificate: Mapping[str, Any], tree: Mapping[str, Any]) -> Iterator[Fraction]:
-    """Yield the bound of each leaf of a proof for cells, and check that no case is missing."""
+    """Yield the bound of each leaf of a proof for cells, and check that no case is missing.
+
+    The first value is the limit: plans that go through closed doors are only known to be as long.
+    """
     task = _RouteTask(_Cells(certificate), tree["order"])
     proof = tree["proof"]
     task.explore(proof["covers"])
+    yield task.most
     ways = [tuple(way["ends"]) for way in proof["ways"]]
     if sorted(ways) != sorted(task.needed_ends()):
         raise _WrongError("expected a proof for each cell in which a particle can end")

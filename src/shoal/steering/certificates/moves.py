@@ -15,6 +15,7 @@ from shoal.steering.certificates.relaxation import STEP
 FREE, UNKNOWN = -1, -2  # of a particle in a move; otherwise the wall that stops it
 QUADRANTS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _NARROW = 4096  # length of the directions between which no sector is divided again
+MOST_MOVES = 100  # of a proof
 _CLEAR = 1e-8  # least violation of constraints that counts
 
 Direction = tuple[int, int]

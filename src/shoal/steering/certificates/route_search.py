@@ -237,7 +237,9 @@ class RouteSearch:
     Attributes
     ----------
     trees : list of RouteTree
-        None if a start is in no cell, or if too many cells can be reached.
+        None if no plan within the limit ends in a cell of its goal.
+    possible : bool
+        Whether the search can be made: a start is in a cell, and not too many can be reached.
     """
 
     def __init__(
@@ -249,9 +251,11 @@ class RouteSearch:
         limit: float,
     ) -> None:
         self.trees: list[RouteTree] = []
+        self._limit = limit
         self.relaxation = RouteRelaxation(cells, start, goal, tolerance, limit)
         first = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
-        if len(first) < len(start) or not self.relaxation.explore(first):
+        self.possible = len(first) == len(start) and self.relaxation.explore(first)
+        if not self.possible:
             return
         ends = [
             [k for k, cell in enumerate(cover.cells) if cells.may_end(cell, spot, tolerance)]
@@ -262,12 +266,12 @@ class RouteSearch:
     @property
     def lower(self) -> float:
         """Lower bound on the length of all plans, at most the limit."""
-        return min(tree.lower for tree in self.trees)
+        return min([self._limit, *(tree.lower for tree in self.trees)])
 
     @property
-    def shortest(self) -> RouteTree:
-        """The tree with the least bound of a pattern that cannot be divided."""
-        return min(self.trees, key=lambda tree: tree.upper)
+    def upper(self) -> float:
+        """Least bound of a pattern that cannot be divided, at most the limit."""
+        return min([self._limit, *(tree.upper for tree in self.trees)])
 
     def step(self, clock: Callable[[], float]) -> None:
         """Divide the pattern with the least bound."""
