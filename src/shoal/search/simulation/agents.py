@@ -34,8 +34,7 @@ class SearchBatch:
     Parameters
     ----------
     problem : SearchProblem
-        A problem that compiled code simulates: without obstacles, with one footprint, and without
-        signed, divided, replayed or forged messages.
+        A problem without obstacles, with one footprint.
     worlds : int
         Number of worlds.
     directions : array_like of int, shape (D, 3)
@@ -67,11 +66,10 @@ class SearchBatch:
         self.problem, self.plan = problem, plan_search(problem)
         self.tour, self.max_steps = self.plan.tour, max_steps
         scenario = scenario_of(problem, self.plan, 0)
-        if not can_compile(scenario):
+        if not can_compile(scenario) or scenario.brief.tour_cost.stepwise:
             raise InvalidInputError(
-                "search: expected footprints of one cell, no obstacles, and messages without key,"
-                " packet, replays and forgeries in many worlds at once, got another problem, which"
-                " shoal.envs.search_v0 simulates"
+                "search: expected footprints of one cell and no obstacles in many worlds at once,"
+                " got another problem, which shoal.envs.search_v0 simulates"
             )
         self._searches = CompiledSearches([scenario] * worlds, ordered=True)
         position, cells = self.tour.position, self.tour.cells

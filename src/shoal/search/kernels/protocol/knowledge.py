@@ -33,6 +33,7 @@ from shoal.search.kernels.protocol.numbers import (
     SHORTEST_SILENCE,
     TOLERATED,
 )
+from shoal.search.kernels.protocol.steps import VERSION, number_of_set
 from shoal.search.kernels.protocol.worlds import COMPLETE, LISTENING
 
 
@@ -57,14 +58,81 @@ def learn(w, b, i, word, new, rules):
     """Let a robot learn the facts of a word that it does not know."""
     w.known[b, i, word] |= new
     while new != ZERO:
-        cell = np.int64(w.cells[b, (word << 6) + lowest(new)])
-        if rules.multiplicity == 1:
-            add(w.done[b, i], cell)
-        else:
-            w.claims[b, i, cell] += 1
-            if w.claims[b, i, cell] == rules.multiplicity:
-                add(w.done[b, i], cell)
+        settle(w, b, i, np.int64(w.cells[b, (word << 6) + lowest(new)]), rules)
         new &= new - ONE
+
+
+@in_place_kernel
+def settle(w, b, i, cell, rules):
+    """Let a robot know that one more robot has searched a cell, or found an obstacle in it."""
+    if rules.multiplicity == 1:
+        add(w.done[b, i], cell)
+        return
+    w.claims[b, i, cell] += 1
+    if w.claims[b, i, cell] == rules.multiplicity:
+        add(w.done[b, i], cell)
+
+
+@in_place_kernel
+def report_obstacle(w, b, i, cell, rules):
+    """Let a robot report that a cell contains an obstacle."""
+    control = w.control[b]
+    for closing in range(control.closings):
+        if w.shut[b, closing] == cell and w.closer[b, closing] == i:
+            return
+    closing = control.closings
+    w.shut[b, closing], w.closer[b, closing] = cell, i
+    control.closings += 1
+    learn_obstacles(w, b, i, closing >> 6, ONE << np.uint64(closing & 63), rules)
+
+
+@in_place_kernel
+def learn_obstacles(w, b, i, word, new, rules):
+    """Let a robot learn the obstacles of a word that it does not know."""
+    w.closed[b, i, word] |= new
+    w.robots[b, i].shut = -1
+    while new != ZERO:
+        settle(w, b, i, np.int64(w.shut[b, (word << 6) + lowest(new)]), rules)
+        new &= new - ONE
+
+
+@in_place_kernel
+def knows_obstacle(w, b, i, other, cell):
+    """Return whether a robot knows that another one reports an obstacle in a cell."""
+    for closing in range(w.control[b].closings):
+        if (
+            w.shut[b, closing] == cell
+            and w.closer[b, closing] == other
+            and holds(w.closed[b, i], closing)
+        ):
+            return True
+    return False
+
+
+@in_place_kernel
+def number_of_obstacles(tour, rules, w, b, i, number):
+    """Return the number of the set of obstacles that a robot knows, if it were the robot
+    ``number``: those that this one reports, or enough robots; see
+    `shoal.search.protocol.state.obstacles`. The number is valid until the next call.
+    """
+    if not tour.stepwise:
+        return 0
+    robot, count, bits = w.robots[b, i], w.control[b].closings, w.settled[b]
+    if number == i and robot.shut >= 0 and robot.shut_version == tour.counters[VERSION]:
+        return robot.shut
+    bits[:] = ZERO
+    for closing in range(count):
+        if not holds(w.closed[b, i], closing):
+            continue
+        cell, reports = w.shut[b, closing], 0
+        for other in range(count):
+            reports += w.shut[b, other] == cell and holds(w.closed[b, i], other)
+        if w.closer[b, closing] == number or reports >= rules.multiplicity:
+            add(bits, np.int64(cell))
+    found = number_of_set(tour, bits)
+    if number == i:
+        robot.shut, robot.shut_version = found, tour.counters[VERSION]
+    return found
 
 
 @in_place_kernel
@@ -143,7 +211,7 @@ def hear(w, b, i, slot, time, rules):
             peer.origin, peer.place, peer.since = w.robots[b, other].start, place, time
             peer.then, peer.lag_then, peer.later, peer.lag_later = time, lag, time, lag
         else:
-            if k == 0:
+            if other == message.sender:
                 robot.lost += count - before - 1
                 robot.got += 1
             if time - peer.later >= MARK * rules.beat:
@@ -156,6 +224,11 @@ def hear(w, b, i, slot, time, rules):
     for k in range(message.findings):
         word = w.finding_word[b, slot, k]
         w.reported[b, i, word] |= w.finding_bits[b, slot, k]
+    for k in range(message.closings):
+        word = w.closing_word[b, slot, k]
+        new = w.closing_bits[b, slot, k] & ~w.closed[b, i, word]
+        if new != ZERO:
+            learn_obstacles(w, b, i, word, new, rules)
 
 
 # Beacons
@@ -190,6 +263,14 @@ def width_of_window(w, b, i, n):
             if is_first_finding(w, b, i, finding):
                 cell = np.int64(w.place[b, finding])
                 begun[level_of((cell - robot.window) % n, n)] += 1
+    for closing in range(w.control[b].closings):
+        if not holds(w.closed[b, i], closing):
+            continue
+        cell = np.int64(w.shut[b, closing])
+        if cell == 0 or not knows_obstacle(w, b, i, w.closer[b, closing], cell - 1):
+            begun[level_of((cell - first) % n, n)] += 1
+        elif cell == first:
+            begun[begun.shape[0] - 1] += 1
     cut = begun[begun.shape[0] - 1]
     total = np.int64(0)
     for k in range(begun.shape[0] - 1):
@@ -239,6 +320,13 @@ def choose_news(w, b, i, turn):
     for k in range(w.control[b].words):
         if w.known[b, i, k] & ~w.before[b, i, turn, k] != ZERO:
             telling[w.owner[b, k]] = 1
+    choose_in_turn(w, b, i)
+
+
+@in_place_kernel
+def choose_in_turn(w, b, i):
+    """Keep of the marked robots those of which the next beacon tells what is new."""
+    telling = w.telling[b]
     telling[i] = 0
     others = 0
     for other in range(telling.shape[0]):
@@ -302,6 +390,7 @@ def write_beacon(w, b, i, slot, time, n):
             w.word[b, slot, message.words], w.bits[b, slot, message.words] = k, bits
             message.words += 1
     write_findings(w, b, i, slot, width, turn, n)
+    write_obstacles(w, b, i, slot, width, turn, n)
     for k in range(count):
         before[k] = known[k]
     robot.announced += 1
@@ -328,6 +417,32 @@ def write_findings(w, b, i, slot, width, turn, n):
             w.finding_bits[b, slot, message.findings] = told
             message.findings += 1
     for k in range(words):
+        before[k] = known[k]
+
+
+@in_place_kernel
+def write_obstacles(w, b, i, slot, width, turn, n):
+    """Write to a beacon the known obstacles that are new, or in the section to repeat."""
+    robot, message, count = w.robots[b, i], w.messages[b, slot], w.control[b].closings
+    known, before, telling = w.closed[b, i], w.closed_before[b, i, turn], w.telling[b]
+    message.closings = 0
+    telling[:] = 0
+    for closing in range(count):
+        if holds(known, closing) and not holds(before, closing):
+            telling[w.closer[b, closing]] = 1
+    choose_in_turn(w, b, i)
+    for k in range((count + 63) >> 6):
+        bits, told = known[k], ZERO
+        while bits != ZERO:
+            closing = (k << 6) + lowest(bits)
+            new = telling[w.closer[b, closing]] and not holds(before, closing)
+            if new or in_window(robot.window, width, np.int64(w.shut[b, closing]), n):
+                told |= ONE << np.uint64(closing & 63)
+            bits &= bits - ONE
+        if told != ZERO:
+            w.closing_word[b, slot, message.closings] = k
+            w.closing_bits[b, slot, message.closings] = told
+            message.closings += 1
         before[k] = known[k]
 
 
@@ -408,6 +523,14 @@ def silence_limit(robot, rules):
 def is_live(w, b, i, other, time, limit):
     """Return whether a robot presumes that another is alive. ``limit`` is its `silence_limit`."""
     return other == i or (w.counts[b, i, other] >= 0 and time - w.peers[b, i, other].heard <= limit)
+
+
+@in_place_kernel
+def can_come(tour, w, b, i, other, time, limit):
+    """Return whether a robot presumes that another is alive and can reach the cells ``reach``."""
+    return is_live(w, b, i, other, time, limit) and (
+        other == i or not tour.stepwise or holds(w.reach[b], w.robots[b, other].start)
+    )
 
 
 @in_place_kernel
