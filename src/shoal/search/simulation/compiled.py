@@ -281,6 +281,8 @@ class CompiledSearches:
             span=np.zeros((b, facts, 2), dtype=np.int32),
             after=np.zeros((b, 64 * facts), dtype=np.int32),
             linked=np.zeros((b, facts, 2), dtype=np.uint64),
+            ahead=np.zeros((b, 64 * facts), dtype=np.int32),
+            told=np.zeros((b, m, m), dtype=np.int64),
             begun=np.zeros((b, 64), dtype=np.int64),
             finder=np.zeros((b, 64 * findings), dtype=np.int32),
             place=np.zeros((b, 64 * findings), dtype=np.int32),
@@ -562,7 +564,7 @@ class CompiledSearches:
         fit(1, slots + max(messages - int(control.slots), 0), *_SLOTS)
         words = int(control.words) + 1
         fit(1, words, "owner", "linked", "span", "chain")
-        fit(1, 64 * len(changes.get("owner", w.owner)[world]), "cells", "next", "after")
+        fit(1, 64 * len(changes.get("owner", w.owner)[world]), "cells", "next", "after", "ahead")
         fit(2, len(changes.get("owner", w.owner)[world]), "known", "word", "bits")
         fit(3, len(changes.get("owner", w.owner)[world]), "before")
         findings = (int(control.findings) + 64) >> 6

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ZERO, popcount
+from shoal.search.kernels.protocol.bits import ONE, ZERO, lowest
 from shoal.search.kernels.protocol.costs import holds
 from shoal.search.kernels.protocol.events import post, run
 from shoal.search.kernels.protocol.worlds import NOWHERE, PROMPT
@@ -141,13 +141,9 @@ def write_news(w, agents, chosen, length, heard, told):
         b = chosen[k]
         for i in range(w.robots.shape[1]):
             for other in range(w.robots.shape[1]):
-                heard[k, i, other], told[k, i, other] = -1.0, 0
+                heard[k, i, other], told[k, i, other] = -1.0, w.told[b, i, other]
                 if other == i:
                     heard[k, i, other] = 0.0
                 elif w.counts[b, i, other] >= 0:
                     steps = agents.steps[b] - w.peers[b, i, other].heard / length
                     heard[k, i, other] = max(steps, -1.0)
-            for word in range(w.control[b].words):
-                bits = w.known[b, i, word]
-                if bits != ZERO:
-                    told[k, i, w.owner[b, word]] += popcount(bits)

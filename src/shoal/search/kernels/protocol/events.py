@@ -710,15 +710,32 @@ def play_next(tour, rules, w, b):
 
 
 @in_place_kernel
+def is_busy(robot, time):
+    """Return whether a robot only goes on after a message: it is on its way, and waits for nothing
+    but its next beacon.
+    """
+    return (
+        robot.status == SEARCHING
+        and robot.shown == SEARCHING
+        and robot.target != NOWHERE
+        and time < robot.next_beat - 1e-9
+        and robot.wake == robot.next_beat
+    )
+
+
+@in_place_kernel
 def deliver_next(rules, w, b, slot):
-    """Let the next receiver of a message hear it."""
-    control, message = w.control[b], w.messages[b, slot]
-    i = np.int64(w.receivers[b, slot, message.cursor])
-    message.cursor += 1
-    robot = w.robots[b, i]
-    if robot.alive and control.time >= robot.paused_until:
-        hear(w, b, i, slot, control.time, rules)
-        control.pending, control.stage, control.heard = i, 0, 1
+    """Let the next receivers of a message hear it, up to one that decides what it does."""
+    control, message, receivers = w.control[b], w.messages[b, slot], w.receivers[b, slot]
+    time = control.time
+    while message.cursor < message.receivers and control.pending < 0:
+        i = np.int64(receivers[message.cursor])
+        message.cursor += 1
+        robot = w.robots[b, i]
+        if robot.alive and time >= robot.paused_until:
+            hear(w, b, i, slot, time, rules)
+            if not is_busy(robot, time):
+                control.pending, control.stage, control.heard = i, 0, 1
     if message.cursor == message.receivers:
         drop_first(w, b)
         message.references -= 1

@@ -41,7 +41,7 @@ ROBOT = record(
             "start status cell fresh at_launch target aim partition own count allotted_to lost got"
             " window lingering avoided announced word facts peers place alive"
             " liar searching going aimed tries offer offered_for order shown unheeded stamp through"
-            " shut shut_version"
+            " shut shut_version intervals learned"
         ).split(),
         "i8",
     ),
@@ -199,6 +199,8 @@ class Worlds(NamedTuple):
     span: NDArray[np.int32]  # (B, F, 2): the smallest and the largest cell of each word of facts
     after: NDArray[np.int32]  # (B, 64 F): the fact of the same robot for the cell before, or -1
     linked: NDArray[np.uint64]  # (B, F, 2): facts with ``after`` just before, and just behind
+    ahead: NDArray[np.int32]  # (B, 64 F): the fact of the same robot for the next cell, or -1
+    told: NDArray[np.int64]  # (B, m, m): number of known facts of each robot
     begun: NDArray[np.int64]  # (B, 64): work space
     # findings, as facts: a robot that found something in a cell
     finder: NDArray[np.int32]  # (B, 64 G)
