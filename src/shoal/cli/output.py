@@ -335,7 +335,11 @@ def write_episode(
             save_figure(figure(episode, kind=kind), out / name)
         episode.save(out / "episode.json")
         write_json(out / "summary.json", result)
-        written += [out / name for name in (*FIGURES[episode.part], "episode.json", "summary.json")]
+        names = [*FIGURES[episode.part], "episode.json", "summary.json"]
+        if episode.part == "search":
+            episode.save_visits(out / "visits.csv")
+            names.append("visits.csv")
+        written += [out / name for name in names]
     return written + write_films(episode, film)
 
 
