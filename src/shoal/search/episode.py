@@ -359,7 +359,10 @@ class SearchEpisode(Episode):
         names = ["x_m", "y_m", *(["altitude_m"] if places.shape[1] == 3 else [])]
         lines = [",".join([*names, "robot", "time_s"])]
         for place, robot, moment in zip(
-            places.tolist(), visits.robots[cells].tolist(), visits.times[cells].tolist(), strict=True
+            places.tolist(),
+            visits.robots[cells].tolist(),
+            visits.times[cells].tolist(),
+            strict=True,
         ):
             numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
             lines.append(",".join(numbers))

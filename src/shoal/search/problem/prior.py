@@ -411,7 +411,9 @@ def _read(source: Path, file: Any, region: SearchRegion) -> Density:
     if suffix == ".npy":
         return _array(source, file, region)
     if suffix in (".geojson", ".json"):
-        text = file.read().decode() if isinstance(file, io.BytesIO) else read_text(file, what="prior")
+        text = (
+            file.read().decode() if isinstance(file, io.BytesIO) else read_text(file, what="prior")
+        )
         return _features(source, parse_json(text, where=str(source)), region)
     return _georaster(source, file, region)
 
@@ -507,7 +509,9 @@ def _features(source: Path, data: Any, region: SearchRegion) -> Density:
         kind = shape.geom_type
         if kind in ("Polygon", "MultiPolygon"):
             if not shape.is_valid or not shape.area > 0:
-                raise InvalidInputError(f"{where}: expected a valid polygon, got {kind} that is not")
+                raise InvalidInputError(
+                    f"{where}: expected a valid polygon, got {kind} that is not"
+                )
             if "probability" not in properties:
                 raise InvalidInputError(f"{where}: expected a property probability, got none")
             spreads.append(0.0)
