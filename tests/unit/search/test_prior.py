@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning.plan import plan_search
-from shoal.search.problem.prior import Ring, open_prior
+from shoal.search.problem.prior import DistanceRing, open_prior
 from shoal.search.run import run
 
 SQUARE = {"region": "square:100", "robots": 2, "footprint": 10}
@@ -59,7 +59,7 @@ def test_the_odds_of_turned_cells_are_those_of_the_ground_under_them():
 
 
 def test_a_ring_has_its_quantiles():
-    ring = Ring(np.zeros(2), np.array([0.25, 0.5, 0.9]), np.array([100.0, 300.0, 900.0]))
+    ring = DistanceRing(np.zeros(2), np.array([0.25, 0.5, 0.9]), np.array([100.0, 300.0, 900.0]))
     step = 4.0
     axis = np.arange(-3000, 3000, step) + step / 2
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)

@@ -27,14 +27,6 @@ Runs = list[tuple[int, int, int]]
 number of cells and its direction along the tour, 1 or -1."""
 
 
-def expected_time(tour_cost: TourCost, times: Floats) -> float:
-    """Return the expected time until a robot searches the cell of a single target, whose
-    probabilities are `TourCost.odds`; ``times`` are those of the cells' first searches.
-    """
-    assert tour_cost.odds is not None
-    return float(tour_cost.odds @ times)
-
-
 def likely_first(
     tour_cost: TourCost, team: Team, work: Sequence[Runs], limits: Floats
 ) -> list[Runs]:

@@ -419,8 +419,8 @@ class SearchProblem(Problem):
             "Where a target is how likely: a file of numbers (.npy over the bounding box of the"
             " region, row 0 in the north, .tif or .asc), a .geojson file of polygons with a property"
             " probability or of points with spread_m, or ring:X,Y:SHARE=METRES,... around a last"
-            " known point. Robots search likely cells early, and still search everything. The option"
-            " can be repeated, and WEIGHT*... weighs each part."
+            " known point (the option can be repeated; 2*FILE gives a part twice the weight). Robots"
+            " search likely cells early, and still search everything."
         ),
         metavar="FILE|RING",
         repeated=True,

@@ -103,7 +103,7 @@ class GeoRaster:
 
 
 @dataclass(frozen=True, eq=False)
-class Ring:
+class DistanceRing:
     """A density around a last known point, whose distribution of distances has given quantiles.
 
     Between two quantiles, the distribution function of the distance is a straight line. Beyond the
@@ -189,7 +189,7 @@ class Segments:
         return total
 
 
-Density = Raster | GeoRaster | Ring | Spread | Segments
+Density = Raster | GeoRaster | DistanceRing | Spread | Segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,11 +399,11 @@ def _quantiles(text: str) -> tuple[Floats, Floats, Floats]:
     return place, quantiles[:, 0], quantiles[:, 1]
 
 
-def _ring(text: str, region: SearchRegion) -> Ring:
+def _ring(text: str, region: SearchRegion) -> DistanceRing:
     place, shares, distances = _quantiles(text)
     if region.frame is not None:
         place = region.frame.to_metres(place[None])[0]
-    return Ring(place, shares, distances)
+    return DistanceRing(place, shares, distances)
 
 
 def _read(source: Path, file: Any, region: SearchRegion) -> Density:
