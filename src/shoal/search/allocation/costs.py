@@ -66,6 +66,9 @@ class TourCost:
     at_most : float
         Longest time of the search with probabilities, divided by its time without; with 0, the
         probabilities change no order.
+    break_cost : float
+        What it costs in cells to leave the tour for a cell elsewhere, beyond the way there and one
+        turn, where robots choose their order by probabilities.
     """
 
     tour: Tour
@@ -79,6 +82,7 @@ class TourCost:
     least: float = 0.0
     odds: Floats | None = None
     at_most: float = 1.25
+    break_cost: float = 0.0
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)

@@ -155,7 +155,7 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
         costs,
         np.ascontiguousarray(cells),
         np.ascontiguousarray(free),
-        tour_cost.turn_cost,
+        tour_cost.turn_cost + tour_cost.break_cost,
     )
 
 

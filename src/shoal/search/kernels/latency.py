@@ -51,8 +51,8 @@ class Blocks(NamedTuple):
         Layer, row and column of each cell.
     free : ndarray of bool, shape (layers, rows, columns)
         Where there are cells.
-    turn : float
-        Cost of a change of direction, in cells.
+    leaving : float
+        Cost in cells of leaving the tour, beyond the way to the next block.
     """
 
     ends: NDArray[np.int64]
@@ -64,7 +64,7 @@ class Blocks(NamedTuple):
     costs: NDArray[np.float64]
     cells: NDArray[np.int64]
     free: NDArray[np.bool_]
-    turn: float
+    leaving: float
 
 
 class Routes(NamedTuple):
@@ -144,7 +144,7 @@ def step_time(blocks, one, other):
     way = np.sqrt(total)
     if way > 1.5 and not _is_open(blocks, one, other):
         way = 3.0 * way + np.sqrt(n)
-    return max(way, 1.0) + blocks.turn
+    return max(way, 1.0) + blocks.leaving
 
 
 @kernel

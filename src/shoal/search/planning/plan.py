@@ -685,15 +685,16 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 
 
 _TRIES = 6
+_DEARER = 0.2
 
 
 def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan in which robots search the cells early that are likely by the prior of the
     problem, along the same tour.
 
-    The planned time is at most `SearchProblem.at_most` times as long. Vehicles need more time for
-    an order with more turns than its cost in cells tells: then the limit in cells falls until their
-    flights keep the limit.
+    The planned time is at most `SearchProblem.at_most` times as long. Where a robot leaves the tour,
+    vehicles need more time for their turns than the cost in cells tells: what they need more is
+    then counted for each such break of the tour.
     """
     prior = problem.open_prior()
     if prior is None:
@@ -704,18 +705,19 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     kept = replace(
         plan, tour_cost=cost, prior_inside=inside, plain_seconds=plain, alternatives=(), flown={}
     )
-    limit, share = problem.at_most, 1.0
+    limit, price = problem.at_most, 0.0
     for _ in range(_TRIES):
-        at_most = 1.0 + (limit - 1.0) * share
-        trial = _allocated(
-            replace(kept, tour_cost=replace(cost, at_most=at_most)), plan.allocation, problem
-        )
+        cost = replace(cost, at_most=limit, break_cost=price)
+        trial = _allocated(replace(kept, tour_cost=cost), plan.allocation, problem)
         seconds = trial.planned_seconds
         if seconds <= limit * plain * (1 + 1e-9) and (
             trial.refusal is None or plan.refusal is not None
         ):
             return trial
-        share *= min(0.7, max(0.1, (limit - 1.0) * plain / max(seconds - plain, 1e-9)))
+        # what the time by cells leaves out, for each break of the tour
+        beyond = seconds / plain - trial.allocation.makespan / plan.allocation.makespan
+        breaks = max(len(work) for work in trial.allocation.work)
+        price += max(beyond * plan.allocation.makespan / breaks, _DEARER * (price + 1.0))
     return kept
 
 
