@@ -27,7 +27,13 @@ from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
-from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
+from shoal.search.regions.coverage import (
+    TURNING,
+    AreaCoverage,
+    Image,
+    coverage_check,
+    together,
+)
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
 
@@ -309,11 +315,10 @@ def _coverages(
         _searching_way(sheet, region, side)
         for sheet, side in zip(flown, sides.tolist(), strict=True)
     ]
-    angle = options.angle
-    if angle is None:
-        angle = next((sheet.footprint_angle for sheet in flown), None)
-    if angle is None:
-        angle = angle_of([run[:, :2] for way in ways for run in _runs(way)])
+    facing = options.angle
+    if facing is None:
+        facing = next((sheet.footprint_angle for sheet in flown), None)
+    angle, image = facing_of(facing, image, [run[:, :2] for way in ways for run in _runs(way)])
     least = float(np.min(sides if flown else footprint))
     region = visible_region(region, least, angle)
     if bands is None and region.height:
@@ -330,6 +335,21 @@ def _coverages(
         for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
     )
     return coverages, tuple(bands or ()), region
+
+
+def facing_of(
+    facing: float | str | None, image: Image | None, ways: Sequence[NDArray[np.float64]]
+) -> tuple[float, Image | None]:
+    """Return the angle of footprints, and the image of a camera or of footprints that turn with
+    their vehicles.
+
+    The angle ``facing`` is a number of degrees, `TURNING`, or None for the direction of most legs
+    of ``ways``.
+    """
+    if facing == TURNING and image is None:
+        image = Image(1.0, 1.0)
+    angle = angle_of(ways) if facing is None or isinstance(facing, str) else facing
+    return angle, image
 
 
 def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:

@@ -273,7 +273,7 @@ class MissionSet:
         return {
             "formats": self.options.format or None,
             "vehicle": None if plan is None else plan.vehicle,
-            "angle": None if plan is None else plan.grid.angle,
+            "angle": None if plan is None else plan.facing,
         }
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
@@ -305,7 +305,7 @@ class MissionSet:
         return CheckOptions(
             self.plan.grid.region if self.problem is None else self.problem.place,
             footprint=sides if len({*sides}) > 1 else sides[0],
-            angle=self.plan.grid.angle,
+            angle=self.plan.facing,
             cap=self.options.cap,
             separation=self.options.kept_apart or (0.0,),
             vehicle=self.plan.vehicle,

@@ -41,7 +41,7 @@ from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import places_of, read_points, seen_along
+from shoal.search.regions.places import line_of, places_of, read_points, seen_along
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -58,6 +58,9 @@ planner chooses the angle of the rows.
 
 TURN_PRICES = {"time": 0.85, "rows": 3.0}
 """What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
+
+CENTRE = "centre"
+"""What ``along`` is for the middle of a long region."""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
@@ -268,6 +271,17 @@ class SearchProblem(Problem):
         metavar="DEGREES|auto",
         parse=parse_angle,
         check=check_angle,
+    )
+    along: str | tuple[tuple[float, float], ...] | None = option(
+        None,
+        help=(
+            "Line that the rows follow, such as a road, a river or a power line, in place of --angle:"
+            " a GeoJSON, GPX, WKT or CSV file, a text LINESTRING (x y, ...), or centre, for the"
+            " middle of a long region. Where the region is at most as wide as the footprint, there"
+            " is one row. Footprints turn with the robots."
+        ),
+        metavar="FILE|WKT|centre",
+        check=check_places("along", "a line or centre"),
     )
     no_go: tuple[Any, ...] = option(
         (),
@@ -494,6 +508,8 @@ class SearchProblem(Problem):
                 "prefer: expected plans to choose between (a tour of rows or auto, the angle auto, or"
                 f" a vehicle), got the tour {self.tour} at {self.angle:g} degrees"
             )
+        if self.along is not None:
+            self._check_along()
         if self.launch is not None and "starts" in self.given:
             raise InvalidInputError(
                 "starts: expected no starts together with launch points, got"
@@ -531,6 +547,29 @@ class SearchProblem(Problem):
                     "live: expected only crashes and slow robots as faults, got other faults"
                 )
 
+    def _check_along(self) -> None:
+        """Refuse what contradicts rows along a line."""
+        if self.angle is not None:
+            raise InvalidInputError(
+                f"along: expected no angle together with a line, got {shortened(self.angle)}"
+            )
+        if self.passes > 1 or len(self.bands or ()) > 1 or self._volume:
+            raise InvalidInputError(
+                "along: expected one altitude and one pass, got"
+                f" {'a volume' if self._volume else f'{self.passes} passes' if self.passes > 1 else f'{len(self.bands or ())} bands'}"
+            )
+
+    @property
+    def line(self) -> Any:
+        """The line that rows follow, in metres; float64, shape (k, 2); or None."""
+        if self.along is None:
+            return None
+        if self.along == CENTRE:
+            from shoal.search.cells.lanes import center_line
+
+            return center_line(self.place, float(np.min(self.chosen_footprint)))
+        return line_of(self.along, self.place, what="along")
+
     @property
     def chosen_angle(self) -> float | None:
         """Angle of the rows of cells in degrees, or None if the planner chooses the angle (by
@@ -546,7 +585,7 @@ class SearchProblem(Problem):
         """
         if self.tour != AUTO:
             return (self.tour,)
-        if self.passes > 1:
+        if self.passes > 1 or self.along is not None:
             return AUTO_TOURS[:1]
         compares = turn_cost or self.chosen_angle is None or self.prefer or self.vehicle is not None
         if not compares:
@@ -649,9 +688,10 @@ class SearchProblem(Problem):
     @property
     def image(self) -> Image | None:
         """The image of the vehicle's camera, or None without a camera, or with a given
-        footprint.
+        footprint. Along a line, a footprint is an image too: it turns with its robot.
         """
-        return image_of(self.chosen_vehicle) if self.footprint is None else None
+        image = image_of(self.chosen_vehicle) if self.footprint is None else None
+        return Image(1.0, 1.0) if image is None and self.along is not None else image
 
     @property
     def stepwise(self) -> bool:
