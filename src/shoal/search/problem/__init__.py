@@ -15,6 +15,7 @@ import numpy as np
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.core.problem import Problem, option
 from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.problem.fields import (
@@ -165,6 +166,19 @@ class SearchProblem(Problem):
         ),
         least=0,
         most=0.95,
+    )
+    cross_track: float | None = option(
+        None,
+        help=(
+            "Reserve for errors of positions and cut corners: distance from their paths at which"
+            " robots still see the whole region. Where footprints do not overlap as much already,"
+            " rows are narrower by twice this distance. Default: with missions, the root of the sum"
+            " of the squares of the vehicle's position error and acceptance radius, but at most a"
+            " quarter of the footprint; otherwise 0."
+        ),
+        unit="m",
+        least=0,
+        metavar="METRES",
     )
     bands: tuple[float, ...] | None = option(
         None,
@@ -671,11 +685,24 @@ class SearchProblem(Problem):
         return self._row_distance(self.vehicle_at(altitude))
 
     def _row_distance(self, vehicle: Vehicle) -> float | tuple[float, ...]:
-        """Return the side of the footprint less its overlap, in metres: one, or one for each robot."""
+        """Return the distance of rows in metres, one or one for each robot: the side of the footprint
+        less its overlap, or less twice the reserve if that is more.
+        """
+        side: Any
         if self.footprint is None and vehicle.image_size is not None:
-            return vehicle.row_spacing or FOOTPRINT  # without the overlap already
-        side = self.footprint or vehicle.row_spacing or FOOTPRINT
-        narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+            side = vehicle.image_size[0]
+            narrower = np.asarray(vehicle.row_spacing)  # without the overlap already
+        else:
+            side = self.footprint or vehicle.row_spacing or FOOTPRINT
+            narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+        if self.cross_track:
+            reserved = np.asarray(side) - 2 * self.cross_track
+            if (reserved <= 0).any():
+                raise InvalidInputError(
+                    "cross_track: expected less than half of the footprint,"
+                    f" {float(np.min(side)) / 2:.4g} m, got {self.cross_track:g}"
+                )
+            narrower = np.minimum(narrower, reserved)
         return tuple(narrower.tolist()) if narrower.ndim else float(narrower)
 
     @property
@@ -690,8 +717,32 @@ class SearchProblem(Problem):
         """The image of the vehicle's camera, or None without a camera, or with a given
         footprint. Along a line, a footprint is an image too: it turns with its robot.
         """
-        image = image_of(self.chosen_vehicle) if self.footprint is None else None
+        vehicle = self.chosen_vehicle
+        image = image_of(vehicle) if self.footprint is None else None
+        if image is not None and vehicle.row_spacing:
+            image = image.scaled(vehicle.row_spacing / float(np.min(self.chosen_footprint)))
         return Image(1.0, 1.0) if image is None and self.along is not None else image
+
+    @property
+    def view(self) -> float | tuple[float, ...]:
+        """Side of what a robot sees from the lowest altitude, in metres, without a reserve: with a
+        camera, the distance of its rows, of which `image` is a multiple.
+        """
+        return self.footprint or self.chosen_vehicle.row_spacing or FOOTPRINT
+
+    @property
+    def default_cross_track(self) -> float:
+        """The reserve of rows in missions, in metres; see the field ``cross_track``."""
+        vehicle = self.chosen_vehicle
+        size = vehicle.image_size
+        side = size[0] if self.footprint is None and size is not None else self.view
+        wanted, most = vehicle.cross_track, float(np.min(side)) / 4
+        if wanted > most:
+            tell_once(
+                f"cross_track: {most:.3g} m in place of {wanted:.3g} m, because robots see only"
+                f" {4 * most:.4g} m: with larger errors of their positions, gaps between rows remain"
+            )
+        return round(min(wanted, most), 3)
 
     @property
     def stepwise(self) -> bool:
@@ -741,7 +792,8 @@ class SearchProblem(Problem):
         return with_default_margin(
             region,
             wanted,
-            footprint=float(np.min(self._row_distance(vehicle))),
+            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            least=(vehicle.position_error or 0.0) + ROUNDED,
             inner=inner,
             outer=outer,
             divided=self.transit,
@@ -780,7 +832,16 @@ class SearchProblem(Problem):
             kept += ("searched", "footprint", "vehicle")
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
-            kept += ("vehicle", "footprint", "overlap", "robots", "starts", "launch", "land")
+            kept += (
+                "vehicle",
+                "footprint",
+                "overlap",
+                "cross_track",
+                "robots",
+                "starts",
+                "launch",
+                "land",
+            )
         return self.canonical(
             without=("kind", *(name for name in self.declarations() if name not in kept))
         )
