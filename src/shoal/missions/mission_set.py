@@ -304,14 +304,11 @@ class MissionSet:
             raise InvalidInputError(
                 "options: expected the region of missions that were read, got none"
             )
-        sides: float | tuple[float, ...] = tuple(self.plan.footprints.tolist())
-        if self.problem is not None:
-            sides = self.problem.view
-        elif len({*sides}) == 1:
-            sides = sides[0]
+        sides = tuple(self.plan.footprints.tolist())
+        planned = sides if len({*sides}) > 1 else sides[0]
         return CheckOptions(
             self.plan.grid.region if self.problem is None else self.problem.place,
-            footprint=sides,
+            footprint=planned if self.problem is None else self.problem.view,
             angle=self.plan.facing,
             cap=self.options.cap,
             separation=self.options.kept_apart or (0.0,),
