@@ -32,7 +32,7 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
 from shoal.search.regions.coverage import AreaCoverage, together
@@ -569,6 +569,8 @@ class SearchEpisode(Episode):
             changes["prior"] = with_contents(problem.prior)
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
+        if isinstance(problem.along, str) and problem.along != CENTRE:
+            changes["along"] = problem.line
         if isinstance(problem.launch, str):
             changes["launch"] = plan.places
         if isinstance(problem.land, str):

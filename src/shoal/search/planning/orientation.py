@@ -20,6 +20,7 @@ from shoal.search.allocation.allocate import Allocation, Indices, allocate, numb
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.lanes import LineLattice, cells_along
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -286,7 +287,9 @@ def _through(
 ) -> GridTour:
     """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
     cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
-    if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
+    if (
+        tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
+    ):  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
@@ -375,6 +378,7 @@ def best_grid_tour(
     turn_cost: float,
     reach: float = 0.0,
     angle: float | None = None,
+    line: NDArray[np.float64] | None = None,
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
@@ -401,6 +405,8 @@ def best_grid_tour(
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
+    line : ndarray of float64, shape (k, 2), optional
+        Line in metres that the rows follow, in place of an angle.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
     known : dict, optional
@@ -411,6 +417,8 @@ def best_grid_tour(
     # cells on the border take longer than cells inside, and a corner makes a cell of the border
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
+    if line is not None:
+        angle = 0.0
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
     known = {} if known is None else known
     priced = []
@@ -418,8 +426,10 @@ def best_grid_tour(
     with one_by_one(choices, "tours") as each:
         for (direction, offset), tour in each:
             if (direction, offset) not in known:
-                known[direction, offset] = cells_of(
-                    region, size, angle=direction, offset=(0.0, offset)
+                known[direction, offset] = (
+                    cells_of(region, size, angle=direction, offset=(0.0, offset))
+                    if line is None
+                    else cells_along(region, size, line)
                 )
             if (direction, offset, tour) not in known:
                 candidate = _through(
