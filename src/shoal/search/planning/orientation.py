@@ -4,11 +4,12 @@ the tour takes the least time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -283,9 +284,21 @@ def _through(
     stepwise: bool,
     transit: bool,
     along_rows: bool | None,
+    others: Mapping[str, GridTour] = MappingProxyType({}),
 ) -> GridTour:
-    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
+    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`.
+
+    The argument ``others`` gives known tours by name. If one of them visits the cells in the same
+    order, along the same viewpoints, its path is known.
+    """
     cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
+    for name, other in others.items():
+        if (name in _STRAIGHT) == (tour in _STRAIGHT) and np.array_equal(
+            other.tour.cells, cell_tour.cells
+        ):
+            same = replace(other, tour=cell_tour)
+            vars(same)["route"] = other.route
+            return same
     if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
@@ -411,8 +424,12 @@ def best_grid_tour(
     # cells on the border take longer than cells inside, and a corner makes a cell of the border
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
-    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
     known = {} if known is None else known
+    if "orientations" not in known:
+        known["orientations"] = (
+            [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        )
+    orientations = known["orientations"]
     priced = []
     choices = list(product(orientations[:tried], tours))
     with one_by_one(choices, "tours") as each:
@@ -429,6 +446,11 @@ def best_grid_tour(
                     stepwise=stepwise,
                     transit=transit,
                     along_rows=along_rows,
+                    others={
+                        other: known[direction, offset, other][0]
+                        for other in tours
+                        if (direction, offset, other) in known
+                    },
                 )
                 cost = candidate.once_round(turn_cost, reach)
                 known[direction, offset, tour] = candidate, cost
