@@ -31,6 +31,7 @@ class _Entry(NamedTuple):
 COMMANDS = {
     "map": _Entry("swarm.exploration", "map_", "MAP_EXAMPLE"),
     "cover": _Entry("swarm.exploration", "cover", "COVER_EXAMPLE"),
+    "gather": _Entry("swarm.exploration", "gather", "GATHER_EXAMPLE"),
     "maps": _Entry("swarm.maps", "maps"),
     "drive": _Entry("swarm.driving", "drive"),
     "line": _Entry("swarm.theory", "line", "LINE_EXAMPLE"),
