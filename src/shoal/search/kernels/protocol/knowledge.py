@@ -277,9 +277,8 @@ def width_of_window(w, b, i, n):
     share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
     if total <= share:
         return n
-    # count in longer and longer sections, or in all words, whatever is quicker
-    words = w.control[b].words
-    if 4 * robot.learned * share < total * (2 * words + 12 * robot.intervals):
+    # count in longer and longer sections, or in all words
+    if by_cell_is_quicker(w, b, i, n * share // total, n):
         levels, count, done, best = level_of(0, n), cut, 0, 1
         for level in range(levels, -1, -1):
             width = width_at(level, n)
@@ -294,6 +293,27 @@ def width_of_window(w, b, i, n):
         total -= begun[level]
         width, level = (width + 1) // 2, level + 1
     return width
+
+
+@in_place_kernel
+def by_cell_is_quicker(w, b, i, width, n):
+    """Return whether facts of a section are probably found faster cell by cell than word by word."""
+    robot, words = w.robots[b, i], w.control[b].words
+    return width + 4 * robot.learned * width // n < 2 * words + 12 * robot.intervals
+
+
+@in_place_kernel
+def write_section(w, b, i, first, width, n):
+    """Write the known facts of a section of the tour to the work space, by word."""
+    known, section = w.known[b, i], w.section[b]
+    for k in range(w.control[b].words):
+        section[k] = ZERO
+    for ahead in range(width):
+        cell = first + ahead
+        fact = np.int64(w.head[b, cell - n if cell >= n else cell])
+        while fact >= 0:
+            section[fact >> 6] |= known[fact >> 6] & (ONE << np.uint64(fact & 63))
+            fact = np.int64(w.next[b, fact])
 
 
 @in_place_kernel
@@ -436,12 +456,18 @@ def write_beacon(w, b, i, slot, time, n):
     bounded = w.counts.shape[2] > NEWS + 1
     if bounded:
         choose_news(w, b, i, turn)
+    by_cell = width < n and by_cell_is_quicker(w, b, i, width, n)
+    if by_cell:
+        write_section(w, b, i, robot.window, width, n)
     for k in range(count):
         bits = known[k]
         if bits != ZERO and width < n:
             told = not bounded or w.telling[b, w.owner[b, k]]
             new = bits & ~before[k] if told else ZERO
-            bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
+            if by_cell:
+                bits = new | w.section[b, k]
+            else:
+                bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
         if bits != ZERO:
             w.word[b, slot, message.words], w.bits[b, slot, message.words] = k, bits
             message.words += 1

@@ -255,6 +255,7 @@ class Worlds(NamedTuple):
     members: NDArray[np.int64]  # (B, N + m + 1)
     ids: NDArray[np.int64]  # (B, N + m + 1)
     chain: NDArray[np.int64]  # (B, F)
+    section: NDArray[np.uint64]  # (B, F)
     row: NDArray[np.float64]  # (B, N)
     offered: NDArray[np.int64]  # (B, m)
     others: NDArray[np.int64]  # (B, m)
