@@ -266,7 +266,7 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     time = r"(0:\d\d:\d\d|[\d.]+ s)"
     assert text.startswith("search: tour ")
     assert ", divided among the robots by the allocation " in text
-    assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
+    assert re.search(r"cells of 35.53 m, each searched in [\d.]+ s; ", text)
     assert re.search(
         rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text
     )
