@@ -193,6 +193,8 @@ def certify(
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
+    if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
+        episode = improved(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
         episode = _planned_again(episode, orders, lambda: seconds - (clock() - begun))
     return Certificate(replace(episode, lower_bound=bound), bound, proof, least_moves)

@@ -65,13 +65,6 @@ class _Node:
     how: _Siting | _Branching | None = None
     parts: list[_Node] | None = None
 
-    @property
-    def open(self) -> bool:
-        """Whether the pattern has gaps, or contacts where the cell of the other particle is not
-        known.
-        """
-        return any(isinstance(x, HoldsBetween) or -1 in (*x, -1, -1)[:4] for x in self.pattern)
-
 
 class RouteTree:
     """Branch and bound for one assignment of goals to particles, and one pair of cells in which the
@@ -89,14 +82,22 @@ class RouteTree:
         self.routes, self._by_use = routes, by_use
         self._heap: list[tuple[float, int, int, _Node]] = []
         self._made = 0
-        self._least_closed = inf
+        self._closed: _Node | None = None  # that with the least bound
         self._root = self._node((HoldsBetween(),))
         self._push(self._root)
 
     @property
     def upper(self) -> float:
         """Least bound of a pattern that cannot be divided, at most the limit."""
-        return min(self.routes.limit * self.routes.scale, self._least_closed)
+        limit = self.routes.limit * self.routes.scale
+        return limit if self._closed is None else min(limit, self._closed.bound.value)
+
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        if self._closed is None or self._closed.bound.value > self.upper:
+            return None
+        return [item[:2] for item in self._closed.pattern if not isinstance(item, HoldsBetween)]
 
     @property
     def lower(self) -> float:
@@ -134,17 +135,29 @@ class RouteTree:
         return _Node(pattern, self.routes.bound(pattern))
 
     def _push(self, node: _Node) -> None:
-        if node.open:
+        if self._is_open(node.pattern):
             self._made += 1
             heapq.heappush(self._heap, (node.bound.value, -len(node.pattern), self._made, node))
-        else:
-            self._least_closed = min(self._least_closed, node.bound.value)
+        elif self._closed is None or node.bound.value < self._closed.bound.value:
+            self._closed = node
+
+    def _is_open(self, pattern: Pattern) -> bool:
+        """Return whether a pattern has gaps, or contacts where the cell of the other particle is
+        not known. A convex workspace is one cell.
+        """
+        sited = not self.routes.cells.corners
+        return any(
+            isinstance(item, HoldsBetween) or not (sited or -1 not in (*item, -1, -1)[:4])
+            for item in pattern
+        )
 
     def _siting(self, node: _Node) -> _Siting | None:
         """Return the contact whose inputs before and after are the most too short for the ways of
         the other particle; None if there is none, and the pattern has gaps.
         """
         routes = self.routes
+        if not routes.cells.corners:
+            return None
         program = routes.program(node.pattern)
         lacking = [routes.lacking(one, program, node.bound.solution) for one in program.sights]
         if not lacking or (node.bound.loads and max(lacking) < _LACKING * routes.limit):
@@ -275,6 +288,11 @@ class _Trees:
         """Least bound of a pattern that cannot be divided, at most the limit."""
         return min(tree.upper for tree in self._trees)
 
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        return min(self._trees, key=lambda tree: tree.upper).shortest
+
     def step(self, clock: Callable[[], float]) -> None:
         """Go on with the tree that had less time."""
         number = self._spent.index(min(self._spent))
@@ -337,6 +355,11 @@ class RouteSearch:
     def upper(self) -> float:
         """Least bound of a pattern that cannot be divided, at most the limit."""
         return min([self._limit, *(tree.upper for tree in self.trees)])
+
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        return min(self.trees, key=lambda tree: tree.upper).shortest if self.trees else None
 
     def step(self, clock: Callable[[], float]) -> None:
         """Divide the pattern with the least bound."""
