@@ -21,7 +21,13 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FaultEstimate, FrictionEstimate, GainEstimate
+from shoal.steering.estimation import (
+    LESS,
+    UNKNOWN,
+    FaultEstimate,
+    FrictionEstimate,
+    GainEstimate,
+)
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
 from shoal.steering.planners.greedy import Greedy
@@ -37,13 +43,7 @@ LOOKS = 3  # at the start, which show the error of the camera
 ALIKE = 3e-3  # relative to the size: errors of two orders of the particles that are alike
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
-LEVELS = (
-    0.05,
-    0.2,
-    0.5,
-    0.8,
-    0.95,
-)  # quantiles of the friction, with which plans are tried in turn
+LEVELS = (0.1, 0.3, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
 SCENARIOS = 16  # of errors, in which plans are compared
@@ -51,7 +51,6 @@ STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of 
 NO_PLAN = 4  # moves without any plan until the drive ends
 CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
 FORCED = 4  # inputs in a row that end what was begun, without a plan to the goals
-LONG = 3  # presses to the goals, so many of which need not be planned at once
 FEW = 3  # moves of a plan that is carried out without a search for a shorter one
 CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
 SLIPPERY = 3.0  # friction below which moves to walls are careful
@@ -346,7 +345,10 @@ class _Session(ABC):
         self.count = problem.n_particles
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
-        self.friction = FrictionEstimate(problem.friction if least is None else least)
+        told = problem.given & {"friction", "friction_at_least"}
+        self.friction = FrictionEstimate(
+            problem.friction if least is None else least, LESS if told else UNKNOWN
+        )
         self.gains, self.faults, self.deviation = GainEstimate(self.count), FaultEstimate(), 0.0
         self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
         self.inputs: list[Points] = []
@@ -580,7 +582,6 @@ class _Loop(_Session):
 
     planless = progress = forced = 0
     least_missing = shortest = inf  # length of the shortest plan so far
-    least_left = kernels.FAR  # presses to the goals
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
@@ -690,27 +691,9 @@ class _Loop(_Session):
                     return best if rest is None or len(best) < len(rest) - 1 else rest
                 if rest is None and rounds == FAST and pressing is pressings[0]:
                     rest = self._rest_of_cycle(pressing)
-                if rest is None and rounds == FAST:
-                    rest = self._first_presses(search)
                 if rest is not None:
                     return rest
         return None
-
-    def _first_presses(self, search: PressingSearch) -> Points | None:
-        """Return the first moves on the way to goals that need many presses in a row, or None.
-
-        The table of presses left tells the way. The loop then plans anew from where it came to, so
-        that errors do not add up.
-        """
-        left = search.presses_left(self.state, self.goal)
-        if not LONG <= left < kernels.FAR:
-            return None
-        moves = search.first_presses(self.goal)
-        if moves is not None:
-            self.forced = 0
-            if left < self.least_left:
-                self.least_left, self.progress = left, len(self.inputs)
-        return moves
 
     def _rest(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""

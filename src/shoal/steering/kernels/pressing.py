@@ -515,19 +515,6 @@ def presses_left(state, differences):
 
 
 @kernel
-def nearest_node(nodes, total, differences):
-    """Return the most promising node from which fewer presses lead to the goals than from the root;
-    0 if there is none.
-    """
-    best, most = 0, presses_left(nodes.states[0], differences)
-    for node in range(1, total):
-        left = presses_left(nodes.states[node], differences)
-        if left < most and (best == 0 or nodes.keys[node] < nodes.keys[best]):
-            best = node
-    return best
-
-
-@kernel
 def promise(node, nodes):
     return nodes.keys[node] + 0.15 * np.log2(1.0 + nodes.tries[node])
 

@@ -56,7 +56,6 @@ class PressingSearch:
         )
         self.pressing, self.rng = pressing, rng
         self._space, self._tables = world.free_space, {} if tables is None else tables
-        self._total = 1  # nodes of the last search
         ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
         self._nodes = kernels.Nodes(
             np.zeros((NODES, 2, 2)),
@@ -83,7 +82,6 @@ class PressingSearch:
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
-        self._total = total
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         found = []
@@ -115,15 +113,7 @@ class PressingSearch:
             if count >= 0:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
-        self._total = total
         return found
-
-    def first_presses(self, goal: Points) -> Points | None:
-        """Return moves from the start of the last search, after which fewer presses are left to the
-        goals; None if it found none.
-        """
-        node = kernels.nearest_node(self._nodes, self._total, self._count_presses(goal))
-        return self._path(int(node)) if node else None
 
     def _count_presses(self, goal: Points) -> kernels.Differences:
         """Return how many presses lead from each difference of the particles to that of the goals;
