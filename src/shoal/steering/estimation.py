@@ -17,6 +17,7 @@ MODEL = 3e-3  # relative to the size: error of predictions near walls
 GAP = 1e-3  # relative to the size: distance of a particle that is taken to touch a wall
 FRICTIONS = np.array([0, *np.geomspace(0.1, 10, 40).round(3), 1e9])
 LESS = 0.05  # probability of less friction than stated
+NEARBY = 1.5  # power with which more friction than stated becomes unlikely
 UNKNOWN = 0.5  # probability that the walls slip, if nothing is stated of them
 OUTLIER = 6.0  # largest loss of logarithmic odds by one move
 
@@ -86,8 +87,10 @@ class FrictionEstimate:
         apart = np.abs(FRICTIONS - least) > 0.02 * least
         self.values = np.sort(np.append(FRICTIONS[apart], least))
         lower = self.values < least
-        shares = np.where(lower, less / max(lower.sum(), 1), (1 - less) / (~lower).sum())
-        self._odds = np.log(shares)
+        # who states a least friction mostly states one that is near
+        higher = np.where(lower, 0.0, (max(least, 1e-3) / np.maximum(self.values, 1e-3)) ** NEARBY)
+        shares = np.where(lower, less / max(lower.sum(), 1), (1 - less) * higher / higher.sum())
+        self._odds = np.log(np.maximum(shares, 1e-6))
 
     @property
     def shares(self) -> NDArray[np.float64]:
@@ -99,6 +102,10 @@ class FrictionEstimate:
         """Return the coefficient below which the given share of the probability lies."""
         at = int(np.searchsorted(np.cumsum(self.shares), share - 1e-12))
         return float(self.values[min(at, len(self.values) - 1)])
+
+    def least(self, friction: float) -> float:
+        """Return the probability that the coefficient is at least ``friction``."""
+        return float(self.shares[self.values >= friction].sum())
 
     @property
     def slips(self) -> bool:
