@@ -40,6 +40,7 @@ from shoal.steering.workspaces.region import Region
 
 LOOKS = 3  # at the start, which show the error of the camera
 ALIKE = 3e-3  # relative to the size: errors of two orders of the particles that are alike
+SAME = 2e-4  # relative to the size: error of a camera whose looks are all the same
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
 LEVELS = (0.1, 0.3, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
@@ -421,9 +422,9 @@ class _Session(ABC):
         if not isinstance(self.problem.start, str):
             first = _in_order(first, self.problem.start)
         looks = [_in_order(points, first) for points in looks]
-        self.deviation = float(np.std(looks, axis=0).mean()) * 1.2
-        told = self.problem.measurement
-        self.deviation = max(self.deviation, told, 1e-7 * self.size)
+        self.deviation = max(float(np.std(looks, axis=0).mean()) * 1.2, self.problem.measurement)
+        if np.ptp(looks, axis=0).max() == 0.0:  # the same picture, which tells nothing
+            self.deviation = self.problem.measurement or SAME * self.size
         self.seen.append(np.mean(looks, axis=0))
         outside = ~self.space.contains(self.seen[0])
         for point in self.seen[0][outside]:
@@ -601,7 +602,7 @@ class _Loop(_Session):
         if self.error <= tolerance:
             # of many looks, one that errs would end the drive: others must show the same
             looks = [self.seen[-1], *(self._look(self.seen[-1]) for _ in range(LOOKS))]
-            self.seen[-1] = np.mean(looks, axis=0)
+            self.seen[-1] = np.median(looks, axis=0)
         if self.error <= max(tolerance - 2.5 * self.deviation, 0.5 * tolerance):
             text = f"after {moves} moves looks show all particles within {self.error:.3g} of their goals"
             if self.doubtful and not self.problem.interchangeable:
@@ -613,7 +614,8 @@ class _Loop(_Session):
         slips = self.friction.slips
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
-            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
+            why = "another drive goes on from here, or more moves (max_moves) in one"
+            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, f"{text}: {why}")
         if self.friction.contacts and not self.faults.raised:
             why = self._why_unreachable()
             if why is not None:
@@ -623,7 +625,17 @@ class _Loop(_Session):
         if missing < 0.95 * self.least_missing:
             self.least_missing, self.progress = missing, moves
         if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
-            why = "no plan was found" if self.planless else f"{PATIENCE} moves brought no progress"
+            if self.planless:
+                why = (
+                    "no plan was found; rougher walls, other goals or a larger tolerance would help,"
+                    " or another start, because walls bring particles together more easily than apart"
+                )
+            else:
+                why = (
+                    f"{PATIENCE} moves brought no progress; another drive may go on from here, above"
+                    " all if its friction_at_least is what the walls surely have, and smaller errors"
+                    " of the inputs would help"
+                )
             raise _Ended(Status.SLIPPING if slips else Status.STALLED, f"{text}: {why}")
 
     def _why_unreachable(self) -> str | None:

@@ -191,6 +191,7 @@ SCALE = 0.05  # relative to the size: error that counts as 1 in the cost of a pl
 MOST = 9.0  # largest cost of one scenario
 CONFIGURATIONS = ((2.0, 2.0), (1.0, 1.5), (0.4, 1.0))  # of pressing angles and of contacts
 ROUNDS, WANTED = 30_000, 40  # manoeuvres and plans of one tree
+TREES = 12  # until one has found a plan
 SCENARIOS, JUDGED = 48, 400  # in which plans are improved, and in which they are judged
 REFINED, CHANGES = 4, 800  # of the best plans, so many changes each
 MARGINS = (4e-3, 1e-3)  # distances from walls of chains, relative to the size
@@ -226,14 +227,18 @@ class Conformant:
         for certain, sure in CONFIGURATIONS:
             pressing = pressing_of(bounds, size, certain=certain, sure=sure)
             search = PressingSearch(task.world, pressing, rng)
-            plans = self._chains(task, pressing.friction, scale) + search.plans(
-                task.start,
-                task.goal,
-                tolerance=min(0.1 * scale, task.tolerance),
-                moves=task.max_moves,
-                rounds=ROUNDS,
-                wanted=WANTED,
-            )
+            plans = self._chains(task, pressing.friction, scale)
+            for _ in range(TREES):  # a tree that begins with the wrong walls is full in vain
+                plans += search.plans(
+                    task.start,
+                    task.goal,
+                    tolerance=min(0.1 * scale, task.tolerance),
+                    moves=task.max_moves,
+                    rounds=ROUNDS,
+                    wanted=WANTED,
+                )
+                if plans or task.late:
+                    break
             costs = [self._cost(task, search, bounds, plan, scale) for plan in plans]
             for k in np.argsort(costs)[:REFINED]:
                 cost = costs[k]
