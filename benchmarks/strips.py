@@ -29,10 +29,9 @@ from shoal.search.flight.timing import turns_of
 SHORT = 2.0  # footprints: a shorter leg within a search is counted as short
 
 
-def outlines(count: int) -> list[tuple[str, Any, float]]:
-    """Return names, polygons in metres and footprints."""
-    own = own_outlines()
-    more = {
+def kinds() -> dict[str, Any]:
+    """Return polygons of 20 kinds, of any size, by name."""
+    return own_outlines() | {
         "rectangle": shapely.box(0, 0, 3, 2),
         "square": shapely.box(0, 0, 1, 1),
         "ring": shapely.Point(0, 0).buffer(2).difference(shapely.Point(0, 0).buffer(1.1)),
@@ -46,12 +45,16 @@ def outlines(count: int) -> list[tuple[str, Any, float]]:
         "lens": shapely.Point(0, 0).buffer(2).intersection(shapely.Point(1.8, 0).buffer(2)),
         "wedge": shapely.Polygon([(0, 0), (5, 0), (5, 0.6), (0, 2)]),
     }
-    kinds = own | more
+
+
+def outlines(count: int) -> list[tuple[str, Any, float]]:
+    """Return names, polygons in metres and footprints."""
+    shapes = kinds()
     found = []
     for number in range(count):
         rng = np.random.default_rng(7000 + number)
-        name = list(kinds)[number % len(kinds)]
-        shape = rotate(kinds[name], float(rng.uniform(0, 180)) if number >= len(kinds) else 0.0)
+        name = list(shapes)[number % len(shapes)]
+        shape = rotate(shapes[name], float(rng.uniform(0, 180)) if number >= len(shapes) else 0.0)
         shape = scale(shape, 1.0, float(rng.uniform(0.8, 1.25)))
         footprint = float(np.round(rng.uniform(10, 60)))
         cells = float(rng.uniform(120, 700))

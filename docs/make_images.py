@@ -52,6 +52,7 @@ from shoal.steering import (
     regular_polygon,
 )
 from shoal.steering.run import run as steer
+from shoal.swarm.grid.tasks import Inlet
 from shoal.swarm.maps.imaging import network as centre_lines
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
@@ -72,7 +73,7 @@ from shoal.views.search.figures import routes_figure
 from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tour import tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
-from shoal.views.swarm.figures import frontier_figure, map_figure
+from shoal.views.swarm.figures import frontier_figure, map_figure, map_panels
 from shoal.views.swarm.theory import (
     gap_distributions,
     move_distributions,
@@ -88,6 +89,7 @@ TRIALS = 1_000_000
 def main() -> None:
     parts = {
         "mapping": mapping,
+        "gathering": gathering,
         "vessels": vessels,
         "theory": theory,
         "tours": tours,
@@ -115,6 +117,17 @@ def mapping() -> None:
         confidence=0.8,
     )
     save("noise-map.png", map_figure(hazy, moves=hazy.moves // 3))
+
+
+def gathering() -> None:
+    """Draw a gathering in a region at its start, on the way and at its end."""
+    workspace = open_map("vessels:1000")
+    inlet = Inlet(tuple(workspace.cells[0].tolist()))
+    region = inlet(workspace, 20, np.random.default_rng(0)).tolist()
+    about = {"task": "gathering", "region": region, "rule": "merge", "policy": "gather-beam"}
+    episode = run(workspace, particles=100, seed=SEED, **about)
+    moments = [(episode, move) for move in (0, episode.moves // 3, episode.moves)]
+    save("gathering.png", map_panels(moments, columns=3))
 
 
 def vessels() -> None:

@@ -44,9 +44,9 @@ from shoal.search.simulation.live.ports import CellFinding, Leg, Radio, RobotVeh
 from shoal.search.tours import find_tour_maker
 from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, polygon
 from shoal.swarm import (
+    Gathering,
     GridWorkspace,
     GridWorld,
-    Mapping,
     Policy,
     SwarmProblem,
     Task,
@@ -54,7 +54,7 @@ from shoal.swarm import (
     make_policy,
     make_task,
 )
-from shoal.swarm.grid.board import letters_of
+from shoal.swarm.grid.board import Board, letters_of
 from shoal.swarm.maps.files import FORMATS as MAP_FORMATS
 from shoal.swarm.maps.files import read_map, write_map
 from shoal.swarm.run import run
@@ -177,8 +177,9 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
     todo = make_task(task)
     rng = np.random.default_rng(seed)
     for workspace in sample_workspaces(rng):
-        world = GridWorld(workspace)
-        state = world.initial(_starts(workspace, rng))
+        gathers = isinstance(todo, Gathering)
+        world = GridWorld(workspace, "merge" if gathers else "block")
+        state = world.initial(_starts(workspace, rng)[: 1 if gathers else None])
         belief = todo.begin(world, state, todo.choose_targets(workspace, rng))
         for command in rng.choice(list(letters_of(workspace.ndim)), size=25):
             after = world.step(state, command)
@@ -190,7 +191,8 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
             assert not (updated.obstacles & world.free), "a free cell is believed to be an obstacle"
             assert belief.open <= updated.open, "a cell known to be free was forgotten"
             assert belief.known <= updated.known, "a known cell was forgotten"
-            assert not (updated.frontier & after.occupied), (
+            # the frontier cells of a gathering hold particles
+            assert isinstance(todo, Gathering) or not (updated.frontier & after.occupied), (
                 "a cell with a particle still counts as unclassified"
             )
             state, belief = after, updated
@@ -206,6 +208,9 @@ def check_policy(
 ) -> None:
     """Check a policy: it must end every episode, send valid commands, store no data in itself, and
     act equally in equal trials.
+
+    A policy with the attribute ``gathers = True`` gathers the particles, in a region of all cells
+    but one or, under the rule merge, in one cell. Other policies map.
 
     Parameters
     ----------
@@ -231,10 +236,17 @@ def check_policy(
         if workspace.ndim not in tested_dimensions:
             continue
         for rule in tested_rules:
-            start, trial = _starts(workspace, rng), int(rng.integers(1000))
-            problem = SwarmProblem(
-                workspace, policy=chosen, start=start, rule=rule, max_moves=max_moves
-            )
+            fields: dict[str, Any] = {"rule": rule, "max_moves": max_moves}
+            place = workspace
+            if getattr(chosen, "gathers", None):
+                place = workspace.largest_component()
+                fields["task"] = "gathering"
+                if rule != "merge":
+                    fields["region"] = place.cells[: max(1, place.n_free - 1)].tolist()
+            start, trial = _starts(place, rng), int(rng.integers(1000))
+            if len(start) > len(fields.get("region", place.cells)):
+                start = start[1:]
+            problem = SwarmProblem(place, policy=chosen, start=start, **fields)
             try:
                 _check_episodes(problem, trial)
             except InvalidInputError as error:
@@ -252,7 +264,7 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     policy = problem.setup.policy
     place = _place(problem.place, problem.rule)
     limit = problem.max_moves
-    _check_view(policy, problem.place, problem.start, problem.rule)
+    _check_view(problem)
     changed = problem.replaced(policy=copy.deepcopy(policy))
     first, *others = (
         run(one, trial=trial, stepwise=s)
@@ -268,19 +280,25 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     assert first.verify(), f"{policy.name}: {first.verify().message} {place}"
 
 
-def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str) -> None:
+def _check_view(problem: SwarmProblem) -> None:
     """Check that one decision of a policy changes neither the policy nor the arguments of the
     decision.
     """
+    policy, workspace, rule = problem.setup.policy, problem.place, problem.rule
     world = GridWorld(workspace, rule)
+    start, targets = problem.setup.draw_start(np.random.default_rng(0))
     state = world.initial(start)
-    belief = Mapping().begin(world, state)
+    region = None if targets is None else Board.of_mask(targets)
+    belief = problem.setup.task.begin(world, state, targets)
     words = [
         board.words.copy() for board in (state.occupied, belief.open, belief.known, belief.frontier)
     ]
     own = copy.deepcopy(vars(policy)) if hasattr(policy, "__dict__") else {}
     commands, _ = decided(
-        policy, View(belief, state.occupied, rule), None, np.random.default_rng(0)
+        policy,
+        View(belief, state.occupied, rule, problem.setup.mapping, targets=region),
+        None,
+        np.random.default_rng(0),
     )
     assert (vars(policy) if own else own) == own, (
         f"{policy.name}: a decision changed the policy object itself"

@@ -15,7 +15,10 @@ import pytest
 from playwright.sync_api import Page
 from tests.browser.waiting import settle, until
 
+from shoal.swarm import TASKS, SwarmProblem
+from shoal.swarm.run import run as run_swarm
 from shoal.views.player import render
+from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser
 
@@ -173,6 +176,32 @@ def test_every_move_agrees_with_the_slow_simulation(open_player, rule, task):
         )
         expected = reference(free, shape, start, commands, rule, targets)
         assert shown == [expected[n] for n in order]
+
+
+FIELDS = {
+    "target": [{"target": [(0, 8), (5, 0)]}],
+    "gathering": [
+        {"rule": "merge"},
+        {"rule": "merge", "region": [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0)]},
+    ],
+}
+"""What a problem of a task needs, for each episode to try."""
+
+
+@pytest.mark.parametrize("task", [name for name in TASKS if name != "mapping"])
+def test_an_episode_of_each_task_shows_how_many_cells_are_left(open_player, task):
+    for fields in FIELDS.get(task, [{}]):
+        problem = SwarmProblem("rectangle:6x9", task=task, particles=5, **fields)
+        played = run_swarm(problem, seed=3)
+        page = open_player(page_data(played))
+        shown = page.evaluate(
+            "(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot().frontier))",
+            list(range(played.moves + 1)),
+        )
+        assert shown == [played.first_frontier, *played.trace.frontier.tolist()]
+        assert shown[0] > shown[-1] == 0
+        word = "gathered" if task == "gathering" else "covered"
+        assert page.locator("#shareWord").inner_text() == word
 
 
 @pytest.mark.parametrize("task", ["mapping", "coverage"])

@@ -49,12 +49,24 @@ def played(name: str, task: str, policy: str, rule: str) -> list[object]:
 def test_every_policy_has_an_episode():
     """The planners have their own tests, as have policies without decisions of their own."""
     others = {"best", "beam-rollout", "greedy-classify", "offline", "manual"}
+    others |= {policy.partition(":")[0] for _, policy in GATHERINGS}
     assert {name.partition(":")[0] for name in EPISODES} | others == {*POLICIES}
 
 
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
 def test_episode(case):
     assert played(*case) == json.loads(FILE.read_text())[" ".join(case)]
+
+
+GATHERINGS = [*itertools.product(MAPS, ("pairwise", "pairwise:pair=farthest", "gather-beam"))]
+
+
+@pytest.mark.parametrize("case", GATHERINGS, ids=" ".join)
+def test_gathering(case):
+    assert (
+        played(case[0], "gathering", case[1], "merge")
+        == json.loads(FILE.read_text())[" ".join(("gathering", *case))]
+    )
 
 
 NOISY = [
@@ -82,6 +94,11 @@ def test_episode_with_noise(case):
 
 if __name__ == "__main__":
     rows = [f" {json.dumps(' '.join(case))}: {json.dumps(played(*case))}" for case in CASES]
+    rows += [
+        f" {json.dumps(' '.join(('gathering', *case)))}:"
+        f" {json.dumps(played(case[0], 'gathering', case[1], 'merge'))}"
+        for case in GATHERINGS
+    ]
     rows += [
         f" {json.dumps(' '.join(('noise', *case)))}: {json.dumps(played_with_noise(*case))}"
         for case in NOISY

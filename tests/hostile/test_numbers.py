@@ -12,6 +12,7 @@ from shoal.cli.commands import COMMANDS, command
 ENOUGH = {
     "map": "line:9 -n 2",
     "cover": "line:9 -n 2",
+    "gather": "line:9 -n 2",
     "maps": "line:9",
     "drive": "line:9 --particles 2",
     "steer": "square",

@@ -220,7 +220,35 @@ for shape in ((3, 5), (2, 64), (2, 2, 5)):
 """
 
 
+GATHERINGS = """
+import numpy as np
+from shoal.swarm import GridWorkspace
+from shoal.swarm.theory.bounds import lower_bound, optimum
+from tests.swarm_runs import run
+np.seterr(over="ignore")  # words wrap around on purpose
+rng = np.random.default_rng(24)
+for shape in ((3, 4), (1, 8), (2, 65)):
+    free = rng.random(shape) < 0.9
+    free.flat[0] = True
+    space = GridWorkspace(free).largest_component()
+    start = space.cells[rng.choice(space.n_free, size=3, replace=False)]
+    for rule in ("block", "merge", "tilt"):
+        region = None if rule == "merge" else space.cells[: max(3, space.n_free // 2)].tolist()
+        for policy in ("gather-beam:width=2", "random-moves", "pairwise") if rule == "merge" else ("gather-beam:width=2", "random-moves"):
+            e = run(space, task="gathering", policy=policy, start=start, rule=rule, region=region, max_moves=40)
+            print(shape, rule, policy, e.commands, e.status, *(column.tolist() for column in e.trace))
+        if space.n_free < 20:
+            mask = None if region is None else np.isin(np.arange(free.size), np.ravel_multi_index(tuple(np.array(region).T), shape)).reshape(shape)
+            about = {"task": "gathering", "targets": mask, "rule": rule}
+            print(lower_bound(space, start, **about), lower_bound(space, start, rule=rule))
+            print(optimum(space, start, **about))
+            if rule != "tilt":
+                print(optimum(space, start, rule=rule))
+"""
+
+
 SCRIPTS = {
+    "gatherings": GATHERINGS,
     "episodes": SCRIPT,
     "planners": PLANNERS,
     "plans": STEERING,
@@ -231,6 +259,7 @@ SCRIPTS = {
     "batches": BATCHES,
 }
 LINES = {
+    "gatherings": 3 * 7 + 2 * 3 * 2 + 2 * 2,
     "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,

@@ -37,6 +37,7 @@ from shoal.missions import FORMATS
 from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering import PLANNERS
+from shoal.steering.planners import pressing
 from shoal.swarm import POLICIES, GridWorkspace, GridWorld
 from shoal.views.drawing.encoding import LONGEST
 
@@ -92,14 +93,15 @@ def write_files_of(text: str) -> list[str]:
 
 @pytest.fixture
 def in_short(monkeypatch, tmp_path):
-    """Let commands run in a folder of their own, films have few frames, figures few pixels and
-    sweeps no processes.
+    """Let commands run in a folder of their own, films have few frames, figures few pixels,
+    sweeps no processes, and plans against errors few changes.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(mpl.rcParams, "savefig.dpi", 50)
     for suffix in LONGEST:
         monkeypatch.setitem(LONGEST, suffix, 10)
     monkeypatch.setattr(worker_pools, "Processes", lambda _: worker_pools.InProcess())
+    monkeypatch.setattr(pressing, "CHANGES", 80)
 
 
 def run_in_short(line):

@@ -2,7 +2,7 @@
 searches (extra ``envs``).
 
 The import of ``shoal.envs`` registers the environments ``shoal/Mapping-v0``, ``shoal/Coverage-v0``,
-``shoal/SubsetCoverage-v0``, ``shoal/Search-v0`` and ``shoal/Steering-v0``. A call such as
+``shoal/SubsetCoverage-v0``, ``shoal/Gathering-v0``, ``shoal/Search-v0`` and ``shoal/Steering-v0``. A call such as
 ``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports ``shoal.envs`` itself.
 """
 
@@ -45,6 +45,7 @@ _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/Mapping-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "mapping"}),
     "shoal/Coverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "coverage"}),
+    "shoal/Gathering-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "gathering"}),
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Search-v0": ("shoal.envs.search:SearchEnv", {"region": "square:100"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),

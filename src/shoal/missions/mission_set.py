@@ -124,6 +124,9 @@ class MissionSet:
         if problem.vehicle is None:
             problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
         options.check_for(problem)
+        if problem.cross_track is None:
+            reserve = problem.default_cross_track
+            problem = problem.replaced(cross_track=reserve).at_place(problem.place)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _fenced_problem(problem, options)
         widest = fenced.margin or 0.0
@@ -273,7 +276,7 @@ class MissionSet:
         return {
             "formats": self.options.format or None,
             "vehicle": None if plan is None else plan.vehicle,
-            "angle": None if plan is None else plan.grid.angle,
+            "angle": None if plan is None else plan.facing,
         }
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
@@ -302,10 +305,11 @@ class MissionSet:
                 "options: expected the region of missions that were read, got none"
             )
         sides = tuple(self.plan.footprints.tolist())
+        planned = sides if len({*sides}) > 1 else sides[0]
         return CheckOptions(
             self.plan.grid.region if self.problem is None else self.problem.place,
-            footprint=sides if len({*sides}) > 1 else sides[0],
-            angle=self.plan.grid.angle,
+            footprint=planned if self.problem is None else self.problem.view,
+            angle=self.plan.facing,
             cap=self.options.cap,
             separation=self.options.kept_apart or (0.0,),
             vehicle=self.plan.vehicle,
@@ -358,6 +362,7 @@ class MissionSet:
         )
         return {
             "sorties": len(self.missions),
+            "cross_track_m": None if self.problem is None else self.problem.cross_track,
             "usable_s": None if vehicle.endurance is None else vehicle.usable_seconds,
             "recharge_s": vehicle.recharge_seconds,
             "separation_m": (

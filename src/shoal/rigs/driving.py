@@ -43,7 +43,7 @@ from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
 from shoal.swarm.grid.state import Belief, check_cells
-from shoal.swarm.grid.tasks import Mapping
+from shoal.swarm.grid.tasks import Gathering, Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MOST, Noise
 from shoal.swarm.policies import POLICIES, Manual
@@ -392,6 +392,11 @@ def _told(
 def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal:
     """Return what a drive is to do. ``seed`` determines random target cells."""
     setup = problem.setup
+    if isinstance(setup.task, Gathering):
+        raise InvalidInputError(
+            "task: expected mapping, coverage, subset-coverage or target on a rig, got gathering,"
+            " for which no scan tells surely that no particle is elsewhere"
+        )
     if known is None and not setup.mapping:
         raise InvalidInputError(
             f"known: expected a known map for the task {problem.task_name}, got none"

@@ -27,13 +27,14 @@ from shoal.core.checks import (
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import check_suffix, write_json
+from shoal.core.files import check_suffix, write_json, write_text
 from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
+from shoal.search.problem.prior import with_contents
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
@@ -49,6 +50,22 @@ from shoal.search.simulation.trace import (
 from shoal.search.tours.masks import array_to_bits
 
 FORMAT: Literal[2] = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The first search of each cell of a tour of N cells.
+
+    Parameters
+    ----------
+    robots : ndarray of int64, shape (N,)
+        The robot that searched the cell first, counted from 0, or -1.
+    times : ndarray of float64, shape (N,)
+        When it did, in seconds since the start of the search, or infinity.
+    """
+
+    robots: NDArray[np.int64]
+    times: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,6 +259,7 @@ class SearchEpisode(Episode):
                 if self.makespan is None
                 else self._in_cells(trace.covered_at, self.makespan) / plan.tour_cost.least
             ),
+            "expected_find": self.expected_find,
             "planned": plan.planned_seconds,
             "lower_bound": plan.least_seconds,
             "sent": trace.sent,
@@ -289,6 +307,66 @@ class SearchEpisode(Episode):
         return tuple(
             tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots)
         )
+
+    @cached_property
+    def visits(self) -> Visits:
+        """The first search of each cell, by any robot that reports the truth."""
+        n = len(self.plan.tour_cost)
+        robots, times = np.full(n, -1, dtype=np.int64), np.full(n, inf)
+        for robot, log in enumerate(self.trace.robots):
+            if robot + 1 in self.liars or not log.cells.size:
+                continue
+            moments = self.clock(log.times, robot)
+            for seen, moment in zip(self.seen[robot], moments.tolist(), strict=True):
+                earlier = seen[moment < times[seen]]
+                robots[earlier], times[earlier] = robot, moment
+        return Visits(robots, times)
+
+    @property
+    def expected_find(self) -> float | None:
+        """Expected time in seconds until a robot searches the cell of a single target, by the prior
+        of the problem: the sum of each cell's probability times its first search.
+
+        None for a problem without a prior, and if a cell that may hold the target was never
+        searched.
+        """
+        odds = self.plan.tour_cost.odds
+        if odds is None:
+            return None
+        there = odds > 0
+        total = float(odds[there] @ self.visits.times[there])
+        return total if total < inf else None
+
+    def _prior_report(self) -> dict[str, Any] | None:
+        tour_cost = self.plan.tour_cost
+        if tour_cost.odds is None:
+            return None
+        return {
+            "inside": self.plan.prior_inside,
+            "at_most": self.problem.at_most,
+            "plain_s": self.plan.plain_seconds,
+        }
+
+    def save_visits(self, path: str | os.PathLike[str]) -> None:
+        """Write a CSV file with the first search of each cell: the cell's centre in metres, the
+        number of the robot, and the time in seconds. A search of several altitudes has a column for
+        the altitude. Cells that nobody searched have no row.
+        """
+        visits, plan = self.visits, self.plan
+        cells = np.flatnonzero(visits.robots >= 0)
+        cells = cells[np.argsort(visits.times[cells], kind="stable")]
+        places = plan.positions(cells)
+        names = ["x_m", "y_m", *(["altitude_m"] if places.shape[1] == 3 else [])]
+        lines = [",".join([*names, "robot", "time_s"])]
+        for place, robot, moment in zip(
+            places.tolist(),
+            visits.robots[cells].tolist(),
+            visits.times[cells].tolist(),
+            strict=True,
+        ):
+            numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
+            lines.append(",".join(numbers))
+        write_text(Path(path), "\n".join(lines) + "\n")
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -350,6 +428,8 @@ class SearchEpisode(Episode):
             "makespan_s": self.makespan,
             "planned_cells": self._in_cells(allocation.makespan, self.plan.planned_seconds),
             "planned_s": self.plan.planned_seconds,
+            "expected_find_s": self.expected_find,
+            "prior": self._prior_report(),
             "lower_bound_cells": max(0.0, self.plan.cells(self.plan.least_seconds)),
             "lower_bound_s": self.plan.least_seconds,
             "covered_fraction": self.coverage.covered_fraction,
@@ -485,8 +565,12 @@ class SearchEpisode(Episode):
                 "hidden": None,
                 "closed_lines": False,
             }
+        if problem.prior:
+            changes["prior"] = with_contents(problem.prior)
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
+        if isinstance(problem.along, str) and problem.along != CENTRE:
+            changes["along"] = problem.line
         if isinstance(problem.launch, str):
             changes["launch"] = plan.places
         if isinstance(problem.land, str):

@@ -137,13 +137,17 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
     say("piece", {"begin": page_data(begun) | {"status": ""}})
     goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))
     counts = {"moves": 0, "classified": len(start)}
+    if begun.task == "gathering":
+        goal, counts["classified"] = max(1, begun.replay.end.first_frontier), 0
 
     def on_trace(trace: Trace) -> None:
         scans = None if every else "".join("01"[scan] for scan in trace.scanned.tolist())
         say("piece", {"commands": decode(trace.commands), "scans": scans})
         counts["moves"] += trace.moves
         counts["classified"] += int(trace.classified.sum())
-        say("progress", (min(0.99, counts["classified"] / goal), f"{counts['moves']} moves"))
+        say(
+            "progress", (max(0, min(0.99, counts["classified"] / goal)), f"{counts['moves']} moves")
+        )
 
     episode = run(problem, seed=seed, on_trace=on_trace)
     say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})

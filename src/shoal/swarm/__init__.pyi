@@ -16,6 +16,9 @@ from .grid.tasks import (
     Coverage as Coverage,
 )
 from .grid.tasks import (
+    Gathering as Gathering,
+)
+from .grid.tasks import (
     Mapping as Mapping,
 )
 from .grid.tasks import (

@@ -60,7 +60,7 @@ class SwarmEpisode(WithTrace, Episode):
     first_frontier : int
         Number of frontier cells at the start of the episode.
     targets : ndarray of bool, the shape of the workspace, or None
-        The cells that the particles must cover, or None for a mapping.
+        The cells that the particles must cover, or the region of a gathering; None for a mapping.
     seed, trial : int
         Seed and trial number, which determine all random numbers of the episode.
     seconds : float
@@ -166,8 +166,12 @@ class SwarmEpisode(WithTrace, Episode):
     def reason(self) -> str:
         """One sentence that explains the status of the episode."""
         left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
-        rest = "" if self else f"; {left} frontier cells left"
+        gathers = self.task == "gathering"
+        cells = "cells with particles to gather" if gathers else "frontier cells"
+        rest = "" if self else f"; {left} {cells} left"
         done = REASONS[self.status]
+        if self and gathers:
+            done = "all particles are gathered"
         if self and self.unreachable:
             done = "every cell that particles can reach is classified"
         if self.unreachable:
@@ -185,10 +189,11 @@ class SwarmEpisode(WithTrace, Episode):
 
     @cached_property
     def unreachable(self) -> int:
-        """Number of free cells that no path of free cells connects to a start cell. In a coverage,
-        the number is 0.
+        """Number of free cells that no path of free cells connects to a start cell. In a coverage
+        and in a gathering, the number is 0.
         """
-        if self.targets is not None or self.observations is not None:
+        known = self.targets is not None or self.task == "gathering"
+        if known or self.observations is not None:
             return 0
         parts = self.workspace.components
         began = np.vstack([self.start, *(cells for _, _, cells in self.placed)])

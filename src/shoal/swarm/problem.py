@@ -23,6 +23,7 @@ from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.grid.tasks import (
     PLACEMENTS,
     TASKS,
+    Gathering,
     Inlet,
     Mapping,
     SubsetCoverage,
@@ -143,11 +144,24 @@ def _parse_start(text: str) -> Any:
         return text
     if os.path.exists(text):
         return open_map(text).cells
-    return _parse_cells(text)
+    return _parse_cells(text, ", inlet:ROW,COLUMN or the file of a map")
 
 
-def _parse_cells(text: str) -> list[list[int]]:
-    return [[int(number) for number in cell.split(",")] for cell in text.split()]
+def _parse_region(text: str) -> Any:
+    from shoal.swarm.maps.files import open_map
+
+    if os.path.exists(text):
+        return open_map(text).cells
+    return _parse_cells(text, " or the file of a map")
+
+
+def _parse_cells(text: str, others: str = "") -> list[list[int]]:
+    try:
+        return [[int(number) for number in cell.split(",")] for cell in text.split()]
+    except ValueError:
+        raise ValueError(
+            f"expected row,column pairs such as '0,3 0,4'{others}, got {shortened(text)}"
+        ) from None
 
 
 def _parse_cell_size(text: str) -> float | tuple[float, ...]:
@@ -260,6 +274,19 @@ class SwarmProblem(Problem):
         check=lambda given: _check_cells_of(given, "target"),
         dump=lambda given: [list(cell) for cell in given],
     )
+    region: Cells | None = option(
+        None,
+        help=(
+            "Cells into which all particles must be brought, for the task gathering: row,column"
+            " pairs such as '0,3 0,4' (in three dimensions layer,row,column), or a map whose free"
+            " cells are the region. By default the particles gather in any one cell, under the rule"
+            " merge."
+        ),
+        metavar="CELLS",
+        parse=_parse_region,
+        check=lambda given: _check_cells_of(given, "region"),
+        dump=lambda given: [list(cell) for cell in given],
+    )
     particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
         "uniform",
@@ -280,15 +307,20 @@ class SwarmProblem(Problem):
             str(given) if isinstance(given, Inlet) else [list(cell) for cell in given]
         ),
     )
-    rule: str = option("block", help="Move rule of the particles.", choices=tuple(RULES))
+    rule: str = option(
+        "block",
+        help="Move rule of the particles. Without a region, the task gathering sets the rule merge.",
+        choices=tuple(RULES),
+    )
     policy: Any = option(
         "auto",
         help=(
             "Policy: auto, {names} or MODULE:ATTRIBUTE. Options of a policy follow a colon, as in"
             " closest-frontier:ties=row-major or manual:llurr. The policy offline is for coverage"
-            " only. auto stands for best if the task is mapping with a scan after each move and with"
-            " rule block or merge, on huge maps with a smaller budget, and for closest-frontier in"
-            " all other cases."
+            " only, and pairwise and gather-beam are for gathering. auto stands for best if the task"
+            " is mapping with a scan after each move and with rule block or merge, on huge maps with"
+            " a smaller budget, for gather-beam in a gathering (for pairwise on maps of more than"
+            " 6000 cells), and for closest-frontier in all other cases."
         ),
         **_registered(_policies),
     )
@@ -461,6 +493,14 @@ class SwarmProblem(Problem):
             raise InvalidInputError(
                 "target: expected cells together with the task target, such as '0,3', got none"
             )
+        if self.task_name == "gathering":
+            if self.region is None and "rule" not in self.given:
+                object.__setattr__(self, "rule", "merge")
+        elif self.region is not None:
+            raise InvalidInputError(
+                "region: expected the task gathering together with a region, got the task"
+                f" {self.task_name}"
+            )
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
@@ -530,11 +570,13 @@ class SwarmProblem(Problem):
             Raised if a name is unknown, if the task, the map or the rules exclude the policy, if a
             start cell is not free, or if there are more particles than free cells.
         """
-        from shoal.swarm.policies import Offline, check_rules, check_scanning
+        from shoal.swarm.policies import Offline, check_gathers, check_rules, check_scanning
 
         workspace: GridWorkspace = self.place
         if self.target is not None:
             task: Task = Target(self.target)
+        elif self.task == "gathering":
+            task = Gathering(self.region or ())
         else:
             task = make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
         setup = SwarmSetup(self, workspace, task, *self._choose_policy(workspace, task))
@@ -543,6 +585,7 @@ class SwarmProblem(Problem):
                 "policy offline: expected a task whose map is known, such as coverage, got a"
                 " mapping"
             )
+        check_gathers(setup.policy, gathering=isinstance(task, Gathering))
         check_rules(setup.policy, GridLayout(workspace.shape), self.rule)
         check_scanning(self.scanning, setup.policy, self.rule)
         if isinstance(self.start, Inlet) and self.map != RIG:
@@ -558,11 +601,17 @@ class SwarmProblem(Problem):
 
     def _choose_policy(self, workspace: GridWorkspace, task: Task) -> tuple[Policy, bool]:
         """Return the policy, and whether it is ``auto`` and the size of the map decided."""
+        from shoal.swarm.grid.pairs import MOST_CELLS
         from shoal.swarm.policies import make_policy, with_budget
         from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
         limits = {"budget": self.budget, "milliseconds": self.time_per_move}
         given = {name: value for name, value in limits.items() if value is not None}
+        if isinstance(task, Gathering) and isinstance(self.policy, str):
+            name = "gather-beam" if self.policy in ("auto", "best") else self.policy
+            if self.policy == "auto" and workspace.n_free > MOST_CELLS and self.rule == "merge":
+                name = "pairwise"
+            return with_budget(make_policy(name), **given), False
         if not isinstance(self.policy, str) or self.policy != "auto":
             return with_budget(make_policy(self.policy), **given), False
         plannable = isinstance(task, Mapping) and self.rule != "tilt" and self.scanning.every_move

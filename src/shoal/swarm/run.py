@@ -17,7 +17,8 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
-from shoal.swarm.grid.board import trial_rng
+from shoal.swarm.grid.board import Board, trial_rng
+from shoal.swarm.grid.tasks import Gathering
 from shoal.swarm.policies import (
     BeamRollout,
     ClosestFrontier,
@@ -37,6 +38,7 @@ from shoal.swarm.simulation.compiled import (
     compiled_loop,
     is_compiled,
 )
+from shoal.swarm.simulation.gathering import GatheringGame
 from shoal.swarm.simulation.loop import OnMoves, OnTrace, Stop, closed_loop, make_decider
 from shoal.swarm.simulation.swarms import ExactSwarm, NoisySwarm, begin_swarm
 
@@ -99,7 +101,8 @@ def run(
     swarm = begin_swarm(setup, start, targets, seed, trial)
     first, watch = len(swarm.belief.frontier), Stopwatch()
     done = swarm.belief.complete and swarm.finished
-    game = None if stepwise or done else _game(setup, swarm, rng)
+    region = None if targets is None else Board.of_mask(targets)
+    game = None if stepwise or done else _game(setup, swarm, region, rng)
     if game is not None:
         trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
     else:
@@ -111,6 +114,7 @@ def run(
             on_moves=on_moves,
             on_trace=on_trace,
             stop=stop,
+            targets=region,
         )
     return SwarmEpisode(
         problem=problem,
@@ -191,7 +195,9 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
     return Duration(moves, begun.seconds_per_move * moves)
 
 
-def _game(setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
+def _game(
+    setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, region: Board | None, rng: Generator
+) -> Game | None:
     """Return the object that runs an episode in compiled code, or None if kernels do not support
     the problem.
     """
@@ -202,6 +208,8 @@ def _game(setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> 
             if isinstance(policy, ClosestFrontier)
             else None
         )
+    if isinstance(setup.task, Gathering):
+        return GatheringGame(policy, swarm, region, rng) if scanning.every_move else None
     # The commands of random-moves are drawn in advance, one per move. Runs of several equal
     # commands are therefore not compiled.
     one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move

@@ -19,8 +19,8 @@ from shoal.search import (
     region_of,
 )
 from shoal.search.cells import routing
-from shoal.search.cells.clipping import clipped_to
 from shoal.search.cells.visibility_graph import VisibilityGraph
+from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.margin import with_margin
 
 

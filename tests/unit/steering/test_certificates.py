@@ -190,10 +190,10 @@ def test_angles_are_rounded_outward(cosine):
 def test_the_search_finds_a_shorter_plan():
     rng = np.random.default_rng([4, 77])
     thin = polygon([(0, 0), (1, 0), (rng.uniform(0, 1), rng.uniform(0.03, 0.2))])
-    episode = run(SteeringProblem(thin), seed=4)
+    episode = run(SteeringProblem(thin, planner="greedy"), seed=4)
     proven = certify(episode, seconds=60)
     assert proven.certified
-    assert proven.episode.length <= episode.length
+    assert proven.episode.length < episode.length * 0.999
     assert proven.episode.verify()
 
 

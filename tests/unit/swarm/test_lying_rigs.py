@@ -121,7 +121,7 @@ def test_a_dead_magnet_in_three_dimensions():
 
 @pytest.mark.parametrize("particles", [1, 12, 60])
 def test_a_dead_magnet_under_noise_is_noticed(particles):
-    for seed in range(3):
+    for seed in range(2):
         driven = drive(
             Lying(noisy(MAZE, particles, seed), command=lambda _letter: ""),
             **STATED,
@@ -134,7 +134,7 @@ def test_a_dead_magnet_under_noise_is_noticed(particles):
             **STATED,
             policy="closest-frontier",
             test_move=False,
-            max_moves=1500,
+            max_moves=600,
         )
         assert driven.status in {"alarm", "stalled", "limit"}, (seed, driven.reason)
         assert not driven
@@ -162,7 +162,7 @@ def test_a_magnet_that_dies_on_the_way_never_completes_a_map(policy, particles):
     maze = open_map("maze:9x7")
     honest = drive(exact(maze, particles), policy=policy)
     assert honest.status == "complete"
-    for since in range(1, honest.moves, 5):
+    for since in range(1, honest.moves, 9):
         rig = Lying(exact(maze, particles), since=since, command=lambda _letter: "")
         driven = drive(rig, policy=policy)
         assert driven.status == "alarm", since
@@ -223,7 +223,7 @@ TURN = dict(zip("lurd", "uldr", strict=True))
 )
 @pytest.mark.parametrize("noise", [False, True])
 def test_directions_that_are_not_the_commands_are_noticed(lie, noise):
-    for seed in range(3):
+    for seed in range(2):
         rig = Lying(noisy(MAZE, 12, seed) if noise else exact(MAZE, 6, seed), **lie)
         driven = drive(rig, policy="closest-frontier", **(STATED if noise else {}))
         assert driven.status == "alarm"
@@ -233,13 +233,13 @@ def test_directions_that_are_not_the_commands_are_noticed(lie, noise):
 
 def test_a_drift_is_noticed():
     drifting = {"command": lambda letter: letter + "d"}
-    for seed in range(3):
+    for seed in range(2):
         driven = drive(Lying(exact(MAZE, 6, seed), **drifting), policy="closest-frontier")
         assert driven.status == "alarm"
         rig = noisy(open_map("cave:24x18:3"), 15, seed)
         rng = np.random.default_rng(seed)
         slowly = {"command": lambda letter, rng=rng: letter + "d" * int(rng.random() < 0.4)}
-        driven = drive(Lying(rig, **slowly), policy="closest-frontier", **STATED, max_moves=1500)
+        driven = drive(Lying(rig, **slowly), policy="closest-frontier", **STATED, max_moves=600)
         assert driven.alarms, driven.reason
         assert driven.trust.level != "high"
 
@@ -306,7 +306,7 @@ class Losing(NoisyRig):
 def test_losses_under_noise_keep_what_the_confidence_promises(loss):
     """The benchmark benchmarks/rigs.py measures more places and noises."""
     wrong = known = said = 0
-    for seed in range(5):
+    for seed in range(3):
         for noise in (Noise(0.1, 0.02, 0.3), Noise(0.2, 0.05, 0.1)):
             workspace = open_map(f"cave:16x12:{seed}")
             start = place(workspace, 8, "uniform", np.random.default_rng(seed))
@@ -321,7 +321,7 @@ def test_losses_under_noise_keep_what_the_confidence_promises(loss):
                 assert driven.status != "complete"
                 assert driven.trust.level == "limited"
     assert wrong <= 0.01 * known
-    assert said >= (8 if "every" in loss else 1)
+    assert said >= (4 if "every" in loss else 1)
 
 
 def test_a_drive_is_complete_only_if_every_cell_that_particles_may_enter_is_classified():

@@ -124,7 +124,7 @@ def test_a_task_that_only_chooses_targets_is_compiled():
 
 
 @pytest.mark.parametrize(
-    "task", ["mapping", "coverage", "subset-coverage", "subset-coverage:fraction=0.5"]
+    "task", ["mapping", "coverage", "subset-coverage", "subset-coverage:fraction=0.5", "gathering"]
 )
 def test_tasks_conform(task):
     check_task(task)

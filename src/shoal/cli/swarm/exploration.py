@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm. The command shoal replay also uses this module, to print and
+"""shoal map, shoal cover, shoal gather: run a swarm. The command shoal replay also uses this module, to print and
 write results.
 """
 
@@ -39,6 +39,7 @@ SIDES = ("layer", "row", "column")
 INTERRUPTED = 130  # exit code after Ctrl-C
 TOLD = 10.0  # seconds of planning from which the expected duration is said before the first move
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
+GATHER_EXAMPLE = "Example: shoal gather vessels:300 --particles 20 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
 
@@ -72,6 +73,32 @@ def cover(
 ) -> None:
     """Cover a known map: visit every free cell, or every cell of a random subset, with at least one
     particle.
+    """
+    _play(problem, trials, seed, workers, out, film, json_)
+
+
+@takes_problem(
+    SwarmProblem,
+    from_file=True,
+    task="gathering",
+    subset=None,
+    target=None,
+    slip=0.0,
+    misplace=0.0,
+    miss=0.0,
+    confidence=0.99,
+)
+def gather(
+    problem: SwarmProblem,
+    trials: options.Trials = 1,
+    seed: options.Seed = 0,
+    workers: options.Workers = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+) -> None:
+    """Gather all particles on a known map: in one cell, which particles may share under the rule
+    merge, or in a region.
     """
     _play(problem, trials, seed, workers, out, film, json_)
 
@@ -377,7 +404,18 @@ def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
 
 
 def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
-    """Return a row with the result in words: found free cells and walls, or covered cells."""
+    """Return a row with the result in words: found free cells and walls, covered cells, or where
+    the particles are.
+    """
+    if episode.task == "gathering":
+        cells = episode.final()[0].cells
+        if episode.targets is not None:
+            inside, room = int(episode.targets[tuple(cells.T)].sum()), int(episode.targets.sum())
+            size = "1 cell" if room == 1 else f"{room} cells"
+            return ("gathered", f"{inside} of {len(cells)} particles, in a region of {size}")
+        places = {tuple(cell) for cell in cells.tolist()}
+        where = f"1 cell, {min(places)}" if len(places) == 1 else f"{len(places)} cells"
+        return ("gathered", f"{len(cells)} particles in {where}")
     if episode.targets is not None:
         wanted = int(episode.targets.sum())
         return (

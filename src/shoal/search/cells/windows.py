@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
-from shoal.search.cells.clipping import clipped_to, rotated_shape
+from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
+from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.outline import Points
 
 Numbers = NDArray[np.int64]

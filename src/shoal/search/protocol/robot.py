@@ -315,7 +315,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     window = _window(robot, n)
     findings = tuple(
         (cell, robots)
-        for cell, robots in robot.found.items()
+        for cell, robots in sorted(robot.found.items())
         if window >> cell & 1 or robots & ~before[1].get(cell, 0)
     )
     beacon = Beacon(
@@ -332,8 +332,8 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
 def _news(
     robot: Robot, now: Mapping[int, int], before: Mapping[int, int], window: int
 ) -> tuple[tuple[int, int], ...]:
-    """Return, for each robot, a bitset of those cells in ``now`` that are missing in ``before`` or
-    lie in the bitset ``window``.
+    """Return, for each robot by its number, a bitset of those cells in ``now`` that are missing in
+    ``before`` or lie in the bitset ``window``.
 
     Of more than `NEWS` other robots, successive beacons tell in turn what is missing in ``before``.
     """
@@ -343,7 +343,7 @@ def _news(
         first = robot.count * NEWS % len(others)
         for number in (others[first:] + others[:first])[NEWS:]:
             fresh[number] = 0
-    news = ((number, fresh[number] | bits & window) for number, bits in now.items())
+    news = ((number, fresh[number] | bits & window) for number, bits in sorted(now.items()))
     return tuple((number, bits) for number, bits in news if bits)
 
 

@@ -165,9 +165,10 @@ class Scenario:
         """Return the length, in cell sides, of the path from the cell ``here`` through the cells
         ``through``.
         """
-        return sum(
-            self.brief.tour_cost.length(one, other) for one, other in pairwise((here, *through))
-        )
+        total = 0.0
+        for one, other in pairwise((here, *through)):
+            total += self.brief.tour_cost.length(one, other)  # not sum, which rounds otherwise
+        return total
 
     @cached_property
     def goal(self) -> int:

@@ -495,11 +495,7 @@ class Relaxation:
             for name, (_, depth) in found.items()
             if hold.range(name)[1] - hold.range(name)[0] > 1
         }
-        deepest = max(depths, key=lambda name: depths[name], default=None)
         total = against + sum(depths.values())
-        if deepest is not None and depths[deepest] > against:
-            first, end = hold.range(deepest)
-            return total, deepest, (first + end) // 2
         least, most, arc = hold.least, hold.most, hold.arc
         if arc.end - arc.first > self.walls.count // 3:  # most runs stay near their first contact
             near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
@@ -508,6 +504,10 @@ class Relaxation:
                 first, end = hold.range(name)
                 if first < wall < end:
                     return total, name, wall
+        deepest = max(depths, key=lambda name: depths[name], default=None)
+        if deepest is not None and depths[deepest] > against:
+            first, end = hold.range(deepest)
+            return total, deepest, (first + end) // 2
         if not hold.order and least[1] <= most[0]:
             return total, "order", 0
         if most[0] < least[1] < most[1]:

@@ -126,7 +126,8 @@ class Belief:
         obstacles.
     frontier : Board
         In a mapping, the unknown cells beside known free cells. In a coverage, the target cells
-        that no particle has visited. A task is complete when its belief has no frontier cells left.
+        that no particle has visited; in a gathering, the cells with particles that are not gathered
+        yet. A task is complete when its belief has no frontier cells left.
 
     Notes
     -----

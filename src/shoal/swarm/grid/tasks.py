@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,7 +14,7 @@ from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.registry import Registry, configured
-from shoal.swarm.grid.board import Board, offsets_of
+from shoal.swarm.grid.board import Board, GridLayout, offsets_of
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -185,23 +186,117 @@ class Target(Coverage):
         InvalidInputError
             Raised if there are no target cells, or if one is not a free cell of the workspace.
         """
-        with errors_at("target"):
-            chosen = check_cells(self.cells, workspace.shape, what="cells", rim=0)
-        if not len(chosen):
-            raise InvalidInputError("target: expected at least one cell, got none")
-        blocked = ~workspace.free[tuple(chosen.T)]
-        if blocked.any():
-            cell = tuple(chosen[blocked][0].tolist())
+        return _mask_of(self.cells, workspace, "target")
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """The task of bringing all particles together on a known map: into one cell under the rule
+    merge, or into the cells of a region.
+
+    The particles must be together at the same time. The frontier cells are the cells with particles
+    that are not gathered yet: those outside the region, or without a region all but one. Sources:
+    Becker and others (2020), and docs/concepts/gathering.md.
+
+    Parameters
+    ----------
+    region : tuple of tuple of int
+        The cells of the region. Without cells, the particles may gather in any cell.
+    """
+
+    name: ClassVar[str] = "gathering"
+    mapping: ClassVar[bool] = False
+    region: tuple[tuple[int, ...], ...] = ()
+
+    def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
+        """Return the mask of the region, without a random choice, or None without a region.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if a cell of the region is not a free cell of the workspace.
+        """
+        return _mask_of(self.region, workspace, "region") if self.region else None
+
+    def begin(
+        self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None
+    ) -> Belief:
+        """Return the belief at the start of a gathering. All cells are known.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the particles cannot be gathered: if they are in several parts of the
+            workspace, or if a part has too few cells of the region for the particles in it.
+        """
+        self.check(world.workspace, state.cells, world.rule)
+        everything = Board.full(world.layout)
+        return Belief(open=world.free, known=everything, frontier=self._left(state.occupied))
+
+    def check(self, workspace: GridWorkspace, start: NDArray[np.int64], rule: str) -> None:
+        """Refuse start cells (int64, shape (n, ndim)) from which particles cannot be gathered."""
+        labels = workspace.components
+        parts = np.bincount(labels[tuple(start.T)])
+        if not self.region:
+            if rule != "merge":
+                raise InvalidInputError(
+                    f"region: expected a region of at least {len(start)} cells, the number of"
+                    f" particles, because particles share no cell under rule {rule}, got none"
+                )
+            if np.count_nonzero(parts) > 1:
+                raise InvalidInputError(
+                    f"gathering: expected all particles in one connected part of {workspace.name},"
+                    f" got particles in {np.count_nonzero(parts)} parts (keep only the largest"
+                    " component of the map)"
+                )
+            return
+        region = _mask_of(self.region, workspace, "region")
+        room = np.bincount(labels[region], minlength=parts.size)[: parts.size]
+        needed = np.minimum(parts, 1) if rule == "merge" else parts
+        if (room < needed).any():
+            part = int(np.argmax(room < needed))
+            cell = tuple(start[labels[tuple(start.T)] == part][0].tolist())
             raise InvalidInputError(
-                f"target: expected free cells of {workspace.name}, got the obstacle {cell}"
-                " (rows and columns count from 0)"
+                f"region: expected at least {needed[part]} of its cells in the connected part of"
+                f" {workspace.name} with the particle at {cell}, for the {parts[part]} particles"
+                f" there under rule {rule}, got {room[part]}"
             )
-        targets = np.zeros(workspace.shape, dtype=np.bool_)
-        targets[tuple(chosen.T)] = True
-        return targets
+
+    def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
+        """Return the belief after one push."""
+        return Belief(belief.open, belief.known, self._left(after))
+
+    def _left(self, occupied: Board) -> Board:
+        if self.region:
+            return occupied - _board_of(occupied.layout, self.region)
+        return Board.of_cells(occupied.layout, occupied.cells[1:])
 
 
-for _task in (Mapping, Coverage, SubsetCoverage, Target):
+@lru_cache(maxsize=4)
+def _board_of(layout: GridLayout, cells: tuple[tuple[int, ...], ...]) -> Board:
+    return Board.of_cells(layout, cells)
+
+
+def _mask_of(
+    cells: tuple[tuple[int, ...], ...], workspace: GridWorkspace, what: str
+) -> NDArray[np.bool_]:
+    """Return the mask of given cells of a workspace, which must be free."""
+    chosen = check_cells(cells, workspace.shape, what=what, rim=0)
+    if not len(chosen):
+        raise InvalidInputError(f"{what}: expected at least one cell, got none")
+    blocked = ~workspace.free[tuple(chosen.T)]
+    if blocked.any():
+        cell = tuple(chosen[blocked][0].tolist())
+        raise InvalidInputError(
+            f"{what}: expected free cells of {workspace.name}, got the obstacle {cell}"
+            " (rows and columns count from 0)"
+        )
+    mask = np.zeros(workspace.shape, dtype=np.bool_)
+    mask[tuple(chosen.T)] = True
+    return mask
+
+
+for _task in (Mapping, Coverage, SubsetCoverage, Target, Gathering):
     TASKS.add(_task.name, _task)
 
 

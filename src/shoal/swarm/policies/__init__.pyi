@@ -5,8 +5,11 @@ from .compiled import ElectParticle as ElectParticle
 from .compiled import Manual as Manual
 from .compiled import RandomMoves as RandomMoves
 from .compiled import WallSweep as WallSweep
+from .compiled import check_gathers as check_gathers
 from .compiled import check_rules as check_rules
 from .compiled import check_scanning as check_scanning
+from .gathering import GatherBeam as GatherBeam
+from .gathering import Pairwise as Pairwise
 from .names import POLICIES as POLICIES
 from .names import make_policy as make_policy
 from .names import shown_name as shown_name

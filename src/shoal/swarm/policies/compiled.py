@@ -35,6 +35,7 @@ class Compiled:
     rules: ClassVar[frozenset[str]] = frozenset(RULES)
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     runs: ClassVar[bool] = True  # whether the policy works with one scan after several commands
+    gathers: ClassVar[bool | None] = False  # None: for gathering and for all other tasks
 
     @property
     def name(self) -> str:
@@ -171,6 +172,7 @@ class RandomMoves(Compiled):
 
     kind: ClassVar[str] = "random-moves"
     code: ClassVar[int] = kernels.RANDOM
+    gathers: ClassVar[bool | None] = None
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return one random command."""
@@ -296,6 +298,7 @@ class Manual(Compiled):
 
     kind: ClassVar[str] = "manual"
     code: ClassVar[int] = kernels.MANUAL
+    gathers: ClassVar[bool | None] = None
     commands: str = ""
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
@@ -322,6 +325,19 @@ def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
         raise InvalidInputError(f"policy {name}: expected a {able} workspace, got {layout.ndim}-D")
     if isinstance(policy, Manual):
         encode(policy.commands, ndim=layout.ndim)
+
+
+def check_gathers(policy: Policy, *, gathering: bool) -> None:
+    """Refuse a policy that cannot gather for the task gathering, and a policy of this task for any
+    other task.
+    """
+    able = getattr(policy, "gathers", None)
+    if able is not None and able != gathering:
+        name = getattr(policy, "kind", policy.name)
+        wanted = "the task gathering" if able else "a task other than gathering"
+        raise InvalidInputError(
+            f"policy {name}: expected {wanted}, got {'gathering' if gathering else 'another task'}"
+        )
 
 
 def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:

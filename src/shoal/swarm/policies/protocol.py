@@ -43,6 +43,8 @@ class View:
         equal commands, in cells.
     classified : int
         Number of frontier cells that the last command or the last run of equal commands classified.
+    targets : Board or None
+        The target cells of the task, such as the region of a gathering, if it has any.
     """
 
     belief: Belief
@@ -52,6 +54,7 @@ class View:
     moves: int = 0
     travelled: int = 0
     classified: int = 0
+    targets: Board | None = None
 
 
 @runtime_checkable
@@ -63,6 +66,9 @@ class Policy(Protocol):
     before the next decision, unless the task is complete earlier. If the policy can make no
     progress, ``commands`` is an empty text. ``memory`` is None at the first decision of an episode.
     A policy object never changes, so that one policy object can serve many episodes.
+
+    A policy of the task gathering has the attribute ``gathers = True``, and a policy that cannot
+    gather has ``gathers = False``; policies without the attribute may serve all tasks.
 
     A policy may have the attributes ``rules`` and ``dimensions``, such as ``rules = ("block",)``
     and ``dimensions = (2,)``. They state the move rules and the numbers of dimensions that the

@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, ShoalError, describe_error
-from shoal.swarm.grid.board import LETTERS, encode, letters_of
+from shoal.swarm.grid.board import LETTERS, Board, encode, letters_of
 from shoal.swarm.grid.scans import Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.kernels import episodes
@@ -335,6 +335,7 @@ def closed_loop(
     on_trace: OnTrace | None = None,
     recorder: Recorder | None = None,
     stop: Stop | None = None,
+    targets: Board | None = None,
 ) -> tuple[Trace, Status]:
     """Run a swarm until no frontier cells are left, the policy has no more commands, or the maximum
     number of moves is reached.
@@ -352,6 +353,8 @@ def closed_loop(
         True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier
         cells are known to be free. Policies receive ``mapping`` in their `View`.
     on_moves, on_trace, stop : callable, optional
+    targets : Board, optional
+        The target cells of the task, which policies receive in their `View`.
     recorder : Recorder, optional
         Recorder to continue. It keeps the trace if the swarm raises an exception.
 
@@ -368,7 +371,13 @@ def closed_loop(
         if stop is not None and stop():
             return recorder.trace, Status.INTERRUPTED
         view = View(
-            swarm.belief, swarm.state.occupied, swarm.rule, mapping, recorder.moves, *recorder.last
+            swarm.belief,
+            swarm.state.occupied,
+            swarm.rule,
+            mapping,
+            recorder.moves,
+            *recorder.last,
+            targets,
         )
         run = decider.next(view, swarm.state, recorder.idle)
         if run is None:

@@ -17,6 +17,7 @@ from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, decode, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Placement, Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.tasks import Gathering
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -31,6 +32,7 @@ from shoal.swarm.noise import (
 )
 from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
+from shoal.swarm.simulation.gathering import GatheringGame
 from shoal.swarm.simulation.swarms import ExactSwarm
 
 
@@ -146,6 +148,13 @@ class ExactReplay:
             if trace.moves == recorded.moves:
                 return End(*game.final, trace, first)
             # compiled code stops at completion, but a drive of a rig ends with closing moves
+        if isinstance(self.task, Gathering) and not self.placed and recorded.scanned.all():
+            region = None if self.targets is None else Board.of_mask(self.targets)
+            policy = Manual(decode(recorded.commands))
+            gathering = GatheringGame(policy, swarm, region, trial_rng(0))
+            trace, _ = compiled_loop(gathering, recorded.moves)
+            if trace.moves == recorded.moves:
+                return End(*gathering.final, trace, first)
         recorder = Recorder()
         for command, scanned, rows in self._steps(swarm):
             recorder.add(command, rows, scanned=scanned)

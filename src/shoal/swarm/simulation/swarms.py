@@ -92,11 +92,12 @@ def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int
 
 
 def newly_classified(before: Belief, after: Belief) -> int:
-    """Return the number of cells that a push classified: newly known cells in a mapping, or newly
-    covered cells in a coverage.
+    """Return the number of cells that a push classified: newly known cells in a mapping, newly
+    covered cells in a coverage, or in a gathering by how many the cells to gather became fewer,
+    which is negative if particles leave the region.
     """
     learnt = len(after.known) - len(before.known)
-    return learnt if learnt else len(before.frontier - after.frontier)
+    return learnt if learnt else len(before.frontier) - len(after.frontier)
 
 
 class NoisySwarm:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import letters_of, offsets_of
+from shoal.swarm.grid.tasks import Gathering
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.theory.small_world import SmallWorld, set_bits
+from shoal.swarm.theory.small_world import SmallWorld
 
 _AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
@@ -96,16 +96,20 @@ def check_case(
     """
     if rule not in ("block", "merge", "tilt"):
         raise InvalidInputError(f"rule: expected block, merge or tilt, got {rule}")
-    if task not in ("mapping", "coverage"):
+    if task not in ("mapping", "coverage", "gathering"):
         raise InvalidInputError(
-            f"task: expected mapping or coverage (of targets, if given), got {task!r}"
+            f"task: expected mapping, coverage (of targets, if given) or gathering, got {task!r}"
         )
     if targets is not None and (task == "mapping" or np.shape(targets) != workspace.shape):
         raise InvalidInputError(
-            f"targets: expected a mask of shape {workspace.shape} for coverage, got"
+            f"targets: expected a mask of shape {workspace.shape} for coverage or gathering, got"
             f" {np.shape(targets)}"
         )
-    return check_start(workspace, start, rule=rule)
+    cells = check_start(workspace, start, rule=rule)
+    if task == "gathering":
+        region = () if targets is None else np.argwhere(targets).tolist()
+        Gathering(tuple(map(tuple, region))).check(workspace, cells, rule)
+    return cells
 
 
 def lower_bound(
@@ -126,11 +130,11 @@ def lower_bound(
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
     task : str
-        "coverage" or "mapping". In a mapping, the particles must classify all free cells that they
-        can reach, and all walls beside reachable cells.
+        "coverage", "mapping" or "gathering". In a mapping, the particles must classify all free
+        cells that they can reach, and all walls beside reachable cells.
     targets : ndarray of bool, the shape of the workspace, optional
         For a coverage: the cells that the particles must cover. By default, the particles must
-        cover all free cells.
+        cover all free cells. For a gathering: the region; by default any one cell.
     rule : str
         The move rule: "block", "merge" or "tilt". Under the rule tilt, one move is one command, in
         which particles slide until something stops them.
@@ -162,8 +166,12 @@ def lower_bound(
     cells = check_case(workspace, start, task, targets, rule)
     if flow and rule == "tilt":
         raise InvalidInputError("flow: expected the rule block or merge, got tilt")
+    if flow and task == "gathering":
+        raise InvalidInputError("flow: expected the task mapping or coverage, got gathering")
     free, offsets = flat_cells(workspace)
     particles = flat_mask(workspace, cells)
+    if task == "gathering":
+        return _gathering_bound(workspace, free, offsets, particles, len(cells), targets, rule)
     distances = np.where(particles, 0, FAR).astype(np.int64)
     stack = np.zeros(free.size, dtype=np.int64)
     fewest_paid(free, offsets, -1, -1, distances, stack)
@@ -203,6 +211,45 @@ def lower_bound(
     return least
 
 
+def _gathering_bound(
+    workspace: GridWorkspace,
+    free: NDArray[np.bool_],
+    offsets: NDArray[np.int64],
+    particles: NDArray[np.bool_],
+    n: int,
+    targets: NDArray[np.bool_] | None,
+    rule: str,
+) -> LowerBound:
+    """Return the lower bounds of a gathering.
+
+    A path of a particle into the region, read backwards, is a path from the region with as many
+    commands along each axis. The axis bound and the command bound are therefore those of a coverage
+    of the particles' cells by any number of particles that start in the region.
+    """
+    from shoal.swarm.kernels.theory import fewest_both_ways
+    from shoal.swarm.theory.command_bounds import fewest_commands
+    from shoal.swarm.theory.gathering import count_bound, distance_bound, pair_bound
+
+    region = _region_of(targets)
+    about = free, offsets, region, particles
+    count, pairs = count_bound(*about, rule), pair_bound(*about, n, rule)
+    if rule == "tilt":
+        return LowerBound(count, 0, 0, 0, pairs)
+    axes = commands = 0
+    if region is not None:
+        outside = particles & ~region
+        commands = fewest_commands(free, offsets, outside, region, free.size)
+        for back, forth in _AXES[: workspace.ndim]:
+            costs, before, stack = (np.zeros(free.size, dtype=np.int64) for _ in range(3))
+            sides = back, forth, costs, before, stack
+            axes += int(fewest_both_ways(free, offsets, outside, region, *sides))
+    return LowerBound(count, distance_bound(*about, rule), axes, commands, pairs)
+
+
+def _region_of(targets: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    return None if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
+
+
 def _only_by(
     free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int
 ) -> int:
@@ -231,7 +278,7 @@ class Optimum:
     commands : str
         A plan with the minimum number of moves, as command letters.
     states : int
-        Number of different states that the search has found, including states that it has not
+        Number of different states that the last search has found, including states that it has not
         expanded.
     """
 
@@ -260,10 +307,9 @@ def optimum(
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
     task : str
-        "coverage" or "mapping", as in `lower_bound`.
+        "coverage", "mapping" or "gathering", as in `lower_bound`.
     targets : ndarray of bool, the shape of the workspace, optional
-        For a coverage: the cells that the particles must cover. By default, the particles must
-        cover all free cells.
+        The cells to cover, or the region, as in `lower_bound`.
     rule : str
         The move rule: "block", "merge" or "tilt".
     most_states : int
@@ -273,63 +319,34 @@ def optimum(
     ------
     InvalidInputError
         Raised if particles cannot reach a cell that they must classify, or if the search needs more
-        than ``most_states`` states.
+        than ``most_states`` states or 20 000 sets of cells with particles.
 
     Examples
     --------
     >>> optimum(GridWorkspace([[1, 1, 1], [1, 1, 1]]), [(0, 0)]).moves
     5
     """
-    from shoal.swarm.theory.command_bounds import longest_run
+    from shoal.swarm.theory.optimum import search_optimum
 
     cells = check_case(workspace, start, task, targets, rule)
     free, offsets = flat_cells(workspace)
     world = SmallWorld(free, offsets, rule)
     particles = world.number(flat_mask(workspace, cells))
+    if task == "gathering":
+        from shoal.swarm.theory.gathering import search_gathering
+
+        region = _region_of(targets)
+        about = free, offsets, region, particles, len(cells), letters_of(workspace.ndim)
+        return Optimum(*search_gathering(world, *about, most_states))
     if task == "mapping":
         left = world.reached_by(particles) & ~particles
     else:
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         left = world.number(chosen) & ~particles
-    balls = {cell: world.balls(cell) for cell in set_bits(left)}
-    if any(not steps[-1] & particles for steps in balls.values()):
+    if left & ~world.reached_by(particles):
         raise InvalidInputError(
             "optimum: expected a particle in every connected part with cells to cover, got a part"
             " without a particle"
         )
     letters = letters_of(workspace.ndim)
-    most = len(cells) * (longest_run(free, offsets) if rule == "tilt" else 1)
-
-    def estimate(particles: int, left: int) -> int:
-        farthest = 0
-        if rule == "tilt":
-            return -(-left.bit_count() // most)
-        for cell in set_bits(left):
-            steps = balls[cell]
-            while not steps[farthest] & particles if farthest < len(steps) else False:
-                farthest += 1
-        return max(farthest, -(-left.bit_count() // most))
-
-    seen = {(particles, left): 0}
-    queue = [(estimate(particles, left), 0, particles, left, "")]
-    while queue:
-        _, negative, here, todo, plan = heapq.heappop(queue)
-        moves = -negative
-        if not todo:
-            return Optimum(moves, plan, len(seen))
-        if seen[here, todo] < moves:
-            continue
-        for command, letter in enumerate(letters):
-            state = world.step(here, todo, command, task == "mapping")
-            if state == (here, todo) or seen.get(state, MOST_STATES) <= moves + 1:
-                continue
-            if len(seen) >= most_states:
-                raise InvalidInputError(
-                    f"optimum: expected at most {most_states} states, got more for {workspace.name}"
-                )
-            seen[state] = moves + 1
-            heapq.heappush(queue, (moves + 1 + estimate(*state), -moves - 1, *state, plan + letter))
-    raise InvalidInputError(
-        f"optimum: expected a task that particles can complete under the rule {rule}, got none of"
-        f" {len(seen)} states in which it is complete"
-    )
+    return Optimum(*search_optimum(world, particles, left, task == "mapping", letters, most_states))

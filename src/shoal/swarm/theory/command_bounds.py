@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.swarm.grid.pairs import moves_of
 from shoal.swarm.theory.small_world import SmallWorld
 
 MOST_SETS = 300_000
-MOST_CELLS = 1200
+MOST_CELLS = 3000
 
 
 def fewest_commands(
@@ -130,38 +131,11 @@ def fewest_for_pairs(
         n > 1,
         rule == "tilt",
         np.zeros(2 * size, dtype=np.bool_),
-        np.zeros(2 * size, dtype=np.int64),
+        np.zeros(2 * size, dtype=np.int32),
         ends,
         fewest,
     )
     return max(0, int(fewest.max()))
-
-
-def moves_of(
-    free: NDArray[np.bool_],
-    offsets: NDArray[np.int64],
-    cells: NDArray[np.int64],
-    n: int,
-    rule: str,
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the number of the cell ahead of each of ``cells`` for each command, -1 if it is not
-    among ``cells``, and whether a particle may stay although the cell ahead is free.
-
-    Both have shape (commands, cells). Walls have no cell ahead.
-    """
-    index = np.full(free.size, -1, dtype=np.int64)
-    index[cells] = np.arange(cells.size)
-    ahead = np.full((offsets.size, cells.size), -1, dtype=np.int64)
-    may_stay = np.zeros((offsets.size, cells.size), dtype=np.bool_)
-    inner = free[cells]
-    for command, offset in enumerate(offsets.tolist()):
-        ahead[command, inner] = index[cells[inner] + offset]
-        room, there = np.zeros(cells.size, dtype=np.int64), cells[inner] + offset
-        while free[there].any():
-            room[inner] += free[there]
-            there = np.where(free[there], there + offset, there)
-        may_stay[command] = room < (1 if rule == "merge" else n)
-    return ahead, may_stay
 
 
 def fewest_by_flow(

@@ -10,17 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm import Belief, SwarmEpisode, SwarmState, noise
-from shoal.swarm.maps.workspace import COLOURS, PALETTE
+from shoal.swarm import Belief, Gathering, SwarmEpisode, SwarmState, noise
+from shoal.swarm.maps.workspace import COLOURS, FRONTIER, PALETTE
 
 LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
 """Names of the colours in the order of the legend."""
 
 
-def legend_of(*, coverage: bool) -> dict[str, str]:
-    """Return the words of the legend for each colour."""
+def legend_of(episode: SwarmEpisode) -> dict[str, str]:
+    """Return the words of the legend for each colour that pictures of an episode contain."""
     names = {name: name for name in LEGEND}
-    return names | {"frontier": "not covered yet"} if coverage else names
+    if isinstance(episode.problem.setup.task, Gathering):
+        del names["unknown"]
+        if episode.targets is None:
+            del names["frontier"]
+            return names
+        return names | {"frontier": "region"}
+    return names if episode.targets is None else names | {"frontier": "not covered yet"}
 
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
@@ -108,7 +114,7 @@ def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
             yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
     else:
         for state, belief in episode.frames():
-            yield codes_of(state, belief)
+            yield _with_region(episode, codes_of(state, belief))
 
 
 def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
@@ -116,5 +122,13 @@ def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
     around the map.
     """
     if moves == episode.moves and palette_of_cells(episode) is PLAIN:
-        return codes_of(*episode.final())  # the whole replay in compiled code
+        # the whole replay in compiled code
+        return _with_region(episode, codes_of(*episode.final()))
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)
+
+
+def _with_region(episode: SwarmEpisode, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the codes with the empty cells of a gathering's region in the colour of frontiers."""
+    if episode.targets is not None and isinstance(episode.problem.setup.task, Gathering):
+        codes[np.pad(episode.targets, 1) & (codes != PLAIN.particle)] = FRONTIER
+    return codes

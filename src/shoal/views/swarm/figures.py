@@ -97,7 +97,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}")
     _legend(
         axes,
-        coverage=episode.targets is not None,
+        episode,
         noisy=palette is NOISY,
         seen=episode.observations is not None,
     )
@@ -148,7 +148,7 @@ def map_panels(
         axes.set_axis_off()
         many = f"{episode.particles} particles, " if rows > 1 else ""
         set_title(axes, f"{many}{moves} moves")
-    handles = _handles(coverage=shown[0][0].targets is not None)
+    handles = _handles(shown[0][0])
     above.legend(
         handles=handles,
         loc="outside lower center",
@@ -163,23 +163,23 @@ def map_panels(
     return figure
 
 
-def _handles(*, coverage: bool, seen: bool = False) -> list[Patch]:
+def _handles(episode: SwarmEpisode, *, seen: bool = False) -> list[Patch]:
     from matplotlib.patches import Patch
 
-    names = legend_of(coverage=coverage)
+    names = legend_of(episode)
     if seen:
         names = names | {"particle": "seen at the last scan"}
     return [
         Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
         for key, name in names.items()
-        if not (coverage and key == "unknown")
+        if not (episode.targets is not None and key == "unknown")
     ]
 
 
-def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
+def _legend(axes: Axes, episode: SwarmEpisode, *, noisy: bool, seen: bool) -> None:
     from matplotlib.patches import Patch
 
-    handles = _handles(coverage=coverage, seen=seen)
+    handles = _handles(episode, seen=seen)
     if noisy:
         handles.append(
             Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly")
@@ -211,6 +211,8 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     episodes = episodes if isinstance(episodes, Sequence) else [episodes]
     if not episodes:
         raise InvalidInputError("frontier figure: expected at least one episode, got none")
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
     curves = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
@@ -229,7 +231,10 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
         axes.legend(frameon=False, fontsize=9)
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
+    if first.task == "gathering":
+        cells = "cells with particles to gather"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     set_title(
         axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles"
     )

@@ -124,7 +124,7 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
     sheet = Image.new("RGB", (width, height), _colour("free"))
     pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
     left, size = 10.0, font.size
-    for key, name in legend_of(coverage=episode.targets is not None).items():
+    for key, name in legend_of(episode).items():
         pen.rectangle(
             (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
             _colour(key),

@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.costs import holds, length, next_stretch
-from shoal.search.kernels.protocol.knowledge import is_late, is_live, knows, speed_of
+from shoal.search.kernels.protocol.knowledge import can_come, is_late, knows, speed_of
 from shoal.search.kernels.protocol.numbers import WORTH
 from shoal.search.kernels.protocol.worlds import SEARCHING, WAITING
 
@@ -29,7 +29,7 @@ def cell_to_help(tour, rules, partitions, w, b, i, time, limit):
     others = 0
     for part in range(begin, begin + parts):
         other = partitions.robots[part]
-        if other != i and is_live(w, b, i, other, time, limit):
+        if other != i and can_come(tour, w, b, i, other, time, limit):
             w.others[b, others] = other
             others += 1
     runs = 0
@@ -50,7 +50,7 @@ def cell_to_help(tour, rules, partitions, w, b, i, time, limit):
                 return -1
             return (w.runs[b, best].first + w.runs[b, best].step * ahead) % n
         if (
-            is_live(w, b, i, other, time, limit)
+            can_come(tour, w, b, i, other, time, limit)
             and w.peers[b, i, other].status == WAITING
             and not is_late(w, b, i, other, time, rules)
         ):
@@ -76,7 +76,7 @@ def offered_parts(tour, rules, partitions, w, b, i, time, limit):
             other = partitions.robots[begin + (index - back) % parts]
             if (
                 other == i
-                or not is_live(w, b, i, other, time, limit)
+                or not can_come(tour, w, b, i, other, time, limit)
                 or is_late(w, b, i, other, time, rules)
             ):
                 left = True
@@ -264,7 +264,7 @@ def is_taken(w, b, i, cell, time, limit):
 
 
 @in_place_kernel
-def leaves_to_others(rules, w, b, i, time, limit):
+def leaves_to_others(tour, rules, w, b, i, time, limit):
     """Return whether the robot is late, and another robot is idle and not late."""
     if not is_late(w, b, i, i, time, rules):
         return False
@@ -274,7 +274,7 @@ def leaves_to_others(rules, w, b, i, time, limit):
             and w.counts[b, i, other] >= 0
             and w.peers[b, i, other].status == WAITING
             and not is_late(w, b, i, other, time, rules)
-            and is_live(w, b, i, other, time, limit)
+            and can_come(tour, w, b, i, other, time, limit)
         ):
             return True
     return False

@@ -69,6 +69,7 @@ class Offline:
     """
 
     kind: ClassVar[str] = "offline"
+    gathers: ClassVar[bool] = False
     budget: float = PLAN_BUDGET
 
     def __post_init__(self) -> None:

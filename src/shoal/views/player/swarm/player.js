@@ -18,16 +18,16 @@
 
   function describe(data, world) {
     const text = (value) => (value == null ? "" : String(value));
-    const covering = world.task !== "mapping";
+    const covering = world.task !== "mapping", gathering = world.task === "gathering";
     const ending = ENDINGS[data.status] ?? text(data.status);
     $("title").textContent = text(data.title) || text(data.map) || "Episode";
     const lost = data.unreachable ? `${plural(data.unreachable, "free cell")} out of reach` : "";
     const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending, lost];
     ShoalDesk.showFacts(facts.map(text));
-    $("shareWord").textContent = covering ? "covered" : !world.noise ? "classified" : world.truth ? "right" : "settled";
+    $("shareWord").textContent = gathering ? "gathered" : covering ? "covered" : !world.noise ? "classified" : world.truth ? "right" : "settled";
     $("particleWord").textContent = world.seen ? "Seen at the last scan" : "Particles";
-    $("frontierWord").textContent = covering ? "To cover" : "Frontier";
-    $("chartTitle").textContent = covering ? "Cells to cover by move" : "Frontier cells by move";
+    $("frontierWord").textContent = gathering ? "To gather" : covering ? "To cover" : "Frontier";
+    $("chartTitle").textContent = gathering ? "Cells to gather by move" : covering ? "Cells to cover by move" : "Frontier cells by move";
     $("unknownRow").hidden = covering;
     $("sharedRow").hidden = world.rule !== "merge";
     $("depth").toggleAttribute("hidden", world.shape.length === 2); // an SVG element has no property hidden

@@ -7,7 +7,7 @@
 const ShoalSim = (() => {
   const UNKNOWN = 0, FRONTIER = 1, FREE = 2, OBSTACLE = 3;
   const COMMANDS = "lurdio";
-  const TASKS = ["mapping", "coverage", "subset-coverage"];
+  const TASKS = ["mapping", "coverage", "subset-coverage", "target", "gathering"];
   const RULES = ["block", "merge", "tilt"];
   const NEVER = 0x7fffffff;
   const KEYFRAME_BYTES = 16e6; // the memory that keyframes may take
@@ -107,6 +107,7 @@ const ShoalSim = (() => {
 
   function readTargets(data, world) {
     if (world.task === "mapping") return null;
+    if (world.task === "gathering" && data.targets == null) return world.wall.map(() => 0);
     if (world.task === "coverage" && data.targets == null) return world.wall.map((w) => 1 - w);
     const targets = readBoard(data, "targets", world.shape);
     if (targets.some((t, cell) => t && world.wall[cell])) throw new DataError("A target cell is an obstacle.");
@@ -274,9 +275,18 @@ const ShoalSim = (() => {
       this.every = Math.max(KEYFRAME_EVERY, Math.ceil(bytes / KEYFRAME_BYTES));
       this.keyframes = [this.keyframe.from(world.start)];
       this.swarm = new Swarm(world); // at move `done`
+      this.gathers = world.task === "gathering";
       if (world.targets) this.beginCoverage();
       for (const cell of world.start) this.stand(cell, 0);
       this.goal = world.targets ? this.count(world.targets) : reachable(world);
+      if (this.gathers) this.goal = this.frontier[0] = this.stragglers();
+    }
+
+    /** How many cells hold particles that are not gathered: outside the region, or all but one. */
+    stragglers() {
+      const { targets } = this.world, region = targets.some((one) => one);
+      const cells = new Set(this.swarm.pos);
+      return region ? [...cells].filter((cell) => !targets[cell]).length : cells.size - 1;
     }
 
     count(board) {
@@ -297,6 +307,7 @@ const ShoalSim = (() => {
 
     /** A particle is in the cell after move n. */
     stand(cell, n) {
+      if (this.gathers) return; // the region stays as it is
       if (this.until[cell] !== NEVER) return;
       if (this.since[cell] !== NEVER) this.frontier[n]--;
       this.until[cell] = n;
@@ -341,6 +352,7 @@ const ShoalSim = (() => {
         for (const counts of [this.frontier, this.free, this.obstacle]) counts[now] = counts[now - 1];
         swarm.move(world.commands[now - 1]);
         this.look(now);
+        if (this.gathers) this.frontier[now] = this.stragglers();
         if (now % this.every === 0) this.keyframes.push(this.keyframe.from(swarm.pos));
         if (now % 16 === 0 && performance.now() > stop) break;
       }
@@ -362,10 +374,12 @@ const ShoalSim = (() => {
       return [palette.unknown, palette.frontier, palette.free, palette.obstacle];
     }
 
-    /** The share of cells classified (coverage: of targets covered) after move n, between 0 and 1. */
+    /** The share of cells classified (coverage: of targets covered; gathering: by how much the cells with
+     *  particles to gather became fewer) after move n, between 0 and 1. */
     progress(n) {
       if (this.goal === 0) return 1;
       const { targets } = this.world;
+      if (this.gathers) return Math.max(0, this.goal - this.frontier[n]) / this.goal;
       return (targets ? this.goal - this.frontier[n] : this.free[n] + this.obstacle[n]) / this.goal;
     }
 
