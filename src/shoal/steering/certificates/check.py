@@ -222,32 +222,33 @@ class _Task:
         vectors = leaf["norms"]
         if len(vectors) != len(program.norms):
             raise _WrongError(f"expected {len(program.norms)} norms, got {len(vectors)}")
-        total = dict.fromkeys(program.costs, STEP * self.whole)
+        unit = self.whole * program.share
+        total = dict.fromkeys(program.costs, STEP * unit)
         for vector, norm in zip(vectors, program.norms, strict=True):
             x, y = (_multiple(part) for part in vector)
             if x * x + y * y > STEP * STEP:
                 raise _WrongError("the multiplier of a norm is longer than 1")
             for factor, part in ((x, norm[0]), (y, norm[1])):
-                _add(total, part, factor * self.whole)
+                _add(total, part, factor * unit)
         for index, given in leaf["slacks"]:
             slack = _multiple(given)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
-            _add(total, _numbered(program.rows, index)(), -slack)
+            _add(total, _numbered(program.rows, index)(), -slack * program.share)
         for index, *given in leaf["cones"]:
             factors = [_multiple(part) for part in given]
-            length, vectors = _numbered(program.cones, index)
+            length, vectors, scale = _numbered(program.cones, index)
             # t >= |v| and n >= |z| mean n t - z . v >= 0
             size = _root(sum(factor * factor for factor in factors))
-            _add(total, length, -size * self.whole)
+            _add(total, length, -size * self.whole * scale)
             # fewer parts of z than of v, or more, are 0
             for factor, part in zip(factors, vectors, strict=False):
-                _add(total, part, factor * self.whole)
+                _add(total, part, factor * self.whole * scale)
         value = total.pop(_ONE, 0)
         for key, number in total.items():
             low, high = program.bounds[key]
             value += min(number * low, number * high)
-        proven = Fraction(value, STEP * self.whole * self.whole) * self.unit
+        proven = Fraction(value, STEP * self.whole * unit) * self.unit
         return min(proven, Fraction(self.limit, self.whole) * self.unit)
 
     def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
@@ -357,15 +358,15 @@ class _Program:
         self.bounds: list[Pair] = []
         self.norms: list[Vector] = []
         self.rows: list[Callable[[], dict[int, int]]] = []
-        self.cones: list[tuple[Mapping[int, Any], tuple[Mapping[int, Any], ...]]] = []
+        # with a number by which the cone must still be multiplied: all have the factor ``share``
+        self.cones: list[tuple[Mapping[int, int], tuple[Mapping[int, int], ...], int]] = []
         self.costs: list[int] = []
         (x, y), (other_x, other_y) = task.start
         walls = task.walls
-        # of the law of growth: sqrt(k) / R, and g
-        self.slope = Fraction(_root(walls.ring), walls.far) if task.runs else Fraction(0)
-        self.grown: dict[int, Fraction] = {
-            _ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) + Fraction(walls.ring, walls.far)
-        }
+        # of the law of growth, times R: sqrt(k), and g
+        self.share = walls.far if task.runs else 1
+        self.slope = _root(walls.ring) if task.runs else 0
+        self.grown = {_ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) * walls.far + walls.ring}
         self._build(pattern)
 
     def _vector(self, low: Pair, high: Pair) -> Vector:
@@ -400,7 +401,7 @@ class _Program:
         for normal, offset in self.task.walls.sides:
             self._above(normal, point, offset)
         if self.task.walls.radius:
-            self.cones.append(({_ONE: self.task.walls.radius}, point))
+            self.cones.append(({_ONE: self.task.walls.radius}, point, self.share))
 
     def _contact(self, between: Pair) -> Vector:
         walls = self.task.walls
@@ -415,7 +416,7 @@ class _Program:
         for normal, offset in walls.arc(*between):
             self._above(normal, point, offset)
         if walls.radius:
-            self.cones.append(({_ONE: walls.radius}, point))
+            self.cones.append(({_ONE: walls.radius}, point, self.share))
         return point
 
     def _at_least(self, change: Vector) -> int:
@@ -423,13 +424,13 @@ class _Program:
         self.bounds.append((0, self.task.limit))
         length = len(self.bounds) - 1
         self.costs.append(length)
-        self.cones.append(({length: 1}, change))
+        self.cones.append(({length: 1}, change, self.share))
         return length
 
     def _travel(self, change: Vector) -> None:
         """Count free translations; with the law of growth, remember the sum of their lengths."""
         if self.task.runs:
-            self.grown[self._at_least(change)] = 1 + self.slope
+            self.grown[self._at_least(change)] = self.share + self.slope
         else:
             self.norms.append(change)
 
@@ -445,10 +446,10 @@ class _Program:
         walls, (one, other) = self.task.walls, self.task.start
         sign = 1 - 2 * item.particle
         apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
-        grown: dict[int, Fraction] = {_ONE: Fraction(walls.ring, walls.far)}
+        grown = {_ONE: walls.ring}
         for part, size in zip(contact, apart, strict=True):
             for key, number in part.items():
-                grown[key] = grown.get(key, Fraction(0)) - Fraction(number * size, walls.far)
+                grown[key] = grown.get(key, 0) - number * size
         self.grown = grown
 
     def _spread(self, apart: Vector) -> None:
@@ -470,11 +471,14 @@ class _Program:
         """
         if self.task.runs:
             # |v|² <= a b as |(2 v, a - b)| <= a + b
-            doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
+            far = self.share
+            doubled = tuple(
+                {key: 2 * far * number for key, number in part.items()} for part in apart
+            )
             least, most = dict(self.grown), dict(self.grown)
-            least[_ONE] -= 2 * self.task.walls.far
-            most[_ONE] += 2 * self.task.walls.far
-            self.cones.append((most, (*doubled, least)))
+            least[_ONE] -= 2 * far * far
+            most[_ONE] += 2 * far * far
+            self.cones.append((most, (*doubled, least), 1))
 
     def _adjusts(self, first: int, end: int, change: Vector) -> None:
         """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
