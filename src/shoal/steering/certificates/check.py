@@ -142,6 +142,18 @@ class _RoundWalls:
             _ratio(abs(_cross((x, y), one)), isqrt(_dot(one, one))) for one in ends
         )
 
+    def turn(self, first: int, end: int) -> int:
+        """Return t with m . u <= (s + t d / r) |u| for each adjustment u of a contact at most d
+        from a contact with an arc of at most a third of a turn, with m and s of its axis.
+
+        Let the contact be the angle b beyond the end of the arc, so that 2 r sin(b / 2) <= d, and w
+        the angle between m and the normal there. If w + b <= 90 degrees, m . u <= |m| |u| sin(w + b),
+        and sin(w + b) - sin w = 2 sin(b / 2) cos(w + b / 2) <= 2 sin(b / 2) cos w. Otherwise this
+        holds with the lesser angle b = 90 degrees - w. t is |m| cos w, rounded up.
+        """
+        middle, ends, _ = self._cone(first, end)
+        return max(_ratio(_dot(middle, one), isqrt(_dot(one, one))) for one in ends)
+
     def arc(self, first: int, end: int) -> list[tuple[Pair, int]]:
         """As that of flat walls: with M the sum of the directions d at the ends, the contacts have
         M . c >= r M . d / |d| for one of these, rounded down.
@@ -427,12 +439,17 @@ class _Program:
         self.cones.append(({length: 1}, change, self.share))
         return length
 
-    def _travel(self, change: Vector) -> None:
-        """Count free translations; with the law of growth, remember the sum of their lengths."""
-        if self.task.runs:
-            self.grown[self._at_least(change)] = self.share + self.slope
-        else:
+    def _travel(self, change: Vector) -> int | None:
+        """Count free translations; with the law of growth, remember the sum of their lengths.
+
+        Return the variable of the length, if there is one.
+        """
+        if not self.task.runs:
             self.norms.append(change)
+            return None
+        length = self._at_least(change)
+        self.grown[length] = self.share + self.slope
+        return length
 
     def _adjust(self, change: Vector) -> None:
         """Count adjustments; with the law of growth, remember the sum of their lengths."""
@@ -480,14 +497,69 @@ class _Program:
             most[_ONE] += 2 * far * far
             self.cones.append((most, (*doubled, least), 1))
 
-    def _adjusts(self, first: int, end: int, change: Vector) -> None:
-        """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
+    def _most(self, hold: _Hold) -> int:
+        """Return the greatest sum of the adjustments of a run at a round wall, in plans within the
+        limit, rounded up.
+
+        The adjustments do not move the held particle. By other inputs, it comes from its start to
+        the first contact, and from the last one to its goal.
+        """
+        task, walls = self.task, self.task.walls
+        path = -2 * task.tolerance
+        for between, point in (
+            (hold.first, task.start[hold.particle]),
+            (hold.last, task.goal[hold.particle]),
+        ):
+            depths = [walls.radius - _root(_dot(point, point)), 0]
+            for normal, offset in walls.arc(*between):
+                depths.append((offset - _dot(normal, point)) // _root(_dot(normal, normal)))
+            path += max(depths)
+        return max(task.limit - path, 0)
+
+    def _stay(self, hold: _Hold, ways: Sequence[int], length: int, change: Vector) -> None:
+        """Add that the adjustments of a run turn only as far as its contacts are from an arc.
+
+        Each contact is at most the travel of the run, T, from its first contact, as well as from
+        its last one, and at most T / 2 from one of them. With d the greatest distance, M the
+        greatest sum L of the adjustments, and their sum y, m . y <= (s + t d / r) L <= s L + t d M
+        / r.
+        """
+        walls = self.task.walls
+        if not isinstance(walls, _RoundWalls):
+            return
+        both = min(hold.first[0], hold.last[0]), max(hold.first[1], hold.last[1])
+        whole = hold.least[0], hold.most[1]
+        for between, part in {hold.first: 1, hold.last: 1, both: 2}.items():
+            if between == whole or between[1] - between[0] > walls.count // 3:
+                continue
+            self.rows.append(partial(self._stay_row, hold, between, part, ways, length, change))
+
+    def _stay_row(
+        self,
+        hold: _Hold,
+        between: Pair,
+        part: int,
+        ways: Sequence[int],
+        length: int,
+        change: Vector,
+    ) -> dict[int, int]:
+        walls = self.task.walls
+        assert isinstance(walls, _RoundWalls)
+        axis, sine = walls.axis(*between)
+        turn = _ratio(walls.turn(*between) * self._most(hold), part * walls.radius)
+        return _along(axis, change, -1) | {length: sine} | dict.fromkeys(ways, turn)
+
+    def _adjusts(self, first: int, end: int, change: Vector) -> int | None:
+        """Count the length of adjustments whose sum is a vector, by a hold of some walls.
+
+        Return the variable of the length, or None for one flat wall.
+        """
         walls = self.task.walls
         axis, sine = walls.axis(first, end)
         if isinstance(walls, _FlatWalls) and end - first == 1:
             self._adjust(change)
             self.rows.append(lambda: _along(axis, change, -1))
-            return
+            return None
         length = self._at_least(change)
         if self.slope:
             self.grown[length] = self.slope
@@ -496,6 +568,7 @@ class _Program:
             return _along(axis, change, -1) | {length: sine}
 
         self.rows.append(row)
+        return length
 
     def _build(self, pattern: Sequence[Item]) -> None:
         task, norms = self.task, self.norms
@@ -555,11 +628,12 @@ class _Program:
                 *(self._contact(between) for between in _between(item)),
                 last_contact,
             ]
-            for one, another in pairwise(touched):
-                self._travel(_minus(another, one))
+            ways = [self._travel(_minus(another, one)) for one, another in pairwise(touched)]
             self._spread(after)
             change = other(({}, {}), _minus(after, before))
-            self._adjusts(item.least[0], item.most[1], change)
+            length = self._adjusts(item.least[0], item.most[1], change)
+            if length is not None:
+                self._stay(item, [way for way in ways if way is not None], length, change)
             self._inside(other(first_contact, before))
             self._inside(other(last_contact, after))
             places = [last_contact, other(last_contact, after)][:: 1 - 2 * item.particle]
