@@ -502,34 +502,42 @@ class _Program:
         limit, rounded up.
 
         The adjustments do not move the held particle. By other inputs, it comes from its start to
-        the first contact, and from the last one to its goal.
+        all contacts, and from there to its goal.
         """
-        task, walls = self.task, self.task.walls
-        path = -2 * task.tolerance
-        for between, point in (
-            (hold.first, task.start[hold.particle]),
-            (hold.last, task.goal[hold.particle]),
-        ):
-            depths = [walls.radius - _root(_dot(point, point)), 0]
-            for normal, offset in walls.arc(*between):
-                depths.append((offset - _dot(normal, point)) // _root(_dot(normal, normal)))
-            path += max(depths)
+        task = self.task
+        (first, end), (last, over) = (
+            [self._away(between, points[hold.particle]) for points in (task.start, task.goal)]
+            for between in (hold.first, hold.last)
+        )
+        path = max(first + end, first + over, last + over) - 2 * task.tolerance
         return max(task.limit - path, 0)
+
+    def _away(self, between: Pair, point: Pair) -> int:
+        """Return a lower bound on the distance of a point from a contact with a round wall."""
+        walls = self.task.walls
+        return max(
+            0,
+            walls.radius - _root(_dot(point, point)),
+            *(
+                (offset - _dot(normal, point)) // _root(_dot(normal, normal))
+                for normal, offset in walls.arc(*between)
+            ),
+        )
 
     def _stay(self, hold: _Hold, ways: Sequence[int], length: int, change: Vector) -> None:
         """Add that the adjustments of a run turn only as far as its contacts are from an arc.
 
         Each contact is at most the travel of the run, T, from its first contact, as well as from
-        its last one, and at most T / 2 from one of them. With d the greatest distance, M the
-        greatest sum L of the adjustments, and their sum y, m . y <= (s + t d / r) L <= s L + t d M
-        / r.
+        its last one, and at most T / 2 from one of them, which counts if both are with one arc.
+        With d the greatest distance, M the greatest sum L of the adjustments, and their sum y,
+        m . y <= (s + t d / r) L <= s L + t d M / r.
         """
         walls = self.task.walls
         if not isinstance(walls, _RoundWalls):
             return
-        both = min(hold.first[0], hold.last[0]), max(hold.first[1], hold.last[1])
         whole = hold.least[0], hold.most[1]
-        for between, part in {hold.first: 1, hold.last: 1, both: 2}.items():
+        part = 2 if hold.first == hold.last else 1
+        for between in dict.fromkeys((hold.first, hold.last)):
             if between == whole or between[1] - between[0] > walls.count // 3:
                 continue
             self.rows.append(partial(self._stay_row, hold, between, part, ways, length, change))

@@ -207,11 +207,10 @@ class Walls(Protocol):
         """
         if not self.radius:
             return []
-        both = min(hold.first[0], hold.last[0]), max(hold.first[1], hold.last[1])
-        shares = {hold.first: 1.0, hold.last: 1.0, both: 0.5}
+        share = 0.5 if hold.first == hold.last else 1.0
         return [
             (between, share)
-            for between, share in shares.items()
+            for between in dict.fromkeys((hold.first, hold.last))
             if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3
         ]
 
@@ -541,19 +540,22 @@ class Relaxation:
     def _most(self, hold: Hold) -> float:
         """Return the greatest sum of the adjustments of a run, in plans within the limit.
 
-        The adjustments do not move the held particle. It comes from its start to the first contact,
-        and from the last one to its goal.
+        The adjustments do not move the held particle. By other inputs, it comes from its start to
+        all contacts, and from there to its goal.
         """
-        walls, particle = self.walls, hold.particle
-        path = -2 * self.tolerance
-        for between, point in (
-            (hold.first, self.start[particle]),
-            (hold.last, self.goal[particle]),
-        ):
-            normals, offsets = walls.arc_rows(*between)
-            depths = (offsets - normals @ point) / np.hypot(*normals.T)
-            path += max(walls.radius - float(np.hypot(*point)), 0.0, *depths.tolist())
+        particle = hold.particle
+        (first, end), (last, over) = (
+            [self._away(between, points[particle]) for points in (self.start, self.goal)]
+            for between in (hold.first, hold.last)
+        )
+        path = max(first + end, first + over, last + over) - 2 * self.tolerance
         return max(self.limit - path, 0.0)
+
+    def _away(self, between: Range, point: Floats) -> float:
+        """Return a lower bound on the distance of a point from a contact with a round wall."""
+        normals, offsets = self.walls.arc_rows(*between)
+        depths = (offsets - normals @ point) / np.hypot(*normals.T)
+        return max(self.walls.radius - float(np.hypot(*point)), 0.0, *depths.tolist())
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
