@@ -332,6 +332,7 @@ class CompiledSearches:
             ids=np.zeros((b, n + m + 1), dtype=np.int64),
             chain=np.zeros((b, facts), dtype=np.int64),
             section=np.zeros((b, facts), dtype=np.uint64),
+            gathered=np.zeros((b, 64 * facts), dtype=np.int32),
             row=np.zeros((b, n)),
             offered=np.zeros((b, m), dtype=np.int64),
             others=np.zeros((b, m), dtype=np.int64),
@@ -565,7 +566,15 @@ class CompiledSearches:
         fit(1, slots + max(messages - int(control.slots), 0), *_SLOTS)
         words = int(control.words) + 1
         fit(1, words, "owner", "linked", "span", "chain", "section")
-        fit(1, 64 * len(changes.get("owner", w.owner)[world]), "cells", "next", "after", "ahead")
+        fit(
+            1,
+            64 * len(changes.get("owner", w.owner)[world]),
+            "cells",
+            "next",
+            "after",
+            "ahead",
+            "gathered",
+        )
         fit(2, len(changes.get("owner", w.owner)[world]), "known", "word", "bits")
         fit(3, len(changes.get("owner", w.owner)[world]), "before")
         findings = (int(control.findings) + 64) >> 6

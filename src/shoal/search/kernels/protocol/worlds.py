@@ -256,6 +256,7 @@ class Worlds(NamedTuple):
     ids: NDArray[np.int64]  # (B, N + m + 1)
     chain: NDArray[np.int64]  # (B, F)
     section: NDArray[np.uint64]  # (B, F)
+    gathered: NDArray[np.int32]  # (B, 64 F)
     row: NDArray[np.float64]  # (B, N)
     offered: NDArray[np.int64]  # (B, m)
     others: NDArray[np.int64]  # (B, m)
