@@ -436,7 +436,10 @@ class SearchProblem(Problem):
     )
     targets: Any = option(
         0,
-        help="Targets that robots must find: a number of random cells, or a CSV file of points.",
+        help=(
+            "Targets that robots must find: a number of random cells (by --prior, if it is given), or"
+            " a CSV file of points."
+        ),
         metavar="N|FILE",
         parse=parse_count_or_path,
         check=check_places("targets", "a file", count=True),
@@ -558,9 +561,10 @@ class SearchProblem(Problem):
                 "starts: expected no starts together with launch points, got"
                 f" {shortened(self.starts)}"
             )
-        if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
+        if "detection" in self.given and not self.given & {"targets", "false_alarm", "prior"}:
             raise InvalidInputError(
-                "detection: expected targets, which robots detect, got none and a detection of"
+                "detection: expected targets or a prior of one, which robots detect, got none and a"
+                " detection of"
                 f" {self.detection:g}"
             )
         for name in ("elsewhere", "at_most"):
