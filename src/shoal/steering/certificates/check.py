@@ -14,8 +14,6 @@ from itertools import pairwise
 from math import floor, isfinite, isqrt, lcm
 from typing import Any, NamedTuple
 
-from shoal.core.episode import Verification
-
 STEP = 2**36  # multipliers are multiples of 1 / STEP
 Pair = tuple[int, int]
 Vector = tuple[dict[int, int], dict[int, int]]
@@ -750,13 +748,18 @@ def _angle(part: int, whole: int) -> Pair:
 
 
 def _leaves(
-    task: _Task, proof: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[list[Item], Mapping[str, Any]]]:
-    """Yield the leaves of a proof with their patterns, and check that no case is missing."""
-    stack: list[list[Item]] = [[None]]  # all plans
-    for node in proof:
+    task: Any, proof: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[list[Any], Mapping[str, Any]]]:
+    """Yield the leaves of a proof with their patterns, and check that no case is missing.
+
+    The task has the method ``parts``.
+    """
+    stack: list[list[Any]] = [[None]]  # all plans
+    for number, node in enumerate(proof):
         if not stack:
             raise _WrongError("the proof goes on after its last case")
+        if len(stack) > len(proof) - number:
+            break
         pattern = stack.pop()
         if "norms" in node:
             yield pattern, node
@@ -773,42 +776,6 @@ def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
         return
     for pattern, leaf in _leaves(task, proof):
         yield task.value(pattern, leaf)
-
-
-def check_certificate(certificate: Mapping[str, Any]) -> Verification:
-    """Check in exact arithmetic that no plan is shorter than the bound of a certificate.
-
-    The check uses only the certificate, which holds the workspace, the starts, the goals and the
-    tolerance for which it is valid. The check computes the bound of every leaf of the proof again
-    from its multipliers, and derives all cases that a proof must treat.
-
-    Parameters
-    ----------
-    certificate : mapping
-        The JSON object that `shoal.steering.certify` returns as `Certificate.proof`.
-    """
-    try:
-        bound = Fraction(certificate["lower_bound"])
-        orders = [tree["order"] for tree in certificate["trees"]]
-        needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
-        if sorted(orders) != needed:
-            raise _WrongError(f"expected proofs for the orders {needed}, got {orders}")
-        count = 0
-        for tree in certificate["trees"]:
-            task = _Task(certificate, tree["order"])
-            for value in _values(task, tree["proof"]):
-                count += 1
-                if value < bound:
-                    raise _WrongError(
-                        f"a leaf proves {float(value):.9g}, less than {float(bound):.9g}"
-                    )
-    except _WrongError as error:
-        return Verification(False, f"the certificate is wrong: {error}")
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        return Verification(False, f"the certificate is incomplete: {error!r}")
-    return Verification(
-        True, f"{count} cases prove that no plan is shorter than {float(bound):.9g}"
-    )
 
 
 def _multiple(given: float) -> int:

@@ -256,6 +256,11 @@ class Search:
         return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
 
     @property
+    def upper(self) -> float:
+        """Least bound of a pattern without gaps, at most the limit."""
+        return self.shortest.upper
+
+    @property
     def shortest(self) -> PatternTree:
         """The tree with the shortest plan."""
         return min(self._trees, key=lambda tree: tree.upper)
