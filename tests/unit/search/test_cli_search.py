@@ -23,6 +23,8 @@ FIELDS = [
     "makespan_s",
     "planned_cells",
     "planned_s",
+    "expected_find_s",
+    "prior",
     "lower_bound_cells",
     "lower_bound_s",
 ]
@@ -121,6 +123,7 @@ def test_missions_and_files(tmp_path, monkeypatch, capsys):
         "region.png",
         "summary.json",
         "timeline.png",
+        "visits.csv",
     ]
     assert len(list((tmp_path / "missions").glob("robot-*"))) == 6
     assert run(["missions", "check", "missions", "field.json", "--footprint", "20", "--json"]) == 0

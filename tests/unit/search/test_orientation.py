@@ -141,15 +141,25 @@ def test_a_way_of_few_links_crosses_all_windows():
     boxes = np.array(
         [(0.0, 0, 0, 0), *((float(x), -0.4, float(x), 0.4) for x in range(1, 6)), (6.0, 0, 6, 0)]
     )
-    before = np.empty(len(points), dtype=np.int64)
     none = np.zeros(0, dtype=np.int64)
-    fewest_links(points, starts, boxes, 1.0, 24, none, before)
-    assert before[-1] == 0
+
+    def links(banned, boxes, points):
+        # a second chain of the same windows is not asked
+        twice = np.concatenate([points, points]), np.append(starts, starts[1:] + starts[-1])
+        boxes = np.concatenate([boxes, boxes])
+        nodes, counts = np.full(14, -1), np.array([-1, -1])
+        chains, asked = np.array([0, 7, 14]), np.array([0])
+        fewest_links(*twice, boxes, chains, asked, 1.0, 24, banned, nodes, counts)
+        assert (nodes[7:] == -1).all()
+        assert counts[1] == -1
+        return nodes[: counts[0]].tolist()
+
+    assert links(none, boxes, points) == [0, 16]
     boxes[3], points[7:10, 1] = (3.0, 0.3, 3.0, 0.4), (0.3, 0.35, 0.4)
-    fewest_links(points, starts, boxes, 1.0, 24, none, before)
-    assert (before[-1], before[7]) == (7, 0)
-    fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
-    assert (before[-1], before[8]) == (8, 0)
+    assert links(none, boxes, points) == [0, 7, 16]
+    assert links(np.array([7 * 34 + 16]), boxes, points) == [0, 8, 16]
+    every = (np.arange(17)[:, None] * 34 + np.arange(17)).ravel()
+    assert links(every, boxes, points) == []
 
 
 def test_the_allocation_is_the_one_done_first_flights_home_included():

@@ -546,7 +546,7 @@ class RegionPaths:
         way = pulled(region, self._within_pieces(stops))
         candidates = self._corners_beside(way)
         if len(candidates) <= _MOST_CORNERS:
-            tight = self._corners.shortest(start, end, candidates)
+            tight = self._corners.shortest(start, end, candidates, most=length_of(way))
             if tight is not None and length_of(tight) < length_of(way):
                 return tight
         return way

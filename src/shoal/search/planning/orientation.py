@@ -4,11 +4,12 @@ the tour takes the least time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.clipping import lattice_over, rotated_shape
+from shoal.search.cells.clipping import lattice_over, rotated, rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.lanes import LineLattice, cells_along
 from shoal.search.cells.layers import (
@@ -288,9 +289,21 @@ def _through(
     stepwise: bool,
     transit: bool,
     along_rows: bool | None,
+    others: Mapping[str, GridTour] = MappingProxyType({}),
 ) -> GridTour:
-    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`."""
+    """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`.
+
+    The argument ``others`` gives known tours by name. If one of them visits the cells in the same
+    order, along the same viewpoints, its path is known.
+    """
     cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
+    for name, other in others.items():
+        if (name in _STRAIGHT) == (tour in _STRAIGHT) and np.array_equal(
+            other.tour.cells, cell_tour.cells
+        ):
+            same = replace(other, tour=cell_tour)
+            vars(same)["route"] = other.route
+            return same
     if (
         tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
     ):  # long rows have few bends at their ends
@@ -424,12 +437,15 @@ def best_grid_tour(
     tried = max(1, min(_TRIED, int(_WORK / work)))
     if line is not None:
         angle = 0.0
-    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-    looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
-    if angle is None and looked_at > tried:
-        ranked = orientations[:looked_at]
-        orientations = _ranked_by_tours(region.area, size, tours, turn_cost, ranked, tried)
     known = {} if known is None else known
+    if "orientations" not in known:
+        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
+        if angle is None and looked_at > tried:
+            ranked = found[:looked_at]
+            found = _ranked_by_tours(region.area, size, tours, turn_cost, ranked, tried)
+        known["orientations"] = found
+    orientations = known["orientations"]
     priced = []
     choices = list(product(orientations[:tried], tours))
     with one_by_one(choices, "tours") as each:
@@ -448,6 +464,11 @@ def best_grid_tour(
                     stepwise=stepwise,
                     transit=transit,
                     along_rows=along_rows,
+                    others={
+                        other: known[direction, offset, other][0]
+                        for other in tours
+                        if (direction, offset, other) in known
+                    },
                 )
                 cost = candidate.once_round(turn_cost, reach)
                 known[direction, offset, tour] = candidate, cost
@@ -540,10 +561,15 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     rings = shapely.get_rings(shapely.get_parts(area))
     simple = shapely.multipolygons(shapely.polygons(shapely.simplify(rings, size / 4)))
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
+    points, ring = shapely.get_coordinates(
+        shapely.get_rings(shapely.get_parts(simple)), return_index=True
+    )
+    here = np.flatnonzero(ring[1:] == ring[:-1])
     costs = []
     for angle in sorted(angles):
-        flat = rotated_shape(simple, -angle)
-        costs += [(_cost_of_rows(flat, size, turn, shift), angle, shift) for shift in _SHIFTS]
+        flat = rotated(points, -angle)
+        sides = flat[here], flat[here + 1]
+        costs += [(_cost_of_rows(*sides, size, turn, shift), angle, shift) for shift in _SHIFTS]
     return [(angle, shift) for _, angle, shift in sorted(costs)]
 
 
@@ -563,15 +589,18 @@ def _long_sides(area: Any) -> list[float]:
     return [way + quarter for way in best for quarter in (0.0, 90.0)]
 
 
-def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
-    """Return the estimated cost, in cells, of driving along all rows of cells.
+def _cost_of_rows(
+    begins: NDArray[np.float64], ends: NDArray[np.float64], size: float, turn: float, shift: float
+) -> float:
+    """Return the estimated cost, in cells, of driving along all rows of cells of an area with given
+    sides, each from one of ``begins`` (n, 2) to one of ``ends``.
 
     The estimate is the sum of four terms: the lengths of all rows, the transfers between rows, two
     turns for each row, and `_BENT` bends at each end of a row where the border slants by less than
     45 degrees to the row. A transfer between two rows costs one row width, or more where the border
     slants.
     """
-    _, low, _, high = area.bounds
+    low, high = begins[:, 1].min(), begins[:, 1].max()
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
     first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
     looked_at = min(count, _ROWS)
@@ -579,8 +608,8 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     # A row counts if it contains any part of the region. This is tested along its centre line and
     # near both of its sides.
     y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
-    runs, ends, far = (found.reshape(*y.shape, -1) for found in _chords(area, y.ravel()))
-    slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
+    runs, outer, far = (found.reshape(*y.shape, -1) for found in _chords(begins, ends, y.ravel()))
+    slants = np.nan_to_num(np.abs(outer[:, 1] - outer[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
     bends = _BENT * (slants > 1.0).sum(axis=1)
@@ -589,17 +618,11 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
 
 
 def _chords(
-    area: Any, y: NDArray[np.float64]
+    begins: NDArray[np.float64], ends: NDArray[np.float64], y: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for each horizontal line, the number of its sections in an area, their two outer ends
-    (or NaN) and total length.
+    """Return, for each horizontal line, the number of its sections in an area with given sides,
+    their two outer ends (or NaN) and total length.
     """
-    import shapely
-
-    points, ring = shapely.get_coordinates(
-        shapely.get_rings(shapely.get_parts(area)), return_index=True
-    )
-    begins, ends = points[:-1][ring[1:] == ring[:-1]], points[1:][ring[1:] == ring[:-1]]
     # each side is met by the lines from its lower end, without those at its upper end
     order = np.argsort(y, kind="stable")
     low, high = np.sort([begins[:, 1], ends[:, 1]], axis=0)

@@ -37,6 +37,7 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.problem.network import Fault, check_faults, fault_text
+from shoal.search.problem.prior import Prior, check_priors, open_prior
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
@@ -124,6 +125,7 @@ class SearchProblem(Problem):
         "status",
         "cells",
         "makespan",
+        "expected_find",
         "share",
         "planned",
         "lower_bound",
@@ -434,10 +436,40 @@ class SearchProblem(Problem):
     )
     targets: Any = option(
         0,
-        help="Targets that robots must find: a number of random cells, or a CSV file of points.",
+        help=(
+            "Targets that robots must find: a number of random cells (by --prior, if it is given), or"
+            " a CSV file of points."
+        ),
         metavar="N|FILE",
         parse=parse_count_or_path,
         check=check_places("targets", "a file", count=True),
+    )
+    prior: tuple[Any, ...] = option(
+        (),
+        help=(
+            "Where a target is how likely: a file of numbers (.npy over the bounding box of the"
+            " region, row 0 in the north, .tif or .asc), a .geojson file of polygons with a property"
+            " probability or of points with spread_m, or ring:X,Y:SHARE=METRES,... around a last"
+            " known point (the option can be repeated; 2*FILE gives a part twice the weight). Robots"
+            " search likely cells early, and still search everything."
+        ),
+        metavar="FILE|RING",
+        repeated=True,
+        parse=list,
+        check=check_priors,
+    )
+    elsewhere: float = option(
+        0.0,
+        help="With --prior: probability that is the same everywhere in the region.",
+        least=0,
+        below=1,
+    )
+    at_most: float = option(
+        1.25,
+        help=(
+            "With --prior: longest time of the plan, divided by the time of the plan without a prior."
+        ),
+        least=1,
     )
     detection: float = option(
         1.0,
@@ -529,10 +561,21 @@ class SearchProblem(Problem):
                 "starts: expected no starts together with launch points, got"
                 f" {shortened(self.starts)}"
             )
-        if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
+        if "detection" in self.given and not self.given & {"targets", "false_alarm", "prior"}:
             raise InvalidInputError(
-                "detection: expected targets, which robots detect, got none and a detection of"
+                "detection: expected targets or a prior of one, which robots detect, got none and a"
+                " detection of"
                 f" {self.detection:g}"
+            )
+        for name in ("elsewhere", "at_most"):
+            if name in self.given and not self.prior:
+                raise InvalidInputError(
+                    f"{name}: expected a prior together with it, got {getattr(self, name):g} alone"
+                )
+        if self.prior and (self.passes > 1 or len(self.bands or ()) > 1):
+            raise InvalidInputError(
+                "prior: expected one pass at one altitude, because a search of the same ground"
+                " again finds nothing new, got several"
             )
         if self.crashes > self.robots:
             raise InvalidInputError(
@@ -750,6 +793,10 @@ class SearchProblem(Problem):
         unknown obstacles.
         """
         return self.obstacles not in (0, ())
+
+    def open_prior(self) -> Prior | None:
+        """Open the prior of the problem, or return None for a problem without a prior."""
+        return open_prior(self.prior, self.elsewhere, self.place) if self.prior else None
 
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""

@@ -31,6 +31,7 @@ from shoal.views.search.history import SearchHistory, robot_colour, sizes_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+from shoal.views.search.success import success_figure
 from shoal.views.search.timeline import timeline_figure
 
 NOT_SEEN = "#d81b1b"
@@ -435,4 +436,4 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
     add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)
 
 
-FIGURES = {"routes": routes_figure, "timeline": timeline_figure}
+FIGURES = {"routes": routes_figure, "timeline": timeline_figure, "success": success_figure}
