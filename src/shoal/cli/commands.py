@@ -84,8 +84,11 @@ _SIMPLE = {
     str: re.compile(".*", re.DOTALL).fullmatch,
     int: re.compile("[0-9]{1,18}").fullmatch,
     float: re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?").fullmatch,
+    Path: re.compile(".*", re.DOTALL).fullmatch,
 }
-"""By type, which texts are simple values: those that Python reads exactly as Pydantic does."""
+"""By type, which texts are simple values: those that Python reads exactly as Pydantic does. No path
+of a command is looked up before the command runs.
+"""
 
 
 def _process(parameter: Any, ctx: Any, value: Any, by_typer: Callable[..., Any]) -> Any:

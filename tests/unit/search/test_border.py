@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
+from shoal.search import coverage_check, region_of
 from shoal.search.regions.border import Border
-from shoal.search.regions.coverage import _cover
+from shoal.search.regions.boxes import uncovered
+from shoal.search.regions.coverage import Image, footprints_along
 
 
 def areas():
@@ -42,12 +44,43 @@ def test_segments_that_meet_a_border(area):
     assert not expected.all()
 
 
-def test_rectangles_that_cover_a_box_together():
+def test_what_rectangles_leave_of_a_box():
     parts = np.array([(0, 0, 4, 10), (4, 0, 10, 3), (4, 3, 7, 10), (7, 3, 10, 10)], dtype=float)
-    box = (0.0, 0.0, 10.0, 10.0)
-    assert _cover(parts, box)
+    box = np.array([0.0, 0.0, 10.0, 10.0])
+    assert len(uncovered(parts, box, 1e-7)) == 0
     for k in range(len(parts)):
-        assert not _cover(np.delete(parts, k, axis=0), box)
+        fields = shapely.box(*uncovered(np.delete(parts, k, axis=0), box, 1e-7).T)
+        apart = shapely.union_all(fields).symmetric_difference(shapely.box(*parts[k]))
+        assert apart.area < 1e-4
     parts[3, 0] += 1e-5  # a gap above the rounding error
-    assert not _cover(parts, box)
-    assert not _cover(parts[:0], box)
+    gap = uncovered(parts, box, 1e-7)
+    assert gap == pytest.approx(np.array([(7, 3, 7 + 1e-5, 10)]), abs=1e-5)
+    assert uncovered(parts[:0], box, 1e-7).tolist() == [[0, 0, 10, 10]]
+    rng = np.random.default_rng(3)
+    low = rng.uniform(0, 9, (20, 2))
+    many = np.hstack([low, low + rng.uniform(0.5, 3, (20, 2))])
+    left = shapely.box(*box).difference(shapely.union_all(shapely.box(*many.T)))
+    fields = shapely.union_all(shapely.box(*uncovered(many, box, 1e-7).T))
+    assert left.symmetric_difference(fields).area < 1e-4
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+@pytest.mark.parametrize("image", [None, Image(1.2, 0.8)])
+def test_what_a_track_leaves_beside_one_union_of_footprints(angle, image):
+    rng = np.random.default_rng(7)
+    region = region_of(shapely.Point(0, 0).buffer(100).difference(shapely.box(0, 0, 30, 200)))
+    track = np.concatenate(
+        [
+            np.column_stack([np.linspace(-100, 100, 40)[::way], np.full(40, y)])
+            for y, way in zip(np.arange(-95.0, 100, 11), [1, -1] * 9, strict=True)
+        ]
+    ) + rng.normal(0, 0.5, (720, 2))
+    seen = coverage_check(region, [track], 10, angle=angle, image=image)
+    along = (track[:-1], track[1:])
+    swept = (
+        footprints_along(*along, 5, angle) if image is None else image.along_legs(*along, 10, angle)
+    )
+    left = region.area.difference(shapely.union_all(swept, grid_size=1e-9))
+    assert seen.uncovered_m2 == pytest.approx(left.area, abs=1e-3)
+    assert seen.uncovered.symmetric_difference(left).area < 1e-2
+    assert left.area > 10

@@ -20,9 +20,9 @@ from shoal.search import (
     region_of,
 )
 from shoal.search.cells import routing
-from shoal.search.cells.clipping import clipped_to
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.visibility_graph import VisibilityGraph
+from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.margin import with_margin
 
 

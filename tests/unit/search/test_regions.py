@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 from contextlib import closing
 
@@ -12,7 +13,9 @@ import shapely
 from pyproj import Geod
 
 from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.geometry import unit_vectors
 from shoal.search import LocalFrame, cells_of, coverage_check, open_region, region_of
+from shoal.search.regions.outline import RegionOutline, Ring, check_polygon, check_polygons
 
 FIELD = [(8.50, 47.40), (8.52, 47.40), (8.52, 47.41), (8.50, 47.41), (8.50, 47.40)]
 POND = [(8.505, 47.403), (8.505, 47.406), (8.509, 47.406), (8.509, 47.403), (8.505, 47.403)]
@@ -764,3 +767,30 @@ def test_polygons_are_points_or_shapes_in_metres_or_degrees():
         open_region([(500, 0), (9, 0), (9, 9)], geographic=True)
     with pytest.raises(InvalidInputError, match="expected polygons together with holes"):
         open_region("square:10", geographic=True)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_many_polygons_are_checked_as_one_by_one(closed):
+    rng = np.random.default_rng(1)
+    outlines = []
+    for k in range(400):
+        count = int(rng.integers(3, 12))
+        around = unit_vectors(np.sort(rng.uniform(0, 2 * np.pi, count)))
+        points = around * rng.uniform(0.5, 3, (count, 1)) + rng.uniform(0, 100, 2)
+        points = np.insert(points, 1, points[1], axis=0) if k % 9 == 1 else points
+        points = np.vstack([points, points[:1]]) if closed or k % 9 == 2 else points
+        points[2] = np.nan if k % 50 == 3 else points[2]
+        points[1:-1] = points[0] if k % 50 == 4 else points[1:-1]
+        outlines.append(RegionOutline(Ring(points, f"ring {k}")))
+    good = []
+    for outline in outlines:
+        try:
+            good.append((outline, check_polygon(outline, closed=closed)))
+        except InvalidInputError as error:
+            with pytest.raises(InvalidInputError, match=re.escape(str(error))):
+                check_polygons([outlines[0], outline], closed=closed)
+    together = check_polygons([outline for outline, _ in good], closed=closed)
+    assert 300 < len(good) < 400
+    assert all(
+        shapely.equals_exact(one, other, 0) for one, (_, other) in zip(together, good, strict=True)
+    )

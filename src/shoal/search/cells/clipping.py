@@ -20,7 +20,6 @@ MAX_CELLS = 4_000_000
 SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
 _WHOLE = 1e-9  # relative to a block: area that rounding may remove
 # numbers of boxes and of corners below which it is not worth while to divide further
-_FEW_BOXES, _FEW_CORNERS = 4, 64
 _ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding may cause
 
 
@@ -80,6 +79,14 @@ class Lattice:
         return np.stack(
             [self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1
         )
+
+    def cells_at(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the row and the column of the cell at each point of the lattice's frame; int64,
+        shapes (n,). Beside the lattice, they lie outside its shape.
+        """
+        cols = np.floor((points[..., 0] - self.left) / self.size).astype(np.int64)
+        rows = np.floor((self.top - points[..., 1]) / self.size).astype(np.int64)
+        return rows, cols
 
 
 def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
@@ -247,50 +254,6 @@ def _polygonal(shapes: Any) -> Any:
         parts = shapely.get_parts(shapes[k])
         shapes[k] = shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
     return shapes
-
-
-def clipped_to(shape: Any, low: Points, high: Points) -> Any:
-    """Return the part of a Shapely polygon or line inside each of many boxes; Shapely geometries,
-    shape (n,).
-
-    The function divides the boxes recursively into halves, and cuts the shape to the bounds of each
-    half. So the time for a box does not grow with the number of the shape's corners.
-
-    Parameters
-    ----------
-    shape : Shapely geometry
-    low, high : ndarray of float64, shape (n, 2)
-        Lower left and upper right corner of each box.
-    """
-    import shapely
-
-    found = np.full(len(low), None, dtype=object)
-    left = [(shape, np.arange(len(low)))]
-    while left:
-        part, boxes = left.pop()
-        if len(boxes) <= _FEW_BOXES or shapely.get_num_coordinates(part) <= _FEW_CORNERS:
-            found[boxes] = shapely.intersection(part, shapely.box(*low[boxes].T, *high[boxes].T))
-            continue
-        middles = low[boxes] + high[boxes]
-        order = boxes[np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")]
-        for half in np.array_split(order, 2):
-            least, most = low[half].min(axis=0), high[half].max(axis=0)
-            # wider, so that what touches a box on its side is cut by this box only
-            some = 0.01 * (most - least)
-            bounds = shapely.box(*(least - some), *(most + some))
-            left.append((_alike(shapely.intersection(part, bounds), shape), half))
-    return found
-
-
-def _alike(cut: Any, shape: Any) -> Any:
-    """Return the parts of a cut shape that have the dimension of the whole ``shape``."""
-    import shapely
-
-    if cut.geom_type != "GeometryCollection":
-        return cut
-    parts = shapely.get_parts(cut)
-    kept = parts[shapely.get_dimensions(parts) == shapely.get_dimensions(shape)]
-    return shapely.union_all(kept)
 
 
 def own_piece(

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.cells.clipping import SPECK, clipped_to
+from shoal.search.cells.clipping import SPECK
+from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.outline import Points
 
 _HAIR = 1e-9  # relative to a footprint

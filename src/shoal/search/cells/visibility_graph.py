@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,8 @@ from shoal.search.regions.region import SearchRegion
 _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 
 
-_ALONG = 1e-9  # sine of the largest angle between collinear lines
-
-
 # number of points of a path among which `pulled` looks for the farthest visible point
 _LOOK_AHEAD = 64
-
-
-_START = -1  # stands for the start of a path, in place of a corner's index
-
-
-_AT_FIRST = 16  # number of corners tested for a start point at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
@@ -42,13 +32,11 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 
 
 class VisibilityGraph:
-    """The corners of a region at which shortest paths can bend, and the pairs of corners that see
-    each other.
+    """The corners of a region at which shortest paths can bend.
 
     Shortest paths bend only at corners where the inner angle of the region is above 180 degrees.
     The path search prefers a path that bends only at corners of `SearchRegion.bends` to a shorter
-    path around other corners. When a path search first reaches a corner, the search computes and
-    caches the corners that are visible from this corner.
+    path around other corners.
 
     Parameters
     ----------
@@ -68,18 +56,14 @@ class VisibilityGraph:
         few = few[:, region.contains(few[0])] if few.size else few
         self._few = len(few[0])
         self.corners, before, after = np.concatenate([few, every], axis=1)
-        sides = before - self.corners, after - self.corners
-        self._sides = [
-            side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides
-        ]
-        # of Shapely, which is loaded already: the import of SciPy's trees takes .2 s
-        self._tree, self._few_tree = (
-            shapely.STRtree(shapely.points(places))
-            for places in (self.corners, self.corners[: self._few])
+        self._sides = np.hstack(
+            [
+                side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None]
+                for side in (before - self.corners, after - self.corners)
+            ]
         )
-        self._seen_from: dict[
-            tuple[int, bool], tuple[float, NDArray[np.int64], NDArray[np.float64]]
-        ] = {}
+        # of Shapely, which is loaded already: the import of SciPy's trees takes .2 s
+        self._tree = shapely.STRtree(shapely.points(self.corners))
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
         """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
@@ -101,7 +85,13 @@ class VisibilityGraph:
         return np.asarray(np.unique(near[1]))
 
     def shortest(
-        self, start: Points, end: Points, candidates: NDArray[np.int64], *, rough: bool = False
+        self,
+        start: Points,
+        end: Points,
+        candidates: NDArray[np.int64],
+        *,
+        rough: bool = False,
+        most: float = np.inf,
     ) -> Points | None:
         """Return the shortest path that bends only at given corners, or None if no path exists;
         float64, shape (k, 2).
@@ -115,124 +105,32 @@ class VisibilityGraph:
         rough : bool
             Whether a path that bends only at corners of `SearchRegion.bends` is enough, if the
             region has such a shape. That no such path exists is known sooner.
+        most : float
+            Length in metres above which a path is of no use.
         """
         few = candidates[candidates < self._few]
-        path = self._shortest(start, end, few, few=True)
+        path = self._shortest(start, end, few, most)
         if path is not None or (rough and self._few):
             return path
-        return self._shortest(start, end, candidates, few=False)
+        return self._shortest(start, end, candidates, most)
 
     def _shortest(
-        self, start: Points, end: Points, candidates: NDArray[np.int64], *, few: bool
+        self, start: Points, end: Points, candidates: NDArray[np.int64], most: float
     ) -> Points | None:
-        """Find the shortest path that bends only at candidate corners, with the algorithm A*. If no
-        path exists, return None.
-
-        To find the corners visible from the start, the function tests one group of corners after
-        another. The first group contains the most promising corners, and each group is larger than
-        the previous group.
+        """Find the shortest path that bends only at candidate corners, if it is not longer than
+        ``most``. If no such path exists, return None.
         """
-        # All arrays count the candidates only: most paths are short, and regions may have many
-        # corners.
+        # a path to a corner and on to the end is at least so long
+        places = self.corners[candidates]
+        if most < np.inf:
+            near = np.hypot(*(places - start).T) + np.hypot(*(places - end).T) <= most
+            candidates, places = candidates[near], places[near]
         if not len(candidates):
             return None
-        places = self.corners[candidates]
-        allowed = np.ones(len(candidates), dtype=np.bool_)
-        wide = float(np.hypot(*np.ptp(places, axis=0)))
-        to_end = np.hypot(*(places - end).T)
-        length = np.full(len(candidates), np.inf)
-        came = np.full(len(candidates), _START)
-        queue: list[tuple[float, int]] = []
-        first = np.flatnonzero(self._touched(candidates, places - start))
-        away = np.hypot(*(places[first] - start).T)
-        order = np.argsort(away + to_end[first], kind="stable")
-        first, away = first[order], away[order]
-        asked, step = 0, _AT_FIRST
-        if len(first):
-            queue.append((float(away[0] + to_end[first[0]]), _START))
-        while queue:
-            _, node = heapq.heappop(queue)
-            if node == _START:
-                others, lengths = first[asked : asked + step], away[asked : asked + step]
-                seen = inside(
-                    self._region, np.broadcast_to(start, (len(others), 2)), places[others]
-                )
-                others, lengths = others[seen], lengths[seen]
-                asked, step = asked + step, 2 * step
-                if asked < len(first):
-                    heapq.heappush(queue, (float(away[asked] + to_end[first[asked]]), _START))
-            elif not allowed[node]:
-                continue
-            else:
-                allowed[node] = False  # done
-                # no other path can be shorter, because the queue gives the most promising node
-                # first
-                if self._ends(int(candidates[node]), end):
-                    return np.vstack([start, places[_chain(came, node)], end])
-                corners, lengths = self._neighbours(int(candidates[node]), wide, few=few)
-                others = np.minimum(np.searchsorted(candidates, corners), len(candidates) - 1)
-                known = candidates[others] == corners
-                others, lengths = others[known], length[node] + lengths[known]
-            better = allowed[others] & (lengths < length[others])
-            others, lengths = others[better], lengths[better]
-            length[others], came[others] = lengths, node
-            for entry in zip((lengths + to_end[others]).tolist(), others.tolist(), strict=True):
-                heapq.heappush(queue, entry)
-        return None
-
-    def _ends(self, corner: int, end: Points) -> bool:
-        """Return whether a shortest path could lead straight from a corner to the point ``end``."""
-        place = self.corners[[corner]]
-        return bool(
-            self._touched(np.array([corner]), end - place)[0]
-            and inside(self._region, place, end[None])[0]
+        bends = self._region.border.way_round(
+            places, self._sides[candidates], np.stack([start, end]), most
         )
-
-    def _neighbours(
-        self, corner: int, wide: float, *, few: bool
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the corners to which a shortest path could continue from a corner, and their
-        distances in metres.
-
-        The result contains all possible corners up to the distance ``wide``, and may contain
-        farther corners. If ``few`` is true, only corners of `SearchRegion.bends` count.
-        """
-        import shapely
-
-        known, others, away = self._seen_from.get((corner, few), (-1.0, None, None))
-        if others is None or away is None or known < wide:
-            place = self.corners[corner]
-            tree = self._few_tree if few else self._tree
-            x, y = place
-            reach = 2 * wide
-            around = np.sort(tree.query(shapely.box(x - reach, y - reach, x + reach, y + reach)))
-            directions = self.corners[around] - place
-            near = (np.hypot(*directions.T) <= reach) & (around != corner)
-            around, directions = around[near], directions[near]
-            likely = self._touched(
-                np.broadcast_to(corner, len(around)), directions
-            ) & self._touched(around, directions)
-            others = around[likely]
-            others = others[
-                inside(self._region, np.broadcast_to(place, (len(others), 2)), self.corners[others])
-            ]
-            away = np.hypot(*(self.corners[others] - place).T)
-            self._seen_from[corner, few] = 2 * wide, others, away
-        return others, away
-
-    def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
-        """Return, for each corner and a line through it, whether the border near the corner lies on
-        one side of the line.
-
-        A shortest path can pass a corner only if the border near the corner lies on one side of the
-        path.
-        """
-        sines = [
-            directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0]
-            for side in self._sides
-        ]
-        rounding = _ALONG * np.hypot(*directions.T)
-        return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
+        return None if bends is None else np.vstack([start, places[bends], end])
 
 
 def visibility_graph(region: SearchRegion) -> VisibilityGraph:
@@ -241,13 +139,6 @@ def visibility_graph(region: SearchRegion) -> VisibilityGraph:
         region.for_paths["graph"] = VisibilityGraph(region)
     graph: VisibilityGraph = region.for_paths["graph"]
     return graph
-
-
-def _chain(came: NDArray[np.int64], node: int) -> list[int]:
-    way = [node]
-    while came[way[-1]] != _START:
-        way.append(int(came[way[-1]]))
-    return way[::-1]
 
 
 def _inward_corners(area: Any) -> Points:

@@ -1,4 +1,4 @@
-"""Lines of sight: which of many segments meet a border, in compiled code."""
+"""Lines of sight, in compiled code: which of many segments meet a border, and shortest paths."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ CLEAR, CROSSED, DOUBTFUL = 0, 1, 2
 # relative to the terms of a determinant: above this, its sign is certain (Shewchuk 1997, bound A,
 # rounded up)
 _CERTAIN = 4e-16
+_ALONG = 1e-9  # sine of the largest angle between collinear lines
 # relative to a bin: lines are entered in all bins that they may touch, whatever the rounding
 _WIDER = 1e-6
 
@@ -75,6 +76,43 @@ def bins_of(lines, shape):
     return first, members
 
 
+@in_place_kernel
+def _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1):
+    """Return whether a segment from (x_0, y_0) to (x_1, y_1) meets a line; see `look`."""
+    height, width = shape
+    from_x, from_y = (x_0 - corner[0]) / size, (y_0 - corner[1]) / size
+    to_x, to_y = (x_1 - corner[0]) / size, (y_1 - corner[1]) / size
+    status = CLEAR
+    one = min(max(np.int64(np.floor(from_y - np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
+    other = min(max(np.int64(np.floor(to_y + np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
+    if from_y == to_y:
+        one = min(max(np.int64(np.floor(from_y - _WIDER)), 0), height - 1)
+        other = min(max(np.int64(np.floor(from_y + _WIDER)), 0), height - 1)
+    down = 1 if other >= one else -1
+    for row in range(one, other + down, down):
+        left, right = _columns(from_x, from_y, to_x, to_y, row)
+        left, right = max(left, 0), min(right, width - 1)
+        begin, end, along = (left, right + 1, 1) if to_x >= from_x else (right, left - 1, -1)
+        if left > right:
+            continue
+        for col in range(begin, end, along):
+            place = row * width + col
+            for member in members[first[place] : first[place + 1]]:
+                x, y, far_x, far_y = lines[member]
+                before = _side(x_0, y_0, x_1, y_1, x, y)
+                after = _side(x_0, y_0, x_1, y_1, far_x, far_y)
+                if before * after > 0:
+                    continue
+                here = _side(x, y, far_x, far_y, x_0, y_0)
+                there = _side(x, y, far_x, far_y, x_1, y_1)
+                if here * there > 0:
+                    continue
+                if before * after < 0 and here * there < 0:
+                    return CROSSED
+                status = DOUBTFUL
+    return status
+
+
 @kernel
 def look(lines, first, members, shape, corner, size, starts, ends, found):
     """Write to ``found`` whether each segment from ``starts`` (m, 2) to ``ends`` meets a line:
@@ -87,43 +125,157 @@ def look(lines, first, members, shape, corner, size, starts, ends, found):
     Bins are visited from the start of a segment to its end, up to the first line that it crosses:
     most blocked segments are blocked near their starts.
     """
-    height, width = shape
     for k in range(len(starts)):
-        x_0, y_0 = starts[k]
-        x_1, y_1 = ends[k]
-        from_x, from_y = (x_0 - corner[0]) / size, (y_0 - corner[1]) / size
-        to_x, to_y = (x_1 - corner[0]) / size, (y_1 - corner[1]) / size
-        status = CLEAR
-        one = min(max(np.int64(np.floor(from_y - np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
-        other = min(max(np.int64(np.floor(to_y + np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
-        if from_y == to_y:
-            one = min(max(np.int64(np.floor(from_y - _WIDER)), 0), height - 1)
-            other = min(max(np.int64(np.floor(from_y + _WIDER)), 0), height - 1)
-        down = 1 if other >= one else -1
-        for row in range(one, other + down, down):
-            left, right = _columns(from_x, from_y, to_x, to_y, row)
-            left, right = max(left, 0), min(right, width - 1)
-            begin, end, along = (left, right + 1, 1) if to_x >= from_x else (right, left - 1, -1)
-            if left > right:
+        found[k] = _look_along(
+            lines,
+            first,
+            members,
+            shape,
+            corner,
+            size,
+            starts[k, 0],
+            starts[k, 1],
+            ends[k, 0],
+            ends[k, 1],
+        )
+
+
+@in_place_kernel
+def _is_passable(places, sides, k, x, y):
+    """Return whether a path in the direction (x, y) can pass corner ``k``: the border near the
+    corner lies on one side of the path.
+    """
+    one = x * sides[k, 1] - y * sides[k, 0]
+    other = x * sides[k, 3] - y * sides[k, 2]
+    rounding = _ALONG * np.sqrt(x * x + y * y)
+    return min(one, other) >= -rounding or max(one, other) <= rounding
+
+
+@in_place_kernel
+def _is_before(keys, nodes, i, j):
+    return keys[i, 0] < keys[j, 0] or (keys[i, 0] == keys[j, 0] and nodes[i, 0] < nodes[j, 0])
+
+
+@in_place_kernel
+def _swap(keys, nodes, i, j):
+    for c in range(2):
+        keys[i, c], keys[j, c] = keys[j, c], keys[i, c]
+        nodes[i, c], nodes[j, c] = nodes[j, c], nodes[i, c]
+
+
+@kernel
+def find_way(
+    lines, first, members, shape, corner, size, places, sides, ends, most, known, met, way, doubts
+):
+    """Return (legs, doubtful) of the shortest path from ``ends[0]`` to ``ends[1]`` that bends only
+    at given corners: the number of corners at which it bends, or -1 if there is none up to the
+    length ``most``, and the number of doubtful lines of sight.
+
+    The corners of the path are written to ``way``. The border is given as in `look`, the corners by
+    their ``places`` (K, 2), and the unit vectors to their neighbours on the border by ``sides`` (K,
+    4). The pair of the points i and j has the number i * (K + 2) + j, with K for the start and K + 1
+    for the end. ``known`` are the numbers of pairs, in increasing order, of which ``met`` tells
+    whether the segment between them meets the border. Numbers of other doubtful pairs, which count
+    as blocked, are written to ``doubts`` as far as it has room.
+
+    The algorithm is A*. A line of sight is tested only when a path along it is the most promising
+    one, because most of the lines never are.
+    """
+    count = len(places)
+    begin, goal = count, count + 1
+    done = np.zeros(count, dtype=np.bool_)
+    came = np.empty(count, dtype=np.int64)
+    left = np.empty(count, dtype=np.float64)
+    for k in range(count):
+        x, y = ends[1, 0] - places[k, 0], ends[1, 1] - places[k, 1]
+        left[k] = np.sqrt(x * x + y * y)
+    # a heap: the length of a path through a node, and up to it; the node, and the one before it
+    keys, nodes = np.empty((64, 2), dtype=np.float64), np.empty((64, 2), dtype=np.int64)
+    waiting, doubtful = 0, 0
+    node, length = begin, 0.0
+    here_x, here_y = ends[0]
+    while True:
+        for k in range(count):
+            if done[k]:
                 continue
-            for col in range(begin, end, along):
-                place = row * width + col
-                for member in members[first[place] : first[place + 1]]:
-                    x, y, far_x, far_y = lines[member]
-                    before = _side(x_0, y_0, x_1, y_1, x, y)
-                    after = _side(x_0, y_0, x_1, y_1, far_x, far_y)
-                    if before * after > 0:
-                        continue
-                    here = _side(x, y, far_x, far_y, x_0, y_0)
-                    there = _side(x, y, far_x, far_y, x_1, y_1)
-                    if here * there > 0:
-                        continue
-                    if before * after < 0 and here * there < 0:
-                        status = CROSSED
-                        break
-                    status = DOUBTFUL
-                if status == CROSSED:
+            x, y = places[k, 0] - here_x, places[k, 1] - here_y
+            far = length + np.sqrt(x * x + y * y)
+            if far + left[k] > most or not _is_passable(places, sides, k, x, y):
+                continue
+            if node != begin and not _is_passable(places, sides, node, x, y):
+                continue
+            if waiting == len(keys):
+                more_keys = np.empty((2 * waiting, 2), dtype=np.float64)
+                more_nodes = np.empty((2 * waiting, 2), dtype=np.int64)
+                more_keys[:waiting] = keys
+                more_nodes[:waiting] = nodes
+                keys, nodes = more_keys, more_nodes
+            keys[waiting, 0], keys[waiting, 1] = far + left[k], far
+            nodes[waiting, 0], nodes[waiting, 1] = k, node
+            at = waiting
+            waiting += 1
+            while at and _is_before(keys, nodes, at, (at - 1) // 2):
+                _swap(keys, nodes, at, (at - 1) // 2)
+                at = (at - 1) // 2
+        found = False
+        while waiting and not found:
+            node, previous, length = nodes[0, 0], nodes[0, 1], keys[0, 1]
+            waiting -= 1
+            _swap(keys, nodes, 0, waiting)
+            at = 0
+            while 2 * at + 1 < waiting:
+                least = 2 * at + 1
+                if least + 1 < waiting and _is_before(keys, nodes, least + 1, least):
+                    least += 1
+                if not _is_before(keys, nodes, least, at):
                     break
-            if status == CROSSED:
-                break
-        found[k] = status
+                _swap(keys, nodes, at, least)
+                at = least
+            if done[node]:
+                continue
+            if previous == begin:
+                from_x, from_y = ends[0]
+            else:
+                from_x, from_y = places[previous]
+            here_x, here_y = places[node]
+            status = _look_along(
+                lines, first, members, shape, corner, size, from_x, from_y, here_x, here_y
+            )
+            if status == DOUBTFUL:
+                code = previous * (count + 2) + node
+                place = np.searchsorted(known, code)
+                if place < len(known) and known[place] == code:
+                    status = CROSSED if met[place] else CLEAR
+                elif doubtful < len(doubts):
+                    doubts[doubtful] = code
+                    doubtful += 1
+            if status != CLEAR:
+                continue
+            done[node], came[node], found = True, previous, True
+        if not found:
+            return -1, doubtful
+        # no other path can be shorter, because the heap gives the most promising node first
+        x, y = ends[1, 0] - here_x, ends[1, 1] - here_y
+        if not _is_passable(places, sides, node, x, y):
+            continue
+        status = _look_along(
+            lines, first, members, shape, corner, size, here_x, here_y, ends[1, 0], ends[1, 1]
+        )
+        if status == DOUBTFUL:
+            code = node * (count + 2) + goal
+            place = np.searchsorted(known, code)
+            if place < len(known) and known[place] == code:
+                status = CROSSED if met[place] else CLEAR
+            elif doubtful < len(doubts):
+                doubts[doubtful] = code
+                doubtful += 1
+        if status == CLEAR:
+            break
+    legs = 0
+    while node != begin:
+        way[legs] = node
+        legs += 1
+        node = came[node]
+    for k in range(legs // 2):
+        way[k], way[legs - 1 - k] = way[legs - 1 - k], way[k]
+    return legs, doubtful

@@ -24,6 +24,7 @@ from shoal.search.allocation.viewpoints import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.lanes import LineLattice
 from shoal.search.cells.layers import (
     Grid,
     LayeredDistances,
@@ -62,7 +63,7 @@ from shoal.search.planning.orientation import (
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.regions.coverage import Image, check_footprints, coverage_check
+from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import TOUCH, SearchRegion
@@ -237,6 +238,15 @@ class SearchPlan:
         `Tour.row_angle`.
         """
         return self.tour.row_angle(self.grid.angle, 0)
+
+    @property
+    def facing(self) -> float | str:
+        """Angle of the footprints' sides in degrees, or `TURNING` along a line."""
+        return (
+            TURNING
+            if isinstance(self.grid, CellGrid) and isinstance(self.grid.lattice, LineLattice)
+            else self.grid.angle
+        )
 
     @property
     def cell_seconds(self) -> float:
@@ -750,7 +760,8 @@ def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
     shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
     side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
     flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
-    others = [(True, shares[-1])] if problem.chosen_angle is None and flown else []
+    turns = problem.chosen_angle is None and problem.along is None
+    others = [(True, shares[-1])] if turns and flown else []
     return [*((False, share) for share in shares), *others]
 
 
@@ -1108,6 +1119,7 @@ def _grid_tour(
         tours,
         reach=turn_cost * sizes[0],
         angle=problem.chosen_angle,
+        line=problem.line,
         known=known,
         **options,
     )

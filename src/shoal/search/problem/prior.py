@@ -38,6 +38,7 @@ LARGEST_PRIOR = 256 * 2**20
 _MOST_NUMBERS = 100_000_000 // 4  # of an array
 _FINE, _COARSE = 4, 2  # samples along the side of a cell, in small and in large searches
 _SMALL = 200_000  # cells
+_AT_ONCE = 200_000  # samples
 _SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
 _RING = re.compile(r"ring:(?P<x>[^,:]+),(?P<y>[^,:]+):(?P<quantiles>.+)")
 _WEIGHTED = re.compile(r"(?P<weight>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\*(?P<what>.+)")
@@ -246,25 +247,23 @@ class Prior:
         import shapely
 
         fine = _FINE if grid.n_cells <= _SMALL else _COARSE
-        rows, columns = grid.shape
-        across = (np.arange(columns * fine) + 0.5) / fine * grid.size + grid.lattice.left
-        along = grid.lattice.top - (np.arange(rows * fine) + 0.5) / fine * grid.size
-        masses = np.zeros(grid.shape)
-        area = grid.region.area
+        area, step = grid.region.area, grid.size / fine
         shapely.prepare(area)
-        cell, whole = (grid.size / fine) ** 2, float(area.area)
-        total, inside_cells = 0.0, 0
-        for row in range(rows):  # one row of cells at a time: memory stays small
-            x, y = np.meshgrid(across, along[row * fine : (row + 1) * fine])
-            points = grid.lattice.to_region(np.column_stack([x.ravel(), y.ravel()]))
-            inside = shapely.contains_xy(area, *points.T)
-            if not inside.any():
+        west, south, east, north = area.bounds
+        across = np.arange(west + step / 2, east, step)
+        along = np.arange(south + step / 2, north, step)
+        masses, total = np.zeros(grid.shape), 0.0
+        strip = max(1, _AT_ONCE // len(across))
+        for low in range(0, len(along), strip):
+            x, y = np.meshgrid(across, along[low : low + strip])
+            points = np.column_stack([x.ravel(), y.ravel()])
+            points = points[shapely.contains_xy(area, *points.T)]
+            if not len(points):
                 continue
-            points = points[inside]
-            weights = np.full(len(points), self.elsewhere * cell / whole)
+            weights = np.full(len(points), self.elsewhere * step**2 / area.area)
             for weight, density in self.parts:
-                weights += weight * cell * density.density(points)
-            total, inside_cells = total + float(weights.sum()), inside_cells + len(points)
+                weights += weight * step**2 * density.density(points)
+            total += float(weights.sum())
             np.add.at(masses, tuple(grid.cell_of(points).T), weights)
         return masses, min(total, 1.0)
 

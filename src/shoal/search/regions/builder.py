@@ -26,6 +26,7 @@ from shoal.search.regions.outline import (
     check_metres,
     check_overlaps,
     check_polygon,
+    check_polygons,
     polygon_outlines,
     text_of,
 )
@@ -211,9 +212,9 @@ def build_region(
         for ring in (ring for outline in (*searched, *zones, *beside) for ring in outline.rings):
             check_degrees(ring)
         frame = _frame(searched, found.where)
-    wanted = [_polygon(outline, frame, closed=found.closed) for outline in searched]
-    taken = [_polygon(outline, frame, closed=found.closed) for outline in zones]
-    taken += [_polygon(outline, frame, closed=False) for outline in beside]
+    wanted = _polygons(searched, frame, closed=found.closed)
+    taken = _polygons(zones, frame, closed=found.closed)
+    taken += _polygons(beside, frame, closed=False)
     if frame is not None:  # all at once, because there may be thousands
         _check_reach([ring for one in (*searched, *zones, *beside) for ring in one.rings], frame)
     given_zones = len(taken)
@@ -243,18 +244,23 @@ def _different(polygons: list[Any]) -> list[int]:
     return list(first.values())
 
 
-def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:
-    """Return the valid Shapely polygon in metres that an outline describes."""
+def _polygons(
+    outlines: Sequence[RegionOutline], frame: LocalFrame | None, *, closed: bool
+) -> list[Any]:
+    """Return the valid Shapely polygons in metres that outlines describe."""
     import shapely
 
     if frame is None:
-        for ring in outline.rings:
+        for ring in (ring for outline in outlines for ring in outline.rings):
             check_metres(ring)
-        return check_polygon(outline, closed=closed)
-    degrees = check_polygon(outline, closed=closed)
-    flat = shapely.transform(degrees, frame.to_metres)
+    given = check_polygons(outlines, closed=closed)
+    if frame is None:
+        return given
+    flat = shapely.transform(np.array(given, dtype=object), frame.to_metres)
     # A vertex that lies on a side in degrees may lie slightly outside this side in metres.
-    return flat if flat.is_valid else flat.buffer(0)
+    bent = ~shapely.is_valid(flat)
+    flat[bent] = shapely.buffer(flat[bent], 0)
+    return list(flat)
 
 
 def _inside_others(

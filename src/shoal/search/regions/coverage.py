@@ -13,10 +13,14 @@ from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import left_of, unit_vectors
+from shoal.search.regions.boxes import clipped_to, uncovered
 from shoal.search.regions.outline import Points, check_plane_points
-from shoal.search.regions.region import TOUCH, SearchRegion, polygons_in
+from shoal.search.regions.region import TOUCH, SearchRegion
 
-_FEW = 48  # maximum number of footprint shapes near a block; a block with more shapes is divided
+_FEW = 128  # maximum number of rectangles near a block; a block with more of them is divided
+TURNING = "turning"
+"""In place of the angle of footprints: they turn with their vehicles."""
+
 _GRID = TOUCH / 10  # metres
 # a block is divided only if it is larger than this fraction of a footprint; footprints mostly cover
 # smaller blocks
@@ -154,19 +158,23 @@ def coverage_check(
     check_number(tolerance, what="tolerance", least=0)
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
-    swept = []
+    swept, squares = [], [np.zeros((0, 4))]
+    # in the frame of the footprints, where most of what they cover are upright rectangles
+    turn = unit_vectors(np.radians(np.array([-angle, 90.0 - angle])))
     for side in np.unique(sides).tolist():
         legs = _once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side]))
-        swept.append(
-            footprints_along(*legs, side / 2, angle)
-            if image is None
-            else image.along_legs(*legs, side, angle)
-        )
+        if image is None:
+            legs = (legs[0] @ turn, legs[1] @ turn)
+            swept.append(footprints_along(*legs, side / 2, 0.0))
+            places = np.unique(np.concatenate(legs), axis=0)
+            squares.append(np.hstack([places - side / 2, places + side / 2]))
+        else:
+            swept.append(_turned(image.along_legs(*legs, side, angle), -angle))
     uncovered = region.area
     if swept:
-        # in the frame of the footprints, where most of what they cover are upright rectangles
-        area, shapes = (_turned(shape, -angle) for shape in (region.area, np.concatenate(swept)))
-        uncovered = _turned(_without(area, shapes, float(sides.min())), angle)
+        area, shapes = _turned(region.area, -angle), np.concatenate(swept)
+        seen = _without(area, shapes, np.concatenate(squares), float(sides.min()))
+        uncovered = _turned(seen, angle)
     uncovered = _without_slivers(uncovered)
     left = float(uncovered.area)
     lengths = np.hypot(*(ends - starts).T)
@@ -278,40 +286,65 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
     return shapely.convex_hull(shapely.multipoints(corners))
 
 
-def _without(area: Any, shapes: Any, footprint: float) -> Any:
+def _without(area: Any, shapes: Any, squares: NDArray[np.float64], footprint: float) -> Any:
     """Subtract shapes from an area, separately in each small block of the area. One large union of
     all shapes would be slow.
+
+    The array ``squares`` contains the bounds of squares that the shapes contain. Where upright
+    rectangles cover all, nothing is computed with polygons.
     """
     import shapely
 
     if len(shapes) == 0:
         return area
-    tree = shapely.STRtree(shapes)
     bounds = shapely.bounds(shapes)
     sizes = bounds[:, 2:] - bounds[:, :2]
     # apart from what rounding leans a side
     upright = sizes.prod(axis=1) - shapely.area(shapes) <= _GRID * sizes.sum(axis=1)
-    left: list[Any] = []
-    blocks = [area]
-    while blocks:
-        block = blocks.pop()
-        if block.is_empty or block.area == 0:
-            continue
-        low_x, low_y, high_x, high_y = block.bounds
-        box = shapely.box(low_x, low_y, high_x, high_y)
-        near = tree.query(box, predicate="intersects")
-        if len(near) and shapely.covers(shapes[near], box).any():
-            continue
-        if len(near) <= _FEW and _cover(bounds[near[upright[near]]], block.bounds):
-            continue
-        if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
-            blocks += _halves(block)
-        else:
-            # Without a grid, GEOS 3.13 would lose whole footprints if many footprints have almost
-            # equal sides.
-            seen = shapely.union_all(shapes[near], grid_size=_GRID)
-            left.append(shapely.difference(block, seen, grid_size=_GRID))
+    rectangles = np.concatenate([bounds[upright], squares])
+    fields, of = _fields(rectangles, np.array(area.bounds), footprint)
+    parts = shapely.box(*fields.T)
+    tree = shapely.STRtree(shapes)
+    shapely.prepare(area)
+    kept = shapely.intersects(area, parts)
+    kept[tree.query(parts, predicate="covered_by")[0]] = False
+    blocks = np.split(fields[kept], np.flatnonzero(np.diff(of[kept])) + 1)
+    bounds = np.array([_bounds(block) for block in blocks if len(block)]).reshape(-1, 4)
+    left = []
+    for part in clipped_to(area, bounds[:, :2], bounds[:, 2:]):
+        # Without a grid, GEOS 3.13 would lose whole footprints if many footprints have almost equal
+        # sides.
+        seen = shapely.union_all(shapes[tree.query(part)], grid_size=_GRID)
+        left.append(shapely.difference(part, seen, grid_size=_GRID))
     return shapely.union_all([shape for shape in left if shape.area > 0])
+
+
+def _bounds(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bounds of several boxes together, wider by the gaps that rectangles may leave."""
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    return np.concatenate([low - 2 * _GRID, high + 2 * _GRID])
+
+
+def _fields(
+    rectangles: NDArray[np.float64], bounds: NDArray[np.float64], footprint: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the boxes that rectangles leave of a box, and the number of the block in which each of
+    them lies, in increasing order.
+    """
+    found: list[NDArray[np.float64]] = []
+    blocks = [(bounds, np.arange(len(rectangles)))]
+    while blocks:
+        block, among = blocks.pop()
+        low, high = block[:2], block[2:]
+        near = among[((rectangles[among, :2] <= high) & (rectangles[among, 2:] >= low)).all(axis=1)]
+        axis = int(np.argmax(high - low))
+        if len(near) <= _FEW or high[axis] - low[axis] <= _SMALLEST * footprint:
+            found.append(uncovered(rectangles[near], block, _GRID))
+            continue
+        halves = block.copy(), block.copy()
+        halves[0][2 + axis] = halves[1][axis] = (low[axis] + high[axis]) / 2
+        blocks += [(half, near) for half in halves]
+    return np.concatenate(found), np.repeat(np.arange(len(found)), [len(one) for one in found])
 
 
 def _turned(shapes: Any, angle: float) -> Any:
@@ -326,26 +359,6 @@ def _turned(shapes: Any, angle: float) -> Any:
     return shapely.transform(shapes, lambda points: points @ turn)
 
 
-def _cover(rectangles: NDArray[np.float64], box: tuple[float, float, float, float]) -> bool:
-    """Return whether upright rectangles cover a box together, apart from gaps as narrow as rounding
-    may leave.
-
-    Both are given by their bounds (left, low, right, high). All sides together divide the box into
-    a small table of fields, and each field lies in a rectangle or in none.
-    """
-    if not len(rectangles):
-        return False
-    inside = []
-    for axis in (0, 1):
-        low, high = rectangles[:, axis] - _GRID, rectangles[:, axis + 2] + _GRID
-        least, most = box[axis], box[axis + 2]
-        lines = np.unique(np.clip(np.concatenate([low, high, [least, most]]), least, most))
-        middles = (lines[1:] + lines[:-1]) / 2
-        inside.append((low[:, None] <= middles) & (middles <= high[:, None]))
-    across, along = (one.astype(np.float32) for one in inside)
-    return bool((across.T @ along > 0).all())
-
-
 def _without_slivers(shape: Any) -> Any:
     """Remove parts narrower than `TOUCH` from a shape. Rounding errors leave narrow parts between
     footprints.
@@ -355,17 +368,6 @@ def _without_slivers(shape: Any) -> Any:
     parts = shapely.get_parts(shape)
     wide = 2 * shapely.area(parts) > TOUCH * shapely.length(parts)
     return shape if wide.all() else shapely.union_all(parts[wide])
-
-
-def _halves(block: Any) -> list[Any]:
-    import shapely
-
-    low, high = np.reshape(block.bounds, (2, 2))
-    first, second, axis = high.copy(), low.copy(), int(high[0] - low[0] <= high[1] - low[1])
-    first[axis] = second[axis] = (low[axis] + high[axis]) / 2
-    boxes = [shapely.box(*low, *first), shapely.box(*second, *high)]
-    # Cuts along a border leave lines, and the library GEOS cannot subtract from lines.
-    return [polygons_in(half) for half in shapely.intersection(block, boxes)]
 
 
 def check_footprints(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Sized
+from collections.abc import Iterator, Sequence, Sized
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -103,6 +103,7 @@ Points = NDArray[np.float64]
 
 _FLAT = 1e-12  # minimum area of a ring with an interior, divided by the squared size of the ring
 _POLE = 89.9  # degrees of latitude: nearer to a pole, the direction of east varies within a region
+_SMALL = 1000  # vertices of a ring that is checked together with others
 _FEW = 100_000  # pairs of sides that need no count
 # metres: for larger coordinates, a float64 cannot distinguish points that are a micrometre apart
 FARTHEST = 1e9
@@ -307,6 +308,55 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
             f"{outline.shell.where}: expected {why}, got others{place_of(said)}"
         )
     return whole
+
+
+def check_polygons(outlines: Sequence[RegionOutline], *, closed: bool = True) -> list[Any]:
+    """Check several outlines, and return them as valid Shapely polygons; see `check_polygon`.
+
+    There may be thousands of small ones, as of buildings. All rings that have no fault are found at
+    once.
+    """
+    import shapely
+
+    found: list[Any] = [None] * len(outlines)
+    small = [
+        k
+        for k, outline in enumerate(outlines)
+        if not outline.holes and 3 <= len(outline.shell.points) <= _SMALL
+    ]
+    if small:
+        rings = [outlines[k].shell.points for k in small]
+        first = np.cumsum([0, *map(len, rings)])[:-1]
+        points = np.concatenate(rings)
+        of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+        before = np.concatenate([points[:1], points[:-1]])
+        before[first] = points[np.append(first[1:], len(points)) - 1]
+        again = (points == before).all(axis=1)
+        ends_at_begin = again[first]
+        again[first] = False
+        good = ~np.bincount(of[again], minlength=len(rings)).astype(np.bool_)
+        good &= np.bincount(of[~np.isfinite(points).all(axis=1)], minlength=len(rings)) == 0
+        good &= (ends_at_begin == closed) & (np.bincount(of) - ends_at_begin >= 3)
+        kept = good[of]
+        if closed:  # without the first vertex, which is the last one, too
+            kept[first] = False
+        inner, counts = np.flatnonzero(kept), np.bincount(of[kept], minlength=len(rings))
+        numbers = np.flatnonzero(counts)
+        shapes = np.full(len(rings), None, dtype=object)
+        if len(numbers):
+            ends = np.cumsum(counts[numbers])
+            corners = points[np.insert(inner, ends, inner[ends - counts[numbers]])]
+            ring_of = np.repeat(np.arange(len(numbers)), counts[numbers] + 1)
+            shapes[numbers] = shapely.polygons(shapely.linearrings(corners, indices=ring_of))
+        low, high = np.split(shapely.bounds(shapes), 2, axis=1)
+        size = (high - low).max(axis=1)
+        good &= shapely.is_valid(shapes) & (shapely.area(shapes) > _FLAT * size * size)
+        for k, shape, right in zip(small, shapes, good.tolist(), strict=True):
+            found[k] = shape if right else None
+    return [
+        check_polygon(outline, closed=closed) if polygon is None else polygon
+        for outline, polygon in zip(outlines, found, strict=True)
+    ]
 
 
 def check_overlaps(polygons: list[Any], where: str) -> None:

@@ -212,6 +212,7 @@ class CompiledSearches:
             int(self.brief.ways_out is not None),
             cost.ahead,
             np.ascontiguousarray(cost.points),
+            np.zeros(0) if cost.odds is None else cost.odds_ahead,
             np.full(16, -1, dtype=np.int64),
             np.zeros(16),
             *self._steps(),

@@ -107,13 +107,7 @@ def _axis_labels(history: SearchHistory) -> tuple[str, str]:
     """Return the labels of the x and the y axis. For panels without axes, the labels only make
     space for the scale bar.
     """
-    panels, plan = history.panels, history.episode.plan
-    if panels.labels:
-        return "\n\n", ""
-    if panels.angle == 0:
-        return "metres", ""
-    along, across = "metres along the rows", "metres across the rows"
-    return (along, across) if plan.tour.runs_along_rows else (across, along)
+    return ("\n\n", "") if history.panels.labels else ("metres", "")
 
 
 def _summary(episode: SearchEpisode) -> str:
@@ -139,12 +133,10 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
     left, right, bottom, top = history.extent
     picture = history.raster(cell_colours(history), 1.0)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
-    size = history.panels.step
-    if history.n_cells <= _GRID and history.panels.alike:
-        height, width = history.panels.shape
-        lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
-        lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
-        axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
+    if history.n_cells <= _GRID:
+        axes.add_collection(
+            LineCollection(history.panels.borders, colors=[_LINES], linewidths=0.4, zorder=0.5)
+        )
     left, right, bottom, top = history.sides
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array(
