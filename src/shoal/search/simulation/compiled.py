@@ -228,9 +228,12 @@ class CompiledSearches:
         """Return the table of steps between cells, which is empty if robots go straight."""
         cost, n = self.brief.tour_cost, self.n
         distances = cost.distances
-        stepwise = isinstance(distances, CellDistances)
-        none = np.zeros(0, dtype=np.int64)
-        edges = distances.steps() if stepwise else (none, none, none * 0.0, none.reshape(0, 2))
+        none, stepwise = np.zeros(0, dtype=np.int64), isinstance(distances, CellDistances)
+        edges = (
+            distances.steps()
+            if isinstance(distances, CellDistances)
+            else (none, none, none * 0.0, none.reshape(0, 2))
+        )
         sets, rows = (_SETS, max(_ROWS // n, 2)) if stepwise else (1, 0)
         rows = min(rows, sets * n)
         room = len(edges[1]) + n + 2 if stepwise else 0
