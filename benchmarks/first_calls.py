@@ -91,6 +91,8 @@ def play(parts: list[str]) -> None:
         play_batch()
     if "steering" in parts:
         play_steering_batch()
+    if "search" in parts:
+        play_search_batch()
 
 
 def play_batch() -> None:
@@ -119,6 +121,17 @@ def play_steering_batch() -> None:
         batch = SteeringBatch(SteeringProblem(workspace), 2)
         batch.reset(seed=0)
         batch.send(np.zeros((2, 2)))
+
+
+def play_search_batch() -> None:
+    """Send robots in many worlds at once, and look at what they know."""
+    from shoal.search import SearchProblem
+    from shoal.search.simulation.agents import SearchBatch
+
+    batch = SearchBatch(SearchProblem("square:20", robots=2, footprint=5), 2)
+    batch.reset(seed=0)
+    batch.step(batch.masks().argmax(axis=-1))
+    batch.observed()
 
 
 def write_archives() -> None:

@@ -29,10 +29,9 @@ from shoal.search.flight.timing import turns_of
 SHORT = 2.0  # footprints: a shorter leg within a search is counted as short
 
 
-def outlines(count: int) -> list[tuple[str, Any, float]]:
-    """Return names, polygons in metres and footprints."""
-    own = own_outlines()
-    more = {
+def kinds() -> dict[str, Any]:
+    """Return polygons of 20 kinds, of any size, by name."""
+    return own_outlines() | {
         "rectangle": shapely.box(0, 0, 3, 2),
         "square": shapely.box(0, 0, 1, 1),
         "ring": shapely.Point(0, 0).buffer(2).difference(shapely.Point(0, 0).buffer(1.1)),
@@ -46,12 +45,16 @@ def outlines(count: int) -> list[tuple[str, Any, float]]:
         "lens": shapely.Point(0, 0).buffer(2).intersection(shapely.Point(1.8, 0).buffer(2)),
         "wedge": shapely.Polygon([(0, 0), (5, 0), (5, 0.6), (0, 2)]),
     }
-    kinds = own | more
+
+
+def outlines(count: int) -> list[tuple[str, Any, float]]:
+    """Return names, polygons in metres and footprints."""
+    shapes = kinds()
     found = []
     for number in range(count):
         rng = np.random.default_rng(7000 + number)
-        name = list(kinds)[number % len(kinds)]
-        shape = rotate(kinds[name], float(rng.uniform(0, 180)) if number >= len(kinds) else 0.0)
+        name = list(shapes)[number % len(shapes)]
+        shape = rotate(shapes[name], float(rng.uniform(0, 180)) if number >= len(shapes) else 0.0)
         shape = scale(shape, 1.0, float(rng.uniform(0.8, 1.25)))
         footprint = float(np.round(rng.uniform(10, 60)))
         cells = float(rng.uniform(120, 700))
@@ -133,6 +136,13 @@ def strips_at(area: Any, size: float, angle: float) -> np.ndarray:
     turn = np.radians(angle)
     matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return np.asarray(lines @ matrix)
+
+
+def least_turns(area: Any, size: float) -> int:
+    """Return two turns for each strip at the angle with the fewest strips: what strips of one angle
+    need at least, if no border is slanted to them.
+    """
+    return 2 * min(len(strips_at(area, size, angle)) for angle in range(180))
 
 
 def in_turn(lines: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -264,19 +274,22 @@ def main() -> None:
     options = parser.parse_args()
     fields = {} if options.prefer is None else {"prefer": options.prefer}
     print(
-        "| region | robots | tour | grid | time | turns | of strips | length | short legs | seen |"
+        "| region | robots | tour | grid | time | turns | of strips | two a strip | length | short legs"
+        " | seen |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    found_ratios = []
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    found_ratios, of_least = [], []
     for name, area, size in outlines(options.regions)[options.first :]:
         for robots in (int(word) for word in options.robots.split(",")):
             found, ours, theirs, region = compare(name, area, size, robots, options.turn, **fields)
             (our, their), seen, outside, plan = found
             ratio = np.array(our[:3]) / np.array(their[:3])
             found_ratios.append(ratio)
+            least = least_turns(area, size)
+            of_least.append([our[1] / least, their[1] / least])
             print(
                 f"| {name} | {robots} | {plan.tour.name} | {plan.grid.angle:.1f} | {ratio[0]:.3f} |"
-                f" {our[1]} | {their[1]} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
+                f" {our[1]} | {their[1]} | {least} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
                 f" {100 * seen:.4f} %, {outside:.1f} m outside |",
                 flush=True,
             )
@@ -291,6 +304,8 @@ def main() -> None:
         f" {mean[1]:.3f} times the turns (worst {ratios[:, 1].max():.3f}), {mean[2]:.3f} times the"
         " length"
     )
+    own, strips = np.exp(np.log(of_least).mean(axis=0))
+    print(f"turns beside two a strip: {own:.3f} times, of the strip planner {strips:.3f} times")
 
 
 if __name__ == "__main__":

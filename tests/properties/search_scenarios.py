@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -29,6 +30,7 @@ from shoal.search.tours import make_tour
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 _STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
+_PRIORS = 0.3  # share of scenarios in which robots know where a target is likely
 _VOLUMES = 0.15  # share of scenarios in several layers
 _LARGEST = 7  # rows and columns
 _MOST_ROBOTS = 16
@@ -49,7 +51,11 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     )
     distances = CellDistances(tour) if rng.random() < _STEPWISE else None
     tour_cost = TourCost(
-        tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide
+        tour,
+        turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])),
+        distances=distances,
+        reckoned=wide,
+        **random_prior(np.random.default_rng([seed, 4]), len(tour)),
     )
     n, m = (
         len(tour_cost),
@@ -137,6 +143,16 @@ def with_launches(brief: Brief, starts: tuple[int, ...], rng: Generator) -> Brie
         delays=tuple(delays.tolist()) if late else (),
         ways_out=far if outside and brief.energy == inf else None,
     )  # type: ignore[arg-type]  # it is asked for nothing else
+
+
+def random_prior(rng: Generator, n: int) -> dict[str, Any]:
+    """Return the arguments of a tour cost for a search with a prior, in some scenarios."""
+    if rng.random() > _PRIORS:
+        return {}
+    odds = rng.exponential(size=n) * (rng.random(n) < 0.7)
+    if not odds.any():
+        odds[int(rng.integers(n))] = 1.0
+    return {"odds": odds / odds.sum(), "at_most": float(rng.choice([1.0, 1.1, 1.5]))}
 
 
 def random_mask(rng: Generator) -> NDArray[np.bool_]:

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from tests.reference import bounds as reference
-from tests.reference.small import small_cases
+from tests.reference.small import connected_cases, small_cases
+from tests.swarm_runs import run
 
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace
+from shoal.swarm.theory import optimum as searches
 from shoal.swarm.theory.bounds import lower_bound, optimum
 
 RULES = ("block", "merge", "tilt")
@@ -38,6 +40,42 @@ def test_bounds_are_not_above_the_fewest_moves(kind, rule):
         assert lower_bound(workspace, start, rule=rule, **case).moves <= fewest
         assert optimum(workspace, start, rule=rule, **case).moves == fewest
     assert tried >= 4
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_dual_prices_prune_no_optimum(monkeypatch, rule):
+    """Searches that begin with dual prices at once find what plain searches find."""
+    monkeypatch.setattr(searches, "EASY", 0)
+    monkeypatch.setattr(searches, "DUALS", 6)
+    calls = []
+    duals = searches.dual_prices
+    monkeypatch.setattr(searches, "dual_prices", lambda *about: calls.append(1) or duals(*about))
+    for workspace, start in connected_cases(8, 5, 3):
+        fewest = reference.fewest_moves(workspace.free, start, rule=rule, task="mapping")
+        if fewest is not None:
+            assert optimum(workspace, start, rule=rule, task="mapping").moves == fewest
+    assert len(calls) >= 3
+
+
+@pytest.mark.parametrize("rule", ["block", "merge"])
+def test_mappings_of_twelve_cells_are_solved(rule):
+    for workspace, start in connected_cases(1, 12, 49):
+        best = optimum(workspace, start, rule=rule, task="mapping")
+        policy = f"manual:{best.commands}"
+        played = run(workspace, task="mapping", start=start, rule=rule, policy=policy)
+        assert played.status == "complete"
+        assert lower_bound(workspace, start, rule=rule, task="mapping").moves <= best.moves
+        assert played.moves == best.moves == len(best.commands)
+
+
+def test_prices_do_not_know_what_lies_behind_unexplored_places(monkeypatch):
+    workspace = GridWorkspace([[1] * 5] * 5)
+    monkeypatch.setattr(searches, "MOST_PLACES", 60)
+    far = np.zeros((5, 5), dtype=bool)
+    far[3, 2] = True
+    assert optimum(workspace, [(0, 0), (4, 4)], targets=far).moves == 3
+    with pytest.raises(InvalidInputError, match="at most 60 sets of cells with particles"):
+        optimum(workspace, [(0, 0), (4, 4)])
 
 
 @pytest.mark.parametrize("rule", RULES)

@@ -22,3 +22,28 @@ def small_cases(count: int, seed: int) -> Iterator[tuple[GridWorkspace, np.ndarr
         n = int(rng.integers(1, min(4, workspace.n_free) + 1))
         yield workspace, workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
         count -= 1
+
+
+def connected_cases(
+    count: int, cells: int, seed: int
+) -> Iterator[tuple[GridWorkspace, np.ndarray]]:
+    """Yield connected workspaces of so many free cells, each with the cells where one to four
+    particles start. Most are full of dead ends; some have open rooms.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        chance = rng.choice([0.0, 0.5, 1.0])  # with which a cell with two neighbours is left out
+        free = {(0, 0)}
+        while len(free) < cells:
+            row, column = sorted(free)[rng.integers(len(free))]
+            around = [(row, column + 1), (row + 1, column), (row, column - 1), (row - 1, column)]
+            row, column = around[rng.integers(4)]
+            beside = {(row, column + 1), (row + 1, column), (row, column - 1), (row - 1, column)}
+            if rng.random() >= chance or len(free & beside) < 2:
+                free.add((row, column))
+        at = np.array(sorted(free))
+        mask = np.zeros(np.ptp(at, axis=0) + 1, dtype=np.bool_)
+        mask[tuple((at - at.min(axis=0)).T)] = True
+        workspace = GridWorkspace(mask)
+        n = int(rng.integers(1, min(4, cells) + 1))
+        yield workspace, workspace.cells[rng.choice(cells, size=n, replace=False)]

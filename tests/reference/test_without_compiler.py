@@ -242,6 +242,8 @@ for shape in ((3, 4), (1, 8), (2, 65)):
             about = {"task": "gathering", "targets": mask, "rule": rule}
             print(lower_bound(space, start, **about), lower_bound(space, start, rule=rule))
             print(optimum(space, start, **about))
+            if rule != "tilt":
+                print(optimum(space, start, rule=rule))
 """
 
 
@@ -257,7 +259,7 @@ SCRIPTS = {
     "batches": BATCHES,
 }
 LINES = {
-    "gatherings": 3 * 7 + 2 * 3 * 2,
+    "gatherings": 3 * 7 + 2 * 3 * 2 + 2 * 2,
     "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,

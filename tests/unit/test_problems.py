@@ -33,6 +33,8 @@ SMALLEST = {
 NEEDED = {
     "confidence": {"slip": 0.0},
     "detection": {"targets": 0},
+    "elsewhere": {"prior": ["ring:5,5:0.5=9"]},
+    "at_most": {"prior": ["ring:5,5:0.5=9"]},
     "varied": {"goal_x": 0.3, "goal_y": 0.4},
 }
 """What a problem must state beside a field that has an effect on some problems only."""
@@ -132,7 +134,11 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
     ("words", "said"),
     [
         (["map", "line:7", "--cell-size", "a"], "--cell-size: expected MM, got 'a'"),
-        (["map", "line:7", "--start", "a,b"], "--start: expected CELLS, got 'a,b'"),
+        (
+            ["map", "line:7", "--start", "a,b"],
+            "--start: expected row,column pairs such as '0,3 0,4', inlet:ROW,COLUMN or the file of"
+            " a map, got 'a,b'",
+        ),
         (
             ["map", "line:7", "--start", "0,1", "--placement", "uniform"],
             "placement: expected no placement together with start",

@@ -331,11 +331,18 @@ def write_episode(
         from shoal.core.files import write_json
         from shoal.views import figure, save_figure
 
-        for name, kind in FIGURES[episode.part].items():
+        figures = dict(FIGURES[episode.part])
+        if episode.part == "search" and episode.problem.prior:
+            figures["success.png"] = "success"
+        for name, kind in figures.items():
             save_figure(figure(episode, kind=kind), out / name)
         episode.save(out / "episode.json")
         write_json(out / "summary.json", result)
-        written += [out / name for name in (*FIGURES[episode.part], "episode.json", "summary.json")]
+        names = [*figures, "episode.json", "summary.json"]
+        if episode.part == "search":
+            episode.save_visits(out / "visits.csv")
+            names.append("visits.csv")
+        written += [out / name for name in names]
     return written + write_films(episode, film)
 
 

@@ -23,8 +23,8 @@ def replay(
         typer.Argument(
             metavar="EPISODE",
             help=(
-                "Episode file: .npz from map or cover, .json from steer or search, or .jsonl from"
-                " drive."
+                "Episode file: .npz from map, cover or gather, .json from steer or search, or"
+                " .jsonl from drive."
             ),
         ),
     ],

@@ -48,8 +48,9 @@ def steer(
             metavar="SECONDS",
             help=(
                 "Search for at most this time for a proof of how much shorter a plan could be, and"
-                " for shorter plans. In convex polygons and disks, --out also writes the proof,"
-                ' certificate.json, and the search needs the extra "certify".'
+                " for shorter plans. For two points in a polygon, a disk, a prism or a region with"
+                " obstacles, --out also writes the proof, certificate.json, and the search needs"
+                ' the extra "certify".'
             ),
         ),
     ] = None,

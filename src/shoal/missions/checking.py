@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,17 @@ from shoal.missions.linting import Limits, lint_sheets
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
+from shoal.search.flight.deviation import deviated
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
-from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
-from shoal.search.regions.margin import visible_region
+from shoal.search.regions.coverage import (
+    TURNING,
+    AreaCoverage,
+    Image,
+    coverage_check,
+    together,
+)
+from shoal.search.regions.margin import visible_region, without_margin
 from shoal.search.regions.region import SearchRegion
 
 _RAISED = 0.1  # metres: tolerance for being below a band
@@ -68,6 +76,10 @@ class MissionCheck:
     flights : tuple of dict
         Duration and usable fraction of each mission in ``missions``, as in `Mission.flight_report`;
         empty without a vehicle.
+    with_errors : AreaCoverage or None
+        The coverage of all altitude bands together if the vehicles cut corners and are wrong about
+        their positions, as `deviated` flies them, and what they then fly outside the region without
+        its margin. It is None without a footprint, and for a vehicle without such errors.
     """
 
     options: CheckOptions
@@ -82,6 +94,7 @@ class MissionCheck:
     bands: tuple[float, ...] = ()
     clearance: Clearance | None = None
     flights: tuple[dict[str, Any], ...] = ()
+    with_errors: AreaCoverage | None = None
 
     @property
     def coverage(self) -> AreaCoverage | None:
@@ -143,6 +156,14 @@ class MissionCheck:
                 name: getattr(seen, name, None)
                 for name in ("length_m", "covered_fraction", "uncovered_m2", "outside_m")
             },
+            "with_errors": (
+                None
+                if self.with_errors is None
+                else {
+                    name: getattr(self.with_errors, name)
+                    for name in ("covered_fraction", "uncovered_m2", "outside_m")
+                }
+            ),
             "bands": [
                 {
                     "altitude_m": up,
@@ -262,7 +283,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         for sheet, name in zip(sheets, present, strict=True)
         if name == chosen and sheet.readable
     ]
-    coverages, bands, region = _coverages(flown, region, options)
+    coverages, errors, bands, region = _coverages(flown, region, options)
     read = [mission for sheet in flown if (mission := _mission(sheet, region)) is not None]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
@@ -293,43 +314,84 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         bands=bands,
         clearance=clearance,
         flights=flights,
+        with_errors=errors,
     )
 
 
 def _coverages(
     flown: list[Sheet], region: SearchRegion, options: CheckOptions
-) -> tuple[tuple[AreaCoverage, ...], tuple[float, ...], SearchRegion]:
-    """Return the coverage of each altitude band, the bands, and the region that can be seen."""
+) -> tuple[tuple[AreaCoverage, ...], AreaCoverage | None, tuple[float, ...], SearchRegion]:
+    """Return the coverage of each altitude band, the coverage with the errors of the vehicles, the
+    bands, and the region that can be seen.
+    """
     footprint, vehicle, bands = options.sides, options.chosen_vehicle, options.bands
     if footprint is None:
-        return (), (), region
+        return (), None, (), region
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
     ways = [
         _searching_way(sheet, region, side)
         for sheet, side in zip(flown, sides.tolist(), strict=True)
     ]
-    angle = options.angle
-    if angle is None:
-        angle = next((sheet.footprint_angle for sheet in flown), None)
-    if angle is None:
-        angle = angle_of([run[:, :2] for way in ways for run in _runs(way)])
+    facing = options.angle
+    if facing is None:
+        facing = next((sheet.footprint_angle for sheet in flown), None)
+    angle, image = facing_of(facing, image, [run[:, :2] for way in ways for run in _runs(way)])
     least = float(np.min(sides if flown else footprint))
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
+    stretches = [*_by_band(ways, sides, bands, _spread(bands, vehicle), least)]
+    checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
     coverages = tuple(
-        coverage_check(
-            region,
-            stretches,
-            widths if stretches else least,
-            tolerance=ROUNDING,
-            angle=angle,
-            image=image,
-        )
-        for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
+        coverage_check(region, own, widths if own else least, **checked)
+        for own, widths in stretches
     )
-    return coverages, tuple(bands or ()), region
+    errors = None
+    if vehicle is not None and vehicle.cross_track:
+        errors = _with_errors(stretches, vehicle, region, least, checked)
+    return coverages, errors, tuple(bands or ()), region
+
+
+def _with_errors(
+    stretches: Sequence[tuple[list[NDArray[np.float64]], list[float] | float]],
+    vehicle: Vehicle,
+    region: SearchRegion,
+    least: float,
+    checked: dict[str, Any],
+) -> AreaCoverage:
+    """Return the coverage of paths that a vehicle flies with its errors. Outside is what paths that
+    are planned inside the region fly outside of it.
+    """
+    import shapely
+
+    rng, inside = np.random.default_rng(0), without_margin(region).free.buffer(ROUNDING)
+    shapely.prepare(inside)
+    found, outside = [], 0.0
+    for own, widths in stretches:
+        flown = [deviated(way, vehicle, rng) for way in own]
+        for planned, way in zip(own, flown, strict=True):
+            if len(way) > 1 and inside.covers(shapely.linestrings(planned)):
+                line = shapely.linestrings(way)
+                if not inside.covers(line):
+                    outside += float(line.difference(inside).length)
+        found.append(coverage_check(region, flown, widths if own else least, **checked))
+    return replace(together(found), outside_m=outside)
+
+
+def facing_of(
+    facing: float | str | None, image: Image | None, ways: Sequence[NDArray[np.float64]]
+) -> tuple[float, Image | None]:
+    """Return the angle of footprints, and the image of a camera or of footprints that turn with
+    their vehicles.
+
+    The angle ``facing`` is a number of degrees, `TURNING`, or None for the direction of most legs
+    of ``ways``.
+    """
+    if facing == TURNING and image is None:
+        image = Image(1.0, 1.0)
+    angle = angle_of(ways) if facing is None or isinstance(facing, str) else facing
+    return angle, image
 
 
 def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:

@@ -281,7 +281,7 @@ class Sheet:
     waypoints_home: int | None = None
     decimals: int | None = None
     n_items: int | None = None
-    footprint_angle: float | None = None
+    footprint_angle: float | str | None = None
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:

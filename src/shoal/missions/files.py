@@ -30,6 +30,7 @@ from shoal.missions.formats.fences import (
 from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.regions.coverage import TURNING
 from shoal.search.regions.formats.kml import decode_xml
 from shoal.search.regions.outline import LARGEST_FILE
 
@@ -56,7 +57,7 @@ def write_missions(
     *,
     formats: Sequence[str] | None = None,
     vehicle: Vehicle | None = None,
-    angle: float | None = None,
+    angle: float | str | None = None,
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or
     ``robot-01-2.plan`` for a second sortie.
@@ -118,7 +119,7 @@ def mission_texts(
     *,
     formats: Sequence[str] | None = None,
     vehicle: Vehicle | None = None,
-    angle: float | None = None,
+    angle: float | str | None = None,
 ) -> dict[str, str]:
     """Return the texts of the files that `write_missions` writes, by file name: the missions, then
     the files beside them, and the manifest.
@@ -294,7 +295,9 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
         start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
         if _is_number(start) and 0 <= start < inf:
             sheet.start = float(start)
-        if _is_number(angle) and -360 <= angle <= 360:
+        if angle == TURNING:
+            sheet.footprint_angle = TURNING
+        elif _is_number(angle) and -360 <= angle <= 360:
             sheet.footprint_angle = float(angle)
     suffixes = formats_by_suffix()
     beside = [

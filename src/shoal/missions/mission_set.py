@@ -124,6 +124,10 @@ class MissionSet:
         if problem.vehicle is None:
             problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
         options.check_for(problem)
+        bare = problem.replaced(cross_track=0.0).at_place(problem.place)
+        reserve = problem.default_cross_track if problem.cross_track is None else 0.0
+        if reserve:
+            problem = problem.replaced(cross_track=reserve).at_place(problem.place)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _fenced_problem(problem, options)
         widest = fenced.margin or 0.0
@@ -145,7 +149,14 @@ class MissionSet:
                 refusal = refusal if turned else error
         else:
             assert refusal is not None
-            raise refusal
+            if not (reserve and isinstance(refusal, NoRoomError)):
+                raise refusal
+            made = cls.from_problem(bare, options, seed=seed)
+            tell_once(
+                f"cross_track: 0 m in place of {reserve:.3g} m, because with narrower rows a vehicle has"
+                " no room for its turns or its path: with errors of positions, gaps may remain"
+            )
+            return made
         if options.kept_apart is not None and plan.image is None:
             made = made._fastest(plan.alternatives, terrain)
         if not fenced.margin:
@@ -273,7 +284,7 @@ class MissionSet:
         return {
             "formats": self.options.format or None,
             "vehicle": None if plan is None else plan.vehicle,
-            "angle": None if plan is None else plan.grid.angle,
+            "angle": None if plan is None else plan.facing,
         }
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
@@ -302,10 +313,11 @@ class MissionSet:
                 "options: expected the region of missions that were read, got none"
             )
         sides = tuple(self.plan.footprints.tolist())
+        planned = sides if len({*sides}) > 1 else sides[0]
         return CheckOptions(
             self.plan.grid.region if self.problem is None else self.problem.place,
-            footprint=sides if len({*sides}) > 1 else sides[0],
-            angle=self.plan.grid.angle,
+            footprint=planned if self.problem is None else self.problem.view,
+            angle=self.plan.facing,
             cap=self.options.cap,
             separation=self.options.kept_apart or (0.0,),
             vehicle=self.plan.vehicle,
@@ -358,6 +370,7 @@ class MissionSet:
         )
         return {
             "sorties": len(self.missions),
+            "cross_track_m": None if self.problem is None else self.problem.cross_track,
             "usable_s": None if vehicle.endurance is None else vehicle.usable_seconds,
             "recharge_s": vehicle.recharge_seconds,
             "separation_m": (

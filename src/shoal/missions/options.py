@@ -19,6 +19,7 @@ from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem import READING, SearchProblem
 from shoal.search.problem.fields import check_path
 from shoal.search.regions.builder import open_region
+from shoal.search.regions.coverage import TURNING
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
@@ -208,6 +209,14 @@ def _separation_of(options: MissionOptions | CheckOptions) -> Separation | None:
     return Separation(horizontal, vertical, options.delay_tolerance) if horizontal else None
 
 
+def _check_facing(value: Any) -> float | str | None:
+    if isinstance(value, str) and value != TURNING:
+        raise InvalidInputError(
+            f"angle: expected {TURNING} or a number of degrees, got {shortened(value)}"
+        )
+    return value if isinstance(value, str) else check_number(value, what="angle")
+
+
 def _check_terrain(value: Any) -> str | Terrain:
     return value if isinstance(value, Terrain) else check_path(value, "terrain", "a file")
 
@@ -238,14 +247,17 @@ class CheckOptions(Problem):
             " without either, coverage is not measured."
         ),
     )
-    angle: float | None = option(
+    angle: float | str | None = option(
         None,
         help=(
-            "Angle of the footprints, counter-clockwise from east. Default: the angle for which the"
-            " missions were planned, or the direction of most legs."
+            "Angle of the footprints, counter-clockwise from east, or turning for footprints that"
+            " turn with their vehicles. Default: as the missions were planned, or the direction of"
+            " most legs."
         ),
         unit="degrees",
-        metavar="DEGREES",
+        metavar="DEGREES|turning",
+        parse=lambda text: text if text == TURNING else float(text),
+        check=_check_facing,
     )
     least: float = option(
         0.999, help="Minimum share of the region that the vehicles must see.", least=0, most=1

@@ -18,7 +18,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.geometry import step_lengths
 from shoal.missions.approach import MissionApproach
-from shoal.missions.checking import angle_of
+from shoal.missions.checking import facing_of
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING
@@ -147,7 +147,10 @@ class FlownCheck:
 
 
 def check_flown(
-    pairs: Sequence[tuple[Mission, Track]], options: CheckOptions | None, *, angle: float | None
+    pairs: Sequence[tuple[Mission, Track]],
+    options: CheckOptions | None,
+    *,
+    angle: float | str | None,
 ) -> FlownCheck:
     """Compare tracks with missions, and measure what was seen of a region.
 
@@ -299,7 +302,7 @@ def _seen(
     options: CheckOptions,
     stretches: list[Floats],
     widths: list[float],
-    angle: float | None,
+    angle: float | str | None,
     flown: Sequence[Flown],
     frame: LocalFrame,
 ) -> tuple[SearchRegion, AreaCoverage, Any]:
@@ -309,10 +312,9 @@ def _seen(
     footprint, vehicle = options.sides, options.chosen_vehicle
     least = float(np.min(np.array(footprint, dtype=np.float64)))
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
-    angle = options.angle if options.angle is not None else angle
-    if angle is None:
-        planned = [frame.to_metres(one.mission.waypoints[one.mission.searched]) for one in flown]
-        angle = angle_of(planned)
+    planned = [frame.to_metres(one.mission.waypoints[one.mission.searched]) for one in flown]
+    facing = options.angle if options.angle is not None else angle
+    angle, image = facing_of(facing, image, planned)
     region = visible_region(region, least, angle)
     coverage = coverage_check(
         region,

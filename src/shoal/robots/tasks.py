@@ -212,7 +212,7 @@ def write_task(
         **plain,
         tour=plan.tour.name,
         allocation=plan.allocation.allocator,
-        angle=plan.grid.angle,
+        angle=plan.grid.angle if contained.along is None else None,
         **({"starts": tuple(map(tuple, plan.places.tolist()))} if contained.launch is None else {}),
     )
     problem = _plannable(problem, contained, plan, episode.seed)

@@ -27,13 +27,14 @@ from shoal.core.checks import (
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import check_suffix, write_json
+from shoal.core.files import check_suffix, write_json, write_text
 from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
+from shoal.search.problem.prior import with_contents
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
@@ -49,6 +50,43 @@ from shoal.search.simulation.trace import (
 from shoal.search.tours.masks import array_to_bits
 
 FORMAT: Literal[2] = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The first search of each cell of a tour of N cells.
+
+    Parameters
+    ----------
+    robots : ndarray of int64, shape (N,)
+        The robot that searched the cell first, counted from 0, or -1.
+    times : ndarray of float64, shape (N,)
+        When it did, in seconds since the start of the search, or infinity.
+    """
+
+    robots: NDArray[np.int64]
+    times: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Success:
+    """The probability that a target is found, over time.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (k,)
+        Increasing times of searches of cells, in seconds.
+    probabilities : ndarray of float64, shape (k,)
+        Probability that the target is found until each time.
+    """
+
+    times: NDArray[np.float64]
+    probabilities: NDArray[np.float64]
+
+    @property
+    def probability(self) -> float:
+        """Probability that the whole search finds the target."""
+        return float(self.probabilities[-1]) if len(self.probabilities) else 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,6 +280,7 @@ class SearchEpisode(Episode):
                 if self.makespan is None
                 else self._in_cells(trace.covered_at, self.makespan) / plan.tour_cost.least
             ),
+            "expected_find": self.expected_find,
             "planned": plan.planned_seconds,
             "lower_bound": plan.least_seconds,
             "sent": trace.sent,
@@ -289,6 +328,91 @@ class SearchEpisode(Episode):
         return tuple(
             tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots)
         )
+
+    @cached_property
+    def visits(self) -> Visits:
+        """The first search of each cell, by any robot that reports the truth."""
+        n = len(self.plan.tour_cost)
+        robots, times = np.full(n, -1, dtype=np.int64), np.full(n, inf)
+        for robot, log in enumerate(self.trace.robots):
+            if robot + 1 in self.liars or not log.cells.size:
+                continue
+            moments = self.clock(log.times, robot)
+            for seen, moment in zip(self.seen[robot], moments.tolist(), strict=True):
+                earlier = seen[moment < times[seen]]
+                robots[earlier], times[earlier] = robot, moment
+        return Visits(robots, times)
+
+    @cached_property
+    def success(self) -> Success | None:
+        """The probability that a single target is found, over time, by the prior of the problem and
+        its probability of detection; None for a problem without a prior.
+
+        Each search of a cell finds a target in it with the probability of detection, if no search
+        before did. Robots that do not report the truth find nothing.
+        """
+        odds, detection = self.plan.tour_cost.odds, self.problem.detection
+        if odds is None:
+            return None
+        cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for robot, log in enumerate(self.trace.robots):
+            if robot + 1 not in self.liars and log.cells.size:
+                seen = self.seen[robot]
+                cells += seen
+                times.append(np.repeat(self.clock(log.times, robot), [len(one) for one in seen]))
+        looked, moments = np.concatenate(cells), np.concatenate(times)
+        order = np.lexsort((moments, looked))
+        looked, moments = looked[order], moments[order]
+        earlier = np.arange(len(looked)) - np.searchsorted(looked, looked)
+        found = odds[looked] * detection * (1.0 - detection) ** earlier
+        order = np.argsort(moments, kind="stable")
+        return Success(moments[order], np.cumsum(found[order]))
+
+    @property
+    def expected_find(self) -> float | None:
+        """Expected time in seconds until a single target is found, if the search finds it, by the
+        prior of the problem. If each search of a cell finds a target in it, this is the sum of each
+        cell's probability times its first search.
+
+        None for a problem without a prior, and if nothing can be found.
+        """
+        success = self.success
+        if success is None or not success.probability > 0:
+            return None
+        gains = np.diff(success.probabilities, prepend=0.0)
+        return float(gains @ success.times) / success.probability
+
+    def _prior_report(self) -> dict[str, Any] | None:
+        tour_cost = self.plan.tour_cost
+        if tour_cost.odds is None:
+            return None
+        return {
+            "inside": self.plan.prior_inside,
+            "success": 0.0 if self.success is None else self.success.probability,
+            "at_most": self.problem.at_most,
+            "plain_s": self.plan.plain_seconds,
+        }
+
+    def save_visits(self, path: str | os.PathLike[str]) -> None:
+        """Write a CSV file with the first search of each cell: the cell's centre in metres, the
+        number of the robot, and the time in seconds. A search of several altitudes has a column for
+        the altitude. Cells that nobody searched have no row.
+        """
+        visits, plan = self.visits, self.plan
+        cells = np.flatnonzero(visits.robots >= 0)
+        cells = cells[np.argsort(visits.times[cells], kind="stable")]
+        places = plan.positions(cells)
+        names = ["x_m", "y_m", *(["altitude_m"] if places.shape[1] == 3 else [])]
+        lines = [",".join([*names, "robot", "time_s"])]
+        for place, robot, moment in zip(
+            places.tolist(),
+            visits.robots[cells].tolist(),
+            visits.times[cells].tolist(),
+            strict=True,
+        ):
+            numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
+            lines.append(",".join(numbers))
+        write_text(Path(path), "\n".join(lines) + "\n")
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -350,6 +474,8 @@ class SearchEpisode(Episode):
             "makespan_s": self.makespan,
             "planned_cells": self._in_cells(allocation.makespan, self.plan.planned_seconds),
             "planned_s": self.plan.planned_seconds,
+            "expected_find_s": self.expected_find,
+            "prior": self._prior_report(),
             "lower_bound_cells": max(0.0, self.plan.cells(self.plan.least_seconds)),
             "lower_bound_s": self.plan.least_seconds,
             "covered_fraction": self.coverage.covered_fraction,
@@ -485,8 +611,12 @@ class SearchEpisode(Episode):
                 "hidden": None,
                 "closed_lines": False,
             }
+        if problem.prior:
+            changes["prior"] = with_contents(problem.prior)
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
+        if isinstance(problem.along, str) and problem.along != CENTRE:
+            changes["along"] = problem.line
         if isinstance(problem.launch, str):
             changes["launch"] = plan.places
         if isinstance(problem.land, str):

@@ -2,7 +2,7 @@
 
 from .certificates import Certificate as Certificate
 from .certificates import certify as certify
-from .certificates.check import check_certificate as check_certificate
+from .certificates.verdict import check_certificate as check_certificate
 from .contact.world import ContactWorld as ContactWorld
 from .contact.world import RegionWorld as RegionWorld
 from .delta_space import (

@@ -21,37 +21,36 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FaultEstimate, FrictionEstimate, GainEstimate
+from shoal.steering.estimation import (
+    LESS,
+    UNKNOWN,
+    FaultEstimate,
+    FrictionEstimate,
+    GainEstimate,
+)
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
-from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.pressing import PressingSearch, pressing_of
 from shoal.steering.planners.robust import _project_inside
 from shoal.steering.planners.sampling import free_offsets, world_of
-from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
 LOOKS = 3  # at the start, which show the error of the camera
 ALIKE = 3e-3  # relative to the size: errors of two orders of the particles that are alike
+SAME = 2e-4  # relative to the size: error of a camera whose looks are all the same
 AGAIN = 5  # looks in which particles are missing, until the drive ends
 ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
-LEVELS = (
-    0.05,
-    0.2,
-    0.5,
-    0.8,
-    0.95,
-)  # quantiles of the friction, with which plans are tried in turn
+LEVELS = (0.1, 0.3, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
 SCENARIOS = 16  # of errors, in which plans are compared
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
-CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
-FORCED = 4  # inputs in a row that end what was begun, without a plan to the goals
-LONG = 3  # presses to the goals, so many of which need not be planned at once
+OFTEN = 0.7  # share of the moves with which more friction than needed is risked
+LONG = 30.0  # moves to the goals, up to which a plan leads there
 FEW = 3  # moves of a plan that is carried out without a search for a shorter one
 CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
 SLIPPERY = 3.0  # friction below which moves to walls are careful
@@ -346,7 +345,10 @@ class _Session(ABC):
         self.count = problem.n_particles
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
-        self.friction = FrictionEstimate(problem.friction if least is None else least)
+        told = problem.given & {"friction", "friction_at_least"}
+        self.friction = FrictionEstimate(
+            problem.friction if least is None else least, LESS if told else UNKNOWN
+        )
         self.gains, self.faults, self.deviation = GainEstimate(self.count), FaultEstimate(), 0.0
         self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
         self.inputs: list[Points] = []
@@ -420,9 +422,9 @@ class _Session(ABC):
         if not isinstance(self.problem.start, str):
             first = _in_order(first, self.problem.start)
         looks = [_in_order(points, first) for points in looks]
-        self.deviation = float(np.std(looks, axis=0).mean()) * 1.2
-        told = self.problem.measurement
-        self.deviation = max(self.deviation, told, 1e-7 * self.size)
+        self.deviation = max(float(np.std(looks, axis=0).mean()) * 1.2, self.problem.measurement)
+        if np.ptp(looks, axis=0).max() == 0.0:  # the same picture, which tells nothing
+            self.deviation = self.problem.measurement or SAME * self.size
         self.seen.append(np.mean(looks, axis=0))
         outside = ~self.space.contains(self.seen[0])
         for point in self.seen[0][outside]:
@@ -578,9 +580,8 @@ class _Step(NamedTuple):
 class _Loop(_Session):
     """One run of the closed loop of the policy robust."""
 
-    planless = progress = forced = 0
+    planless = progress = 0
     least_missing = shortest = inf  # length of the shortest plan so far
-    least_left = kernels.FAR  # presses to the goals
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
@@ -598,9 +599,12 @@ class _Loop(_Session):
 
     def _check_end(self) -> None:
         tolerance, moves = self.problem.tolerance, len(self.inputs)
-        # a look that shows them just inside may err
-        if self.error <= max(tolerance - 2 * self.deviation, 0.5 * tolerance):
-            text = f"after {moves} moves a look shows all particles within {self.error:.3g} of their goals"
+        if self.error <= tolerance:
+            # of many looks, one that errs would end the drive: others must show the same
+            looks = [self.seen[-1], *(self._look(self.seen[-1]) for _ in range(LOOKS))]
+            self.seen[-1] = np.median(looks, axis=0)
+        if self.error <= max(tolerance - 2.5 * self.deviation, 0.5 * tolerance):
+            text = f"after {moves} moves looks show all particles within {self.error:.3g} of their goals"
             if self.doubtful and not self.problem.interchangeable:
                 text += (
                     f"; at move {self.doubtful} they were so near to each other that only a rig that"
@@ -610,7 +614,8 @@ class _Loop(_Session):
         slips = self.friction.slips
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
-            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
+            why = "another drive goes on from here, or more moves (max_moves) in one"
+            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, f"{text}: {why}")
         if self.friction.contacts and not self.faults.raised:
             why = self._why_unreachable()
             if why is not None:
@@ -620,7 +625,17 @@ class _Loop(_Session):
         if missing < 0.95 * self.least_missing:
             self.least_missing, self.progress = missing, moves
         if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
-            why = "no plan was found" if self.planless else f"{PATIENCE} moves brought no progress"
+            if self.planless:
+                why = (
+                    "no plan was found; rougher walls, other goals or a larger tolerance would help,"
+                    " or another start, because walls bring particles together more easily than apart"
+                )
+            else:
+                why = (
+                    f"{PATIENCE} moves brought no progress; another drive may go on from here, above"
+                    " all if its friction_at_least is what the walls surely have, and smaller errors"
+                    " of the inputs would help"
+                )
             raise _Ended(Status.SLIPPING if slips else Status.STALLED, f"{text}: {why}")
 
     def _why_unreachable(self) -> str | None:
@@ -654,63 +669,78 @@ class _Loop(_Session):
         )
 
     def _plan(self) -> Points | None:
-        """Return the plan with the fewest moves from here, or None.
+        """Return the next moves, or None if nothing leads to the goals.
 
-        The rest of the last plan, with inputs computed anew, is taken unless another plan is
-        shorter: of plans of equal length, the loop would take one after the other.
+        They are the rest of the last plan, with inputs computed anew, or the plan with the fewest
+        moves; or the manoeuvre after which the fewest moves are left, where a plan would have to
+        press so often that its errors add up.
         """
-        tolerance, state = self.problem.tolerance, self.state
-        left = min(self.problem.max_moves - len(self.inputs), 40)
-        levels = list(dict.fromkeys(self.friction.quantile(share) for share in LEVELS))
-        pressings = [
-            self._pressing(min(tan(atan(friction) * 0.97), STEEPEST)) for friction in levels
-        ]
+        state = self.state
+        levels: list[tuple[float, float, PressingSearch]] = []
+        for share in LEVELS:
+            friction = self.friction.quantile(share)
+            if any(friction == other for _, other, _ in levels):
+                continue
+            pressing = self._pressing(min(tan(atan(friction) * 0.97), STEEPEST))
+            search = PressingSearch(self.world, pressing, self.rng, self._tables)
+            left = search.moves_left(state, self.goal)
+            levels.append((left, friction, search))
+        # with more friction than there is, presses must be made again, or end elsewhere
+        costs = [left / self.friction.least(friction) ** 2 for left, friction, _ in levels]
+        first = 0
+        for k, cost in enumerate(costs):
+            if cost < OFTEN * costs[first]:
+                first = k
+        levels.insert(0, levels.pop(first))
         for rounds in (FAST, SLOW):
-            for pressing in pressings:
-                rest = self._rest(pressing)
+            for left, _, search in levels:
+                rest = self._rest(search.pressing)
                 if rest is not None and len(rest) <= FEW:
                     return rest
-                search = PressingSearch(self.world, pressing, self.rng, self._tables)
-                if rounds == SLOW and search.presses_left(state, self.goal) == kernels.FAR:
+                if left >= kernels.MOST_LEFT - 1:
                     continue
+                if rounds == FAST and left > LONG and not isinstance(self.space, Region):
+                    moves = self._manoeuvre(search)
+                    if len(moves):
+                        return moves
                 plans = search.plans(
                     state,
                     self.goal,
-                    tolerance=0.6 * tolerance,
-                    moves=left,
+                    tolerance=0.6 * self.problem.tolerance,
+                    moves=min(self.problem.max_moves - len(self.inputs), 40),
                     rounds=rounds,
                     wanted=WANTED,
                     shorter=True,
                 )
-                if not plans and rounds == FAST and rest is None:
-                    plans = self._chain(state, pressing.friction, left)
                 if plans:
-                    self.forced = 0
                     best = self._surest(search, plans)
+                    self._near_by(len(best))
                     return best if rest is None or len(best) < len(rest) - 1 else rest
-                if rest is None and rounds == FAST and pressing is pressings[0]:
-                    rest = self._rest_of_cycle(pressing)
-                if rest is None and rounds == FAST:
-                    rest = self._first_presses(search)
                 if rest is not None:
                     return rest
+                moves = self._manoeuvre(search)
+                if len(moves):
+                    return moves
         return None
 
-    def _first_presses(self, search: PressingSearch) -> Points | None:
-        """Return the first moves on the way to goals that need many presses in a row, or None.
-
-        The table of presses left tells the way. The loop then plans anew from where it came to, so
-        that errors do not add up.
-        """
-        left = search.presses_left(self.state, self.goal)
-        if not LONG <= left < kernels.FAR:
-            return None
-        moves = search.first_presses(self.goal)
-        if moves is not None:
-            self.forced = 0
-            if left < self.least_left:
-                self.least_left, self.progress = left, len(self.inputs)
+    def _manoeuvre(self, search: PressingSearch) -> Points:
+        """Return the moves of the manoeuvre after which the fewest moves are left."""
+        rng = np.random.default_rng(0)
+        bounds = Bounds(search.pressing.friction, ANGLE, GAIN)
+        turns, gains, frictions = bounds.scenarios(SCENARIOS, kernels.STEPS, rng)
+        gains[:] = self.gains.mean
+        frictions[:] = rng.choice(self.friction.values, SCENARIOS, p=self.friction.shares)
+        moves, left = search.best_manoeuvre(
+            self.state, self.goal, self.problem.tolerance, (turns, gains, frictions)
+        )
+        if len(moves):
+            self._near_by(left)
         return moves
+
+    def _near_by(self, left: float) -> None:
+        """Remember how few moves were left at least."""
+        if left < self.shortest - 0.5:
+            self.shortest, self.progress = left, len(self.inputs)
 
     def _rest(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
@@ -726,35 +756,6 @@ class _Loop(_Session):
             moves.append(move)
         missed = float(np.linalg.norm(state - self.goal, axis=1).max())
         return np.array(moves) if missed <= 0.8 * self.problem.tolerance else None
-
-    def _rest_of_cycle(self, pressing: Any) -> Points | None:
-        """Return the rest of the present contact and adjustment, or None after it.
-
-        Near the limit of what friction allows, errors make the rest of a plan miss the goals, and
-        every plan a little different. The loop still ends what it has begun.
-        """
-        step = self.steps[0] if self.steps else None
-        if step is None or step.kind == MOVE or self.forced >= FORCED:
-            return None
-        state, normal, friction = self.state, np.zeros(2), pressing.friction
-        move = self._move_of(step, state, False, False)
-        wall = kernels.nearest_wall(state[step.held], self.kernel_world, normal)
-        if step.kind != TOUCH and wall > 1e-9 * self.size:
-            return None
-        if step.kind == PRESS:
-            gain = complex(*self.gains.mean[step.held])
-            pushed = gain * complex(*move)
-            push = np.array([pushed.real, pushed.imag])
-            into, along = -float(push @ normal), float(push[0] * normal[1] - push[1] * normal[0])
-            if abs(along) > friction * into:  # onto the edge of the friction cone
-                edge = np.copysign(friction, along) * np.array([normal[1], -normal[0]]) - normal
-                push = edge * max(float(push @ edge), 0.0) / float(edge @ edge)
-                sent = complex(*push) / gain
-                move = np.array([sent.real, sent.imag])
-            if float(np.hypot(*move)) < 0.3 * self.problem.tolerance:
-                return None
-        self.forced += 1
-        return np.asarray(move[None])
 
     def _move_of(self, step: _Step, state: Points, last_press: bool, last: bool) -> Points:
         """Return the input that leads from a state to the target of a step."""
@@ -799,25 +800,6 @@ class _Loop(_Session):
                 aim = before[held] + np.array([free[held].real, free[held].imag])
                 steps.append(_Step(TOUCH, held, aim))
         return steps
-
-    def _chain(self, state: Points, friction: float, moves: int) -> list[Points]:
-        """Return the plan of the planner greedy, in a convex workspace."""
-        if isinstance(self.space, Region):
-            return []
-        task = SteeringTask(
-            ContactWorld(self.space, friction=friction),
-            state,
-            self.goal,
-            0.4 * self.problem.tolerance,
-            max(moves, 100),
-            margin=CHAIN,
-        )
-        plan = None if why_unreachable(task) else Greedy().plan(task)
-        if plan is None or not len(plan):
-            return []
-        re, im = self.gains.mean.mean(axis=0)
-        x, y = plan.T / (re * re + im * im)
-        return [np.column_stack([re * x + im * y, re * y - im * x])]
 
     def _surest(self, search: PressingSearch, plans: list[Points]) -> Points:
         """Return a plan with few moves, which often ends at the goals in spite of errors."""
@@ -866,10 +848,7 @@ class _Loop(_Session):
         plan = self._plan()
         if plan is not None and len(plan):
             self.planless = 0
-            if not self.forced:
-                self.steps = self._steps_of(plan)
-                if len(plan) < self.shortest:
-                    self.shortest, self.progress = len(plan), len(self.inputs)
+            self.steps = self._steps_of(plan)
             move = self._careful(plan[0])
             if move is plan[0] or np.array_equal(move, plan[0]):
                 del self.steps[0]  # else the next input goes on to the same target

@@ -15,33 +15,10 @@ DRIFT = 0.01  # standard deviation by which gains may change with each move
 INPUT = 0.02  # relative error of a move, beyond the gains
 MODEL = 3e-3  # relative to the size: error of predictions near walls
 GAP = 1e-3  # relative to the size: distance of a particle that is taken to touch a wall
-FRICTIONS = np.array(
-    [
-        0,
-        0.1,
-        0.2,
-        0.3,
-        0.4,
-        0.5,
-        0.6,
-        0.7,
-        0.8,
-        0.9,
-        1,
-        1.15,
-        1.3,
-        1.5,
-        1.75,
-        2,
-        2.5,
-        3,
-        4,
-        6,
-        10,
-        1e9,
-    ]
-)
-DOUBT = 3.0  # logarithm of the odds against less friction than stated
+FRICTIONS = np.array([0, *np.geomspace(0.1, 10, 40).round(3), 1e9])
+LESS = 0.05  # probability of less friction than stated
+NEARBY = 1.5  # power with which more friction than stated becomes unlikely
+UNKNOWN = 0.5  # probability that the walls slip, if nothing is stated of them
 OUTLIER = 6.0  # largest loss of logarithmic odds by one move
 
 
@@ -87,33 +64,53 @@ class GainEstimate:
 
 
 class FrictionEstimate:
-    """How likely each of `FRICTIONS` is as the coefficient of friction of the walls.
+    """How likely each coefficient of friction of the walls is.
 
     Parameters
     ----------
     stated : float
-        Least coefficient that the user has stated.
+        Least coefficient that the user has stated; infinite if nothing slips, or none was stated.
+    less : float
+        Probability, before any contact, that the coefficient is lower than that.
+
+    Attributes
+    ----------
+    values : ndarray of float64, shape (n,)
+        The coefficients that are compared, ascending: `FRICTIONS` and the stated one.
+    contacts : int
+        Number of moves from which it was learnt.
     """
 
-    def __init__(self, stated: float) -> None:
+    def __init__(self, stated: float, less: float = LESS) -> None:
         self.stated, self.contacts = stated, 0
-        self._odds = np.where(0.99 * min(stated, 1e9) > FRICTIONS, -DOUBT, 0.0)
+        least = min(stated, FRICTIONS[-1])
+        apart = np.abs(FRICTIONS - least) > 0.02 * least
+        self.values = np.sort(np.append(FRICTIONS[apart], least))
+        lower = self.values < least
+        # who states a least friction mostly states one that is near
+        higher = np.where(lower, 0.0, (max(least, 1e-3) / np.maximum(self.values, 1e-3)) ** NEARBY)
+        shares = np.where(lower, less / max(lower.sum(), 1), (1 - less) * higher / higher.sum())
+        self._odds = np.log(np.maximum(shares, 1e-6))
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Probability of each of `FRICTIONS`."""
+        """Probability of each of the values."""
         shares = np.exp(self._odds - self._odds.max())
         return np.asarray(shares / shares.sum())
 
     def quantile(self, share: float) -> float:
         """Return the coefficient below which the given share of the probability lies."""
         at = int(np.searchsorted(np.cumsum(self.shares), share - 1e-12))
-        return float(FRICTIONS[min(at, len(FRICTIONS) - 1)])
+        return float(self.values[min(at, len(self.values) - 1)])
+
+    def least(self, friction: float) -> float:
+        """Return the probability that the coefficient is at least ``friction``."""
+        return float(self.shares[self.values >= friction].sum())
 
     @property
     def slips(self) -> bool:
         """Whether the walls surely slip more than stated."""
-        less = 0.85 * min(self.stated, FRICTIONS[-1]) > FRICTIONS
+        less = 0.85 * min(self.stated, FRICTIONS[-1]) > self.values
         return self.contacts > 0 and float(self.shares[less].sum()) > 0.95
 
     @property
@@ -133,7 +130,7 @@ class FrictionEstimate:
         deviation: float,
     ) -> None:
         """Compare the observed positions after a move with those that each friction predicts."""
-        count = len(FRICTIONS)
+        count = len(self.values)
         turns = np.tile([1.0, 0.0], (count, 1, 1))
         own = np.ascontiguousarray(np.tile(gains, (count, 1, 1)))
         ends = np.zeros((count, 2, 2))
@@ -142,7 +139,7 @@ class FrictionEstimate:
             np.ascontiguousarray(move[None]),
             turns,
             own,
-            FRICTIONS,
+            self.values,
             world,
             ends,
         )

@@ -144,17 +144,24 @@ def _parse_start(text: str) -> Any:
         return text
     if os.path.exists(text):
         return open_map(text).cells
-    return _parse_cells(text)
+    return _parse_cells(text, ", inlet:ROW,COLUMN or the file of a map")
 
 
 def _parse_region(text: str) -> Any:
     from shoal.swarm.maps.files import open_map
 
-    return open_map(text).cells if os.path.exists(text) else _parse_cells(text)
+    if os.path.exists(text):
+        return open_map(text).cells
+    return _parse_cells(text, " or the file of a map")
 
 
-def _parse_cells(text: str) -> list[list[int]]:
-    return [[int(number) for number in cell.split(",")] for cell in text.split()]
+def _parse_cells(text: str, others: str = "") -> list[list[int]]:
+    try:
+        return [[int(number) for number in cell.split(",")] for cell in text.split()]
+    except ValueError:
+        raise ValueError(
+            f"expected row,column pairs such as '0,3 0,4'{others}, got {shortened(text)}"
+        ) from None
 
 
 def _parse_cell_size(text: str) -> float | tuple[float, ...]:

@@ -43,7 +43,8 @@ def figure(
         Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier"
         shows the number of frontier cells over the moves. For a steering episode, "plan" shows the
         paths of the particles. For a search, "routes" (the default) shows the path of each robot,
-        and "timeline" shows the activities of each robot over time.
+        "timeline" shows the activities of each robot over time, and "success" shows the prior of
+        the search and the probability that the target is found, over time.
     **options
         Options of the chosen kind of figure. The kind "map" has the option ``moves``, the number of
         moves after which the figure shows the map (by default, all moves). All other kinds have no

@@ -20,6 +20,7 @@ PLAIN = (
 )  # simulated by the PettingZoo environment only
 COMPILED = {name: options for name, options in VARIANTS.items() if name not in PLAIN} | {
     "launch": {"robots": 2, "launch": "5,5;-9,45"},
+    "packets": {"packet": 64, "network": "replays:0.2,delay:1", "loss": 0.1},
     "bands": {"region": "square:40", "bands": (30, 50), "robots": 2},
     "all-die": {"faults": [f"crash:{robot}@{robot}.5" for robot in range(1, 5)]},
 }
@@ -106,7 +107,7 @@ def test_worlds_do_not_depend_on_each_other():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"obstacles": 2}, "search: expected footprints of one cell, no obstacles"),
+        ({"obstacles": 2}, "search: expected footprints of one cell and no obstacles"),
         ({"footprint": (10, 10, 30, 10)}, "search: expected footprints of one cell"),
         ({"reward": "own"}, "reward: expected shared"),
         ({"loss": 2}, "loss: expected"),

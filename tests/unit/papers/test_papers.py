@@ -363,6 +363,7 @@ def test_published_curves_lie_behind_ours():
     assert orders[tuple(2 * x)] < orders[tuple(x)]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == [
         "ours",
+        "95 % interval of the mean",
         "published",
         "± one standard deviation",
     ]

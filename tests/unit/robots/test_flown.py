@@ -45,6 +45,8 @@ def field(tmp_path_factory):
         str(folder / "missions"),
         "--format",
         "plan",
+        "--cross-track",
+        "0",
     ]
     assert run([*made, *options]) == 0
     return folder

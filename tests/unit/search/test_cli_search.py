@@ -23,6 +23,8 @@ FIELDS = [
     "makespan_s",
     "planned_cells",
     "planned_s",
+    "expected_find_s",
+    "prior",
     "lower_bound_cells",
     "lower_bound_s",
 ]
@@ -121,6 +123,7 @@ def test_missions_and_files(tmp_path, monkeypatch, capsys):
         "region.png",
         "summary.json",
         "timeline.png",
+        "visits.csv",
     ]
     assert len(list((tmp_path / "missions").glob("robot-*"))) == 6
     assert run(["missions", "check", "missions", "field.json", "--footprint", "20", "--json"]) == 0
@@ -266,7 +269,7 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     time = r"(0:\d\d:\d\d|[\d.]+ s)"
     assert text.startswith("search: tour ")
     assert ", divided among the robots by the allocation " in text
-    assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
+    assert re.search(r"cells of 35.53 m, each searched in [\d.]+ s; ", text)
     assert re.search(
         rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text
     )

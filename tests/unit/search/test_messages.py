@@ -181,7 +181,7 @@ def test_a_robot_that_was_restarted_is_heard_and_what_was_recorded_before_is_not
 
 
 def test_a_sender_has_its_share_of_a_second(monkeypatch):
-    monkeypatch.setattr("shoal.search.protocol.messages._SHARE", 50)
+    monkeypatch.setattr("shoal.search.protocol.messages.SHARE", 50)
     receiver, sender = Receiver(KEY, robots=3, cells=9), Sender(1, KEY)
     messages = [sender.messages(Beacon(1, ()), 1000)[0] for _ in range(60)]
     opened = 0

@@ -9,6 +9,7 @@ from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering import SteeringProblem, open_workspace, region
 from shoal.steering.contact.world import make_world
 from shoal.steering.driving import SteeringDriveError, follow, steer_rig
+from shoal.steering.estimation import FrictionEstimate
 
 pytest.importorskip("pymunk")
 
@@ -93,17 +94,56 @@ def test_particles_that_change_places_in_the_picture_or_have_ghosts_are_followed
 
 
 def test_particles_that_meet_keep_the_order_of_the_rig():
-    """By their distances alone, they were exchanged, and the drive said that it had arrived."""
-    start, goal = SteeringProblem("hexagon").endpoints(8)
-    problem = SteeringProblem("hexagon", start, goal, friction_at_least=9.0, max_moves=300)
-    about = PlantProperties.of("exact", **ERRORS, friction=10.0)
-    plant = SteeringPlant(problem.place, start, about, np.random.default_rng([8, 1]))
-    result = steer_rig(problem, plant, seed=8)
+    """Where nothing tells them apart, the drive says so."""
+    start = [(0.3, 0.3), (0.303, 0.3)]
+    problem = SteeringProblem("square", start, np.array(start) + 0.3, friction_at_least=1.0)
+    plant = plant_of(problem, friction=1.0, own_gain=0.0)
+    result = steer_rig(problem, plant)
     assert result
     assert "so near to each other" in result.reason
-    assert (
-        np.linalg.norm(plant.points - result.goal, axis=1).max() <= 1.05 * result.problem.tolerance
-    )
+    away = np.linalg.norm(plant.points - result.goal, axis=1).max()
+    assert away <= result.problem.tolerance
+
+
+def test_one_look_that_errs_ends_no_drive():
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=1.0, max_moves=5)
+    plant = plant_of(problem, friction=1.0)
+    rig, looks = Bare(plant), []
+
+    def look():
+        looks.append(plant.moves)
+        return np.array(GOAL) if len(looks) == 4 else plant.look()
+
+    rig.look = look
+    result = steer_rig(problem, rig)
+    assert result.moves > 1
+    away = np.linalg.norm(plant.points - result.goal, axis=1).max()
+    assert not result or away <= result.problem.tolerance
+
+
+def test_looks_that_are_all_the_same_do_not_show_a_camera_without_errors():
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=1.0)
+    plant = plant_of(problem, friction=1.0, camera_error=0.0)
+    problem = problem.replaced(max_moves=1)
+    assert steer_rig(problem, plant).estimates["look_error"] == pytest.approx(2e-4)
+
+
+def test_many_presses_near_the_limit_arrive():
+    """On a disk, the goals are far apart, and one wrong press brings the particles together."""
+    start, goal = SteeringProblem("disk").endpoints(2)
+    problem = SteeringProblem("disk", start, goal, friction_at_least=9.0, max_moves=300)
+    about = PlantProperties.of("exact", **ERRORS, friction=10.0)
+    plant = SteeringPlant(problem.place, start, about, np.random.default_rng([2, 1]))
+    result = steer_rig(problem, plant, seed=2)
+    assert result, result.reason
+    assert np.linalg.norm(plant.points - result.goal, axis=1).max() <= result.problem.tolerance
+
+
+def test_the_friction_that_is_stated_is_mostly_believed():
+    stated = FrictionEstimate(2.0)
+    assert stated.least(2.0) == pytest.approx(0.95)
+    assert (stated.quantile(0.1), stated.slips) == (2.0, False)
+    assert FrictionEstimate(np.inf, 0.5).least(1e8) == pytest.approx(0.5)
 
 
 def test_a_field_that_is_off_is_an_alarm():

@@ -259,3 +259,15 @@ def test_the_public_path_over_a_circle_obeys_the_law_of_reflection():
         shortest_reflected_path((0, 0), (1, 1))
     with pytest.raises(InvalidInputError, match="radius"):
         shortest_reflected_path((0, 0), (0, 0), 0)
+
+
+@pytest.mark.parametrize(
+    ("number", "bound"),
+    # lower bounds of `certify` after 6 s
+    [(29, 0.609919), (98, 0.478450)],
+)
+def test_corners_of_thin_triangles_are_used(number, bound):
+    rng = np.random.default_rng([0, number, 3])
+    thin = polygon([(0, 0), (1, 0), (rng.uniform(0, 1), rng.uniform(0.03, 0.2))])
+    episode = steer(SteeringProblem(thin), seed=int(rng.integers(1 << 30)))
+    assert bound <= episode.length < 1.001 * bound

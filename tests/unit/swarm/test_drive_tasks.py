@@ -183,7 +183,7 @@ def test_a_mapping_with_a_known_map_needs_fewer_moves_under_noise():
     [
         ({"task": "coverage"}, "known: expected a known map for the task coverage, got none"),
         ({"known": VESSEL}, r"known: expected a map of shape \(7, 9\)"),
-        ({"known": MAZE, "target": ((0, 99),)}, "target: cells"),
+        ({"known": MAZE, "target": ((0, 99),)}, "target: expected cells"),
         ({"known": MAZE, "task": "target"}, "target: expected cells together with the task"),
         ({"known": MAZE, "task": "mapping", "target": ((6, 8),)}, "expected the task target"),
         ({"exact": True, "slip": 0.1}, "exact: expected a rig without error rates"),

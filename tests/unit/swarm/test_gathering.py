@@ -217,7 +217,7 @@ def test_maps_without_a_table_of_pairs_are_gathered_too():
         ),
         ({"region": [(0, 0)], "rule": "block"}, "region: expected at least 4 of its cells"),
         ({"region": [(1, 1)]}, "region: expected free cells of"),
-        ({"region": [(9, 9)]}, "region: cells: expected cells inside"),
+        ({"region": [(9, 9)]}, "region: expected cells inside"),
         ({"policy": "closest-frontier"}, "policy closest-frontier: expected a task other than"),
         ({"policy": "offline"}, "policy offline: expected a task other than gathering"),
         (

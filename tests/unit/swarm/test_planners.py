@@ -370,7 +370,7 @@ def test_optimal_mappings():
         ),
         (
             lambda: lower_bound(open_map("line:4"), [(0, 0)], task="sweep"),
-            "task: expected mapping or coverage",
+            "task: expected mapping, coverage",
         ),
         (
             lambda: lower_bound(open_map("line:4"), [(0, 0)], targets=np.ones((2, 2), bool)),

@@ -110,6 +110,18 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
             ("not seen", area_text(seen.uncovered_m2)),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]
+        deviating = result.with_errors
+        if deviating is not None and flown is not None:
+            rows.append(
+                (
+                    "with errors",
+                    (
+                        f"{100 * deviating.covered_fraction:.6g} % seen, {deviating.outside_m:.6g} m outside,"
+                        f" if positions are wrong by up to {flown.position_error or 0:g} m and corners"
+                        f" are cut at {flown.acceptance_radius or 0:g} m"
+                    ),
+                )
+            )
     separation = result.options.kept_apart
     if separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)

@@ -92,8 +92,8 @@ def search(
             "--out",
             metavar="FOLDER",
             help=(
-                "Folder for region.png, timeline.png, the episode and summary.json; with --compare,"
-                " for comparison.png and summary.json."
+                "Folder for region.png, timeline.png, the episode, summary.json and visits.csv (the"
+                " first search of each cell); with --compare, for comparison.png and summary.json."
             ),
         ),
     ] = None,

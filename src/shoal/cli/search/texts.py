@@ -40,6 +40,7 @@ def print_search(
         *layers_rows(result["layers"]),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", times_text(result)),
+        *prior_rows(result),
         (
             "covered",
             (
@@ -101,6 +102,31 @@ def times_text(result: dict[str, Any]) -> str:
     how = " in the simulation" if result["simulated"] else ""
     bound = f", and no plan takes less than {least}" if result["lower_bound_s"] >= 1 else ""
     return f"{made}{how}; planned {planned}{bound}"
+
+
+def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the row of a summary that tells of the prior, or none without a prior.
+
+    Examples
+    --------
+    >>> prior = {"inside": 0.9, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
+    >>> prior_rows({"prior": prior, "expected_find_s": 300.0})
+    [('target', 'found after 0:05:00 on average, if it is in the region (90 % by the prior)')]
+    """
+    from shoal.search.episode import duration_text
+
+    if result["prior"] is None:
+        return []
+    if result["expected_find_s"] is None:
+        return [("target", "cannot be found: nobody searched where it may be")]
+    prior = result["prior"]
+    sure = prior["success"] > 1 - 1e-9
+    detected = "" if sure else f" with a probability of {100 * prior['success']:.3g} %,"
+    told = (
+        f"found{detected} after {duration_text(result['expected_find_s'])} on average, if it is in"
+        f" the region ({100 * prior['inside']:.3g} % by the prior)"
+    )
+    return [("target", told)]
 
 
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:

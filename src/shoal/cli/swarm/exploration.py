@@ -411,7 +411,8 @@ def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
         cells = episode.final()[0].cells
         if episode.targets is not None:
             inside, room = int(episode.targets[tuple(cells.T)].sum()), int(episode.targets.sum())
-            return ("gathered", f"{inside} of {len(cells)} particles, in a region of {room} cells")
+            size = "1 cell" if room == 1 else f"{room} cells"
+            return ("gathered", f"{inside} of {len(cells)} particles, in a region of {size}")
         places = {tuple(cell) for cell in cells.tolist()}
         where = f"1 cell, {min(places)}" if len(places) == 1 else f"{len(places)} cells"
         return ("gathered", f"{len(cells)} particles in {where}")

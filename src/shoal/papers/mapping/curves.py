@@ -392,11 +392,11 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f" errata. {capital(_note_of(settings))}."
     )
     labels = Labels(
-        "Mapping, coverage, subset coverage",
+        "Mapping, coverage and subset coverage",
         "particles",
         "mean moves",
-        "published",
-        _note_of(settings),
+        "published, subset coverage",
+        f"{_note_of(settings)}; means of 0 are left out",
     )
     figure = mean_curves([_positive(curve) for curve in curves], labels)
     return Outcome(
@@ -425,7 +425,11 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     known = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
     curves = [
         curve_of(
-            name, rows, "particles", published=known if name == "uniform" else None, placement=name
+            name.replace("-", " "),
+            rows,
+            "particles",
+            published=known if name == "uniform" else None,
+            placement=name,
         )
         for name in PLACEMENTS
     ]
@@ -454,8 +458,8 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         "Mapping from three placements",
         "particles",
         "mean moves",
-        "published",
-        f"{_note_of(settings)}; for the other two {NO_DATA}",
+        "published, uniform",
+        f"{_note_of(settings)}; no data are published for flood fill and region fill",
     )
     tables = (compared(curves), table_of("all points", rows, shown=False))
     return Outcome(

@@ -413,7 +413,8 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         "Work of closest-frontier, one particle",
         "free cells m",
         "cells looked at by all searches",
-        note="bands: least and most of the trials; the paper has no figure of it",
+        note="the paper has no figure of it",
+        band="least to most of the trials",
     )
     return Outcome(
         mean_curves(curves, labels, log_x=True),

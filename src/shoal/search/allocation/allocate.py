@@ -15,6 +15,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.search.allocation.costs import Floats, TourCost
+from shoal.search.allocation.likely import likely_first
 from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
 from shoal.search.cells.footprint import check_widths
 from shoal.search.kernels import shares
@@ -591,8 +592,11 @@ def _shared(
     share = configured(ALLOCATORS, allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
     try:
-        for robot, work in zip(order, share(tour_cost, team), strict=True):
-            arcs[robot] = tuple(arc for arc in work if arc.count > 0)
+        shared = [[arc for arc in work if arc.count > 0] for work in share(tour_cost, team)]
+        if tour_cost.odds is not None and tour_cost.at_most:
+            shared = _likely_first(tour_cost, team, shared)
+        for robot, work in zip(order, shared, strict=True):
+            arcs[robot] = tuple(work)
     except (Exception, SystemExit) as error:
         if ":" not in allocator:
             raise
@@ -601,6 +605,26 @@ def _shared(
             f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {what}"
         ) from error
     return tuple(arcs)
+
+
+def _likely_first(tour_cost: TourCost, team: Team, shared: list[list[Arc]]) -> list[list[Arc]]:
+    """Return the work of all robots in an order in which they search likely cells early.
+
+    The longest time of a robot may become `TourCost.at_most` times as long.
+    """
+    ready = max(
+        work_time(tour_cost, work, place, int(start) if len(team.far) else None) / power
+        for work, place, start, power in zip(
+            shared, team.places, team.starts, _powers(team), strict=True
+        )
+    )
+    ordered = likely_first(
+        tour_cost,
+        team,
+        [[(arc.first, arc.count, arc.step) for arc in work] for work in shared],
+        tour_cost.at_most * ready * team.rates,
+    )
+    return [[Arc(*run) for run in runs] for runs in ordered]
 
 
 def _team(

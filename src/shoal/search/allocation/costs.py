@@ -60,6 +60,15 @@ class TourCost:
     reckoned : bool
         Whether the allocators use the lengths of paths around walls. If false, the allocators use
         straight distances.
+    odds : array_like of float64, shape (N,), optional
+        Probability that the single target of the search is in each cell. With probabilities,
+        robots search likely cells early; see `shoal.search.allocation.likely`.
+    at_most : float
+        Longest time of the search with probabilities, divided by its time without; with 0, the
+        probabilities change no order.
+    break_cost : float
+        What it costs in cells to leave the tour for a cell elsewhere, beyond the way there and one
+        turn, where robots choose their order by probabilities.
     """
 
     tour: Tour
@@ -71,6 +80,9 @@ class TourCost:
     turns: Floats = None  # type: ignore[assignment]  # settled below
     reckoned: bool = False
     least: float = 0.0
+    odds: Floats | None = None
+    at_most: float = 1.25
+    break_cost: float = 0.0
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
@@ -146,6 +158,14 @@ class TourCost:
         float64, shape (4 N + 1,).
         """
         return partial_sums(np.tile(self.costs, 4))
+
+    @cached_property
+    def odds_ahead(self) -> Floats:
+        """Sum of the probabilities of the first k cells of two rounds of the tour, for k from 0 to
+        2 N; float64, shape (2 N + 1,).
+        """
+        assert self.odds is not None
+        return partial_sums(np.tile(self.odds, 2))
 
     @cached_property
     def arrays(self) -> TourArrays:

@@ -80,6 +80,14 @@ class Lattice:
             [self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1
         )
 
+    def cells_at(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the row and the column of the cell at each point of the lattice's frame; int64,
+        shapes (n,). Beside the lattice, they lie outside its shape.
+        """
+        cols = np.floor((points[..., 0] - self.left) / self.size).astype(np.int64)
+        rows = np.floor((self.top - points[..., 1]) / self.size).astype(np.int64)
+        return rows, cols
+
 
 def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     """Rotate points about the origin, by an angle in degrees counter-clockwise; float64, shape

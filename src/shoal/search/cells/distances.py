@@ -20,6 +20,7 @@ from shoal.search.tours.masks import array_to_bits, bits_to_array, bitset_of
 
 _KEPT = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
+_SHORTEST = 1e-9  # cell sides: length of a path between parts that touch
 
 
 class Distances(Protocol):
@@ -170,7 +171,7 @@ class CellDistances:
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
-            self._links[cell, other] = self._links[other, cell] = float(steps[cell])
+            self._links[cell, other] = self._links[other, cell] = float(steps[cell]) or _SHORTEST
         self._remember()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -201,7 +202,8 @@ class CellDistances:
         """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as
         tour indices.
 
-        The result contains ``cell`` but not ``here``. If no path exists, the result is empty.
+        Of several shortest paths it is the one that, seen from its end, comes from the cell with
+        the lowest number. The result contains ``cell`` but not ``here``. If no path exists, the result is empty.
         """
         came = self._found(here, closed)[1]
         way: list[int] = []
@@ -242,11 +244,16 @@ class CellDistances:
         return self._parts(closed & ~(1 << cell))[cell]
 
     def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """Return the distances from a cell to all cells, and the cell before each cell, or -1."""
         from scipy.sparse.csgraph import dijkstra
 
-        return tuple(
-            dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True)
-        )
+        graph = self._graph(closed & ~(1 << here))
+        away = np.asarray(dijkstra(graph, indices=here))
+        cells, before = np.repeat(np.arange(self._n), np.diff(graph.indptr)), graph.indices
+        come = (away[before] + graph.data == away[cells]) & (away[cells] < np.inf)
+        came = np.full(self._n, -1, dtype=np.int32)
+        came[cells[come][::-1]] = before[come][::-1]  # the lowest of several comes last
+        return away, came
 
     def _components(self, closed: int) -> list[int]:
         labels = self._labels(closed)
@@ -273,7 +280,7 @@ class CellDistances:
         links = [
             (*ends, away)
             for ends, away in self._links.items()
-            if not any(closed >> end & 1 for end in ends)
+            if ends[0] < ends[1] and not any(closed >> end & 1 for end in ends)
         ]
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))
@@ -283,7 +290,28 @@ class CellDistances:
             np.concatenate([one, other]).astype(np.int32),
             np.concatenate([other, one]).astype(np.int32),
         )
-        return coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
+        graph = coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
+        graph.sort_indices()
+        return graph
+
+    def steps(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """Return all steps between cells: the first step of each cell and one more, shape (N + 1,);
+        of each step, the other cell, the length, and the two cells that must be open, too, or -1.
+        """
+        graph = self._graph(0)
+        firsts = np.repeat(np.arange(self._n), np.diff(graph.indptr)).tolist()
+        beside = [
+            self.beside(one, other) or (-1, -1)
+            for one, other in zip(firsts, graph.indices.tolist(), strict=True)
+        ]
+        return (
+            graph.indptr.astype(np.int64),
+            graph.indices.astype(np.int64),
+            graph.data.astype(np.float64),
+            np.array(beside, dtype=np.int64).reshape(-1, 2),
+        )
 
 
 class RegionDistances:

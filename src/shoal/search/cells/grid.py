@@ -176,9 +176,7 @@ class CellGrid:
         ndarray of int64, shape (n, 2)
         """
         array = check_plane_points(points, what="points")
-        there = self.lattice.from_region(array)
-        cols = np.floor((there[:, 0] - self.lattice.left) / self.size).astype(np.int64)
-        rows = np.floor((self.lattice.top - there[:, 1]) / self.size).astype(np.int64)
+        rows, cols = self.lattice.cells_at(self.lattice.from_region(array))
         found = np.stack(
             [np.clip(rows, 0, self.shape[0] - 1), np.clip(cols, 0, self.shape[1] - 1)], axis=1
         )
@@ -304,21 +302,45 @@ def cells_of(
     free = rotated_shape(region.free, -angle) if region.restricted else None
     lattice = lattice_over(area, step, angle, offset)
     clipped = with_centers_free(clip_to_cells(area, lattice), lattice, free)
-    portals = portals_of(clipped, lattice)
-    mask = clipped.whole.copy()
-    mask[clipped.rows, clipped.cols] = True
-    if not mask.any():
+    if not clipped.whole.any() and not len(clipped.pieces):
         raise InvalidInputError(
             f"region {region.name!r}: expected an area above the rounding error in cells of"
             f" {step:g} m, got {region.area_m2:g} m2"
         )
-    own = _own_pieces(clipped)
     centers = lattice.centers(clipped.rows, clipped.cols)
     points, index = viewpoints_of(clipped.pieces, centers, footprint=side, size=step, free=free)
+    return grid_of_pieces(
+        region, side, lattice, clipped, portals_of(clipped, lattice), points, index
+    )
+
+
+def grid_of_pieces(
+    region: SearchRegion,
+    footprint: float,
+    lattice: Lattice,
+    clipped: Clipped,
+    portals: Portals,
+    points: Points,
+    index: NDArray[np.int64],
+) -> CellGrid:
+    """Return the grid of a region that is divided into pieces. The arguments ``points`` and
+    ``index`` are what `viewpoints_of` returns for the pieces.
+    """
+    mask = clipped.whole.copy()
+    mask[clipped.rows, clipped.cols] = True
+    own = _own_pieces(clipped)
     adopted = _adopted(clipped, portals, own)
     viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
     return CellGrid(
-        region, side, mask, lattice, clipped, portals, lattice.to_region(viewpoints), starts, own
+        region,
+        footprint,
+        mask,
+        lattice,
+        clipped,
+        portals,
+        lattice.to_region(viewpoints),
+        starts,
+        own,
     )
 
 

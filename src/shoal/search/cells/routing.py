@@ -125,12 +125,12 @@ class PortalGraph:
 
         clipped, lattice = self.grid.clipped, self.grid.lattice
         there = lattice.from_region(point)
-        col, row = (there - [lattice.left, lattice.top]) * [1, -1] / lattice.size
+        row, col = (int(one[0]) for one in lattice.cells_at(there[None]))
         # pieces are sorted by row and column
-        low = np.searchsorted(clipped.rows, row - 2)
+        low = np.searchsorted(clipped.rows, row - 1)
         high = np.searchsorted(clipped.rows, row + 1, side="right")
-        near = low + np.flatnonzero(np.abs(clipped.cols[low:high] + 0.5 - col) <= 1.5)
-        r, c = np.clip([int(row), int(col)], 0, np.array(lattice.shape) - 1)
+        near = low + np.flatnonzero(np.abs(clipped.cols[low:high] - col) <= 1)
+        r, c = np.clip([row, col], 0, np.array(lattice.shape) - 1)
         if clipped.whole[r, c]:
             return int(np.searchsorted(self._numbers, self._n + r * lattice.shape[1] + c))
         numbers = near if len(near) else np.arange(self._n)

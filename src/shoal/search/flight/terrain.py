@@ -348,8 +348,8 @@ _AT_ONCE = 2**20  # characters of text that are read at once
 _SANE = 20_000.0  # metres: no point on Earth is higher or deeper
 
 
-def open_terrain(path: str | os.PathLike[str]) -> Terrain:
-    """Return the terrain heights in a file.
+def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
+    """Return the numbers of a grid in a file.
 
     Parameters
     ----------
@@ -358,6 +358,8 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
         ESRI ASCII grid (``.asc``). A file with the same name and the suffix ``.prj`` gives the
         coordinate reference system of an ESRI ASCII grid. Without a ``.prj`` file, coordinates are
         longitude and latitude for a region on Earth, and metres for any other region.
+    what : str
+        What the numbers are, in error messages.
 
     Raises
     ------
@@ -369,19 +371,32 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
     reader = readers.get(source.suffix.lower())
     if reader is None:
         raise InvalidInputError(
-            f"{source}: expected heights in a file .tif or .asc, got the suffix {source.suffix!r}"
+            f"{source}: expected {what} in a file .tif or .asc, got the suffix {source.suffix!r}"
         )
-    check_file(source, what="file of heights", most=LARGEST_TERRAIN)
+    check_file(source, what=f"file of {what}", most=LARGEST_TERRAIN)
     terrain = reader(source)
     if min(terrain.heights.shape) < 2:
         rows, columns = terrain.heights.shape
         raise InvalidInputError(
-            f"{source}: expected at least 2 rows and 2 columns of heights, got {rows} and {columns}"
+            f"{source}: expected at least 2 rows and 2 columns of {what}, got {rows} and {columns}"
         )
     if not np.isfinite(terrain.heights).any():
         raise InvalidInputError(
-            f"{source}: expected heights, got a grid in which all heights are missing"
+            f"{source}: expected {what}, got a grid in which all numbers are missing"
         )
+    return terrain
+
+
+def open_terrain(path: str | os.PathLike[str]) -> Terrain:
+    """Return the terrain heights in a file, as `open_grid` reads it.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is missing, damaged or not supported, or if a height is impossible.
+    """
+    source = Path(path)
+    terrain = open_grid(source, what="heights")
     if np.nanmax(np.abs(terrain.heights)) > _SANE:
         worst = float(terrain.heights.ravel()[np.nanargmax(np.abs(terrain.heights))])
         raise InvalidInputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from math import atan, cos, degrees, inf, radians, sin, tan
+from math import atan, cos, degrees, hypot, inf, radians, sin, tan
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -305,6 +305,13 @@ class Vehicle(Problem):
         acceptance radius together.
         """
         return float(self.position_error or 0.0) + float(self.acceptance_radius or 0.0)
+
+    @property
+    def cross_track(self) -> float:
+        """Distance in metres from its path at which the vehicle usually stays: the root of the sum of
+        the squares of its position error and its acceptance radius, at which it cuts corners.
+        """
+        return hypot(self.position_error or 0.0, self.acceptance_radius or 0.0)
 
     @property
     def height(self) -> float:

@@ -19,8 +19,9 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.clipping import rotated
+from shoal.search.cells.clipping import lattice_over, rotated, rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.lanes import LineLattice, cells_along
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -30,8 +31,9 @@ from shoal.search.cells.layers import (
     with_climb_cost,
 )
 from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.cells.windows import along_tour
-from shoal.search.flight.timing import turn_shares
+from shoal.search.flight.timing import turn_shares, turns_of
 from shoal.search.planning.choosing import one_by_one
 from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
@@ -174,6 +176,9 @@ _STEP = 10.0  # degrees between compared angles, besides the angles of the outli
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
+_ROUGH = 12  # number of orientations, the best estimated ones, for which rough tours are made
+_ROUGH_DISTURBANCES = 20
+_ROUGH_CELLS = 1_500  # in larger regions, no rough tours are made
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
@@ -299,7 +304,9 @@ def _through(
             same = replace(other, tour=cell_tour)
             vars(same)["route"] = other.route
             return same
-    if tour in _STRAIGHT and not stepwise:  # long rows have few bends at their ends
+    if (
+        tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
+    ):  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
@@ -388,6 +395,7 @@ def best_grid_tour(
     turn_cost: float,
     reach: float = 0.0,
     angle: float | None = None,
+    line: NDArray[np.float64] | None = None,
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
@@ -397,8 +405,9 @@ def best_grid_tour(
     angles and shifts of the rows.
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
-    number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions or along borders of many corners for fewer pairs.
+    number and the lengths of the rows. In regions of up to 1,500 cells, it makes rough tours for the
+    twelve pairs with the lowest estimated cost. It computes complete tours only for the four best
+    pairs, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -414,6 +423,8 @@ def best_grid_tour(
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
+    line : ndarray of float64, shape (k, 2), optional
+        Line in metres that the rows follow, in place of an angle.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
     known : dict, optional
@@ -424,19 +435,24 @@ def best_grid_tour(
     # cells on the border take longer than cells inside, and a corner makes a cell of the border
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
     tried = max(1, min(_TRIED, int(_WORK / work)))
+    if line is not None:
+        angle = 0.0
     known = {} if known is None else known
     if "orientations" not in known:
-        known["orientations"] = (
-            [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-        )
+        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        if angle is None and work <= _ROUGH_CELLS:
+            found = _ranked_by_tours(region.area, size, tours, turn_cost, found, tried)
+        known["orientations"] = found
     orientations = known["orientations"]
     priced = []
     choices = list(product(orientations[:tried], tours))
     with one_by_one(choices, "tours") as each:
         for (direction, offset), tour in each:
             if (direction, offset) not in known:
-                known[direction, offset] = cells_of(
-                    region, size, angle=direction, offset=(0.0, offset)
+                known[direction, offset] = (
+                    cells_of(region, size, angle=direction, offset=(0.0, offset))
+                    if line is None
+                    else cells_along(region, size, line)
                 )
             if (direction, offset, tour) not in known:
                 candidate = _through(
@@ -471,6 +487,54 @@ def best_grid_tour(
     chosen: GridTour = replace(best, compared=tuple(chosen_among))
     vars(chosen)["route"] = best.route  # known already
     return chosen
+
+
+def _ranked_by_tours(
+    area: Any,
+    size: float,
+    tours: Sequence[str],
+    turn: float,
+    orientations: list[tuple[float, float]],
+    count: int,
+) -> list[tuple[float, float]]:
+    """Return ``count`` orientations to plan in full: the best estimated one, and those of the next
+    ones with the best rough tours, from centre to centre of the cells.
+
+    The number and the length of rows do not tell how far it is from one arm of a region to another.
+    """
+    import shapely
+
+    makers = [_STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _STRAIGHT]
+    if not makers or count < 2:
+        return orientations
+    simple = shapely.simplify(area, size / 4)
+    if not simple.is_valid or simple.is_empty:
+        return orientations
+    costs = []
+    for angle, shift in orientations[:_ROUGH]:
+        flat = rotated_shape(simple, -angle)
+        lattice = lattice_over(flat, size, angle, (0.0, shift))
+        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
+        shapely.prepare(flat)
+        # less than a fiftieth of a cell is not worth a row
+        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+        if not mask.any():
+            return orientations
+        costs.append(
+            (
+                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
+                angle,
+                shift,
+            )
+        )
+    ranked = [(angle, shift) for _, angle, shift in sorted(costs)]
+    return list(dict.fromkeys([orientations[0], *ranked]))[:count]
+
+
+def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
+    cells = make_tour(maker, mask).cells
+    way = np.concatenate([cells, cells[:2]]).astype(np.float64)
+    return float(leg_lengths(way[:-1]).sum()) + turn * float(turns_of(way).sum())
 
 
 def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[float]:

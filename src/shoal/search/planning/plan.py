@@ -18,12 +18,13 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
 from shoal.core.notices import tell_once
-from shoal.search.allocation.allocate import Allocation, Arc, in_passes, numbers_of
+from shoal.search.allocation.allocate import Allocation, Arc, allocate, in_passes, numbers_of
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.lanes import LineLattice
 from shoal.search.cells.layers import (
     Grid,
     LayeredDistances,
@@ -62,7 +63,7 @@ from shoal.search.planning.orientation import (
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.regions.coverage import Image, check_footprints, coverage_check
+from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import TOUCH, SearchRegion
@@ -186,6 +187,10 @@ class SearchPlan:
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
+    prior_inside : float
+        Probability that the target of a prior is in the area of the region.
+    plain_seconds : float, optional
+        Planned time in seconds without the prior, or None without a prior.
     alternatives : tuple of SearchPlan
         The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
@@ -209,6 +214,8 @@ class SearchPlan:
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
+    prior_inside: float = 1.0
+    plain_seconds: float | None = None
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
@@ -231,6 +238,15 @@ class SearchPlan:
         `Tour.row_angle`.
         """
         return self.tour.row_angle(self.grid.angle, 0)
+
+    @property
+    def facing(self) -> float | str:
+        """Angle of the footprints' sides in degrees, or `TURNING` along a line."""
+        return (
+            TURNING
+            if isinstance(self.grid, CellGrid) and isinstance(self.grid.lattice, LineLattice)
+            else self.grid.angle
+        )
 
     @property
     def cell_seconds(self) -> float:
@@ -672,10 +688,65 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         if not isinstance(plan.refusal, NoRoomError):
             if share < 1:
                 tell_once(narrower_margin_text(margin, region.margin))
-            return _said(plan)
+            return _said(_with_prior(plan, problem))
         first = plan if first is None else first
     assert first is not None
-    return _said(first)
+    return _said(_with_prior(first, problem))
+
+
+_TRIES = 6
+_DEARER = 0.2
+
+
+def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan in which robots search the cells early that are likely by the prior of the
+    problem, along the same tour.
+
+    The planned time is at most `SearchProblem.at_most` times as long. Where a robot leaves the tour,
+    vehicles need more time for their turns than the cost in cells tells: what they need more is
+    then counted for each such break of the tour.
+    """
+    prior = problem.open_prior()
+    if prior is None:
+        return plan
+    odds, inside = prior.odds(plan.grid, plan.tour)
+    cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
+    plain = plan.planned_seconds
+    kept = replace(
+        plan, tour_cost=cost, prior_inside=inside, plain_seconds=plain, alternatives=(), flown={}
+    )
+    limit, price = problem.at_most, 0.0
+    for _ in range(_TRIES):
+        cost = replace(cost, at_most=limit, break_cost=price)
+        trial = _allocated(replace(kept, tour_cost=cost), plan.allocation, problem)
+        seconds = trial.planned_seconds
+        if seconds <= limit * plain * (1 + 1e-9) and (
+            trial.refusal is None or plan.refusal is not None
+        ):
+            return trial
+        # what the time by cells leaves out, for each break of the tour
+        beyond = seconds / plain - trial.allocation.makespan / plan.allocation.makespan
+        breaks = max(len(work) for work in trial.allocation.work)
+        price += max(beyond * plan.allocation.makespan / breaks, _DEARER * (price + 1.0))
+    return kept
+
+
+def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> SearchPlan:
+    """Return a plan whose allocation follows its own tour cost, by the rule of another one."""
+    middles = plan.tour_cost.points[plan.starts]
+    allocation = allocate(
+        plan.tour_cost,
+        plan.starts,
+        allocator=like.allocator,
+        rates=plan.rates,
+        places=middles,
+        widths=plan.widths,
+    )
+    shared = _in_passes(
+        plan.tour_cost, allocation, plan.starts, plan.rates, plan.widths, problem.multiplicity
+    )
+    plan = replace(plan, allocation=shared)
+    return replace(plan, allocation=replace(shared, times=shared.times + _late(plan)))
 
 
 def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
@@ -689,7 +760,8 @@ def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
     shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
     side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
     flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
-    others = [(True, shares[-1])] if problem.chosen_angle is None and flown else []
+    turns = problem.chosen_angle is None and problem.along is None
+    others = [(True, shares[-1])] if turns and flown else []
     return [*((False, share) for share in shares), *others]
 
 
@@ -962,16 +1034,7 @@ def _team_plans(
     plans = []
     flown: dict[Any, Durations] = {}
     for allocation, _ in compared:
-        shared = allocation
-        if problem.multiplicity > 1:
-            team = zip(
-                range(1, robots + 1),
-                numbers.tolist(),
-                speeds.tolist(),
-                widths.tolist(),
-                strict=True,
-            )
-            shared = in_passes(tour_cost, allocation, tuple(team), middles, problem.multiplicity)
+        shared = _in_passes(tour_cost, allocation, numbers, speeds, widths, problem.multiplicity)
         plan = SearchPlan(
             grid,
             tour_cost,
@@ -992,6 +1055,22 @@ def _team_plans(
         )
         plans.append(replace(plan, allocation=replace(shared, times=shared.times + _late(plan))))
     return plans
+
+
+def _in_passes(
+    tour_cost: TourCost,
+    allocation: Allocation,
+    starts: NDArray[np.int64],
+    rates: NDArray[np.float64],
+    widths: NDArray[np.int64],
+    multiplicity: int,
+) -> Allocation:
+    """Return an allocation in which so many different robots search each cell."""
+    if multiplicity == 1:
+        return allocation
+    numbers = range(1, len(starts) + 1)
+    team = zip(numbers, starts.tolist(), rates.tolist(), widths.tolist(), strict=True)
+    return in_passes(tour_cost, allocation, tuple(team), tour_cost.points[starts], multiplicity)
 
 
 def _late(plan: SearchPlan) -> NDArray[np.float64]:
@@ -1040,6 +1119,7 @@ def _grid_tour(
         tours,
         reach=turn_cost * sizes[0],
         angle=problem.chosen_angle,
+        line=problem.line,
         known=known,
         **options,
     )

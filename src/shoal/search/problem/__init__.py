@@ -15,6 +15,7 @@ import numpy as np
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.core.problem import Problem, option
 from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.problem.fields import (
@@ -36,12 +37,13 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.problem.network import Fault, check_faults, fault_text
+from shoal.search.problem.prior import Prior, check_priors, open_prior
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import places_of, read_points, seen_along
+from shoal.search.regions.places import line_of, places_of, read_points, seen_along
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -58,6 +60,9 @@ planner chooses the angle of the rows.
 
 TURN_PRICES = {"time": 0.85, "rows": 3.0}
 """What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
+
+CENTRE = "centre"
+"""What ``along`` is for the middle of a long region."""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
@@ -120,6 +125,7 @@ class SearchProblem(Problem):
         "status",
         "cells",
         "makespan",
+        "expected_find",
         "share",
         "planned",
         "lower_bound",
@@ -162,6 +168,19 @@ class SearchProblem(Problem):
         ),
         least=0,
         most=0.95,
+    )
+    cross_track: float | None = option(
+        None,
+        help=(
+            "Reserve for errors of positions and cut corners: distance from their paths at which"
+            " robots still see the whole region. Where footprints do not overlap as much already,"
+            " rows are narrower by twice this distance. Default: with missions, the root of the sum"
+            " of the squares of the vehicle's position error and acceptance radius, but at most a"
+            " quarter of the footprint; otherwise 0."
+        ),
+        unit="m",
+        least=0,
+        metavar="METRES",
     )
     bands: tuple[float, ...] | None = option(
         None,
@@ -268,6 +287,17 @@ class SearchProblem(Problem):
         metavar="DEGREES|auto",
         parse=parse_angle,
         check=check_angle,
+    )
+    along: str | tuple[tuple[float, float], ...] | None = option(
+        None,
+        help=(
+            "Line that the rows follow, such as a road, a river or a power line, in place of --angle:"
+            " a GeoJSON, GPX, WKT or CSV file, a text LINESTRING (x y, ...), or centre, for the"
+            " middle of a long region. Where the region is at most as wide as the footprint, there"
+            " is one row. Footprints turn with the robots."
+        ),
+        metavar="FILE|WKT|centre",
+        check=check_places("along", "a line or centre"),
     )
     no_go: tuple[Any, ...] = option(
         (),
@@ -406,10 +436,40 @@ class SearchProblem(Problem):
     )
     targets: Any = option(
         0,
-        help="Targets that robots must find: a number of random cells, or a CSV file of points.",
+        help=(
+            "Targets that robots must find: a number of random cells (by --prior, if it is given), or"
+            " a CSV file of points."
+        ),
         metavar="N|FILE",
         parse=parse_count_or_path,
         check=check_places("targets", "a file", count=True),
+    )
+    prior: tuple[Any, ...] = option(
+        (),
+        help=(
+            "Where a target is how likely: a file of numbers (.npy over the bounding box of the"
+            " region, row 0 in the north, .tif or .asc), a .geojson file of polygons with a property"
+            " probability or of points with spread_m, or ring:X,Y:SHARE=METRES,... around a last"
+            " known point (the option can be repeated; 2*FILE gives a part twice the weight). Robots"
+            " search likely cells early, and still search everything."
+        ),
+        metavar="FILE|RING",
+        repeated=True,
+        parse=list,
+        check=check_priors,
+    )
+    elsewhere: float = option(
+        0.0,
+        help="With --prior: probability that is the same everywhere in the region.",
+        least=0,
+        below=1,
+    )
+    at_most: float = option(
+        1.25,
+        help=(
+            "With --prior: longest time of the plan, divided by the time of the plan without a prior."
+        ),
+        least=1,
     )
     detection: float = option(
         1.0,
@@ -494,15 +554,28 @@ class SearchProblem(Problem):
                 "prefer: expected plans to choose between (a tour of rows or auto, the angle auto, or"
                 f" a vehicle), got the tour {self.tour} at {self.angle:g} degrees"
             )
+        if self.along is not None:
+            self._check_along()
         if self.launch is not None and "starts" in self.given:
             raise InvalidInputError(
                 "starts: expected no starts together with launch points, got"
                 f" {shortened(self.starts)}"
             )
-        if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
+        if "detection" in self.given and not self.given & {"targets", "false_alarm", "prior"}:
             raise InvalidInputError(
-                "detection: expected targets, which robots detect, got none and a detection of"
+                "detection: expected targets or a prior of one, which robots detect, got none and a"
+                " detection of"
                 f" {self.detection:g}"
+            )
+        for name in ("elsewhere", "at_most"):
+            if name in self.given and not self.prior:
+                raise InvalidInputError(
+                    f"{name}: expected a prior together with it, got {getattr(self, name):g} alone"
+                )
+        if self.prior and (self.passes > 1 or len(self.bands or ()) > 1):
+            raise InvalidInputError(
+                "prior: expected one pass at one altitude, because a search of the same ground"
+                " again finds nothing new, got several"
             )
         if self.crashes > self.robots:
             raise InvalidInputError(
@@ -531,6 +604,29 @@ class SearchProblem(Problem):
                     "live: expected only crashes and slow robots as faults, got other faults"
                 )
 
+    def _check_along(self) -> None:
+        """Refuse what contradicts rows along a line."""
+        if self.angle is not None:
+            raise InvalidInputError(
+                f"along: expected no angle together with a line, got {shortened(self.angle)}"
+            )
+        if self.passes > 1 or len(self.bands or ()) > 1 or self._volume:
+            raise InvalidInputError(
+                "along: expected one altitude and one pass, got"
+                f" {'a volume' if self._volume else f'{self.passes} passes' if self.passes > 1 else f'{len(self.bands or ())} bands'}"
+            )
+
+    @property
+    def line(self) -> Any:
+        """The line that rows follow, in metres; float64, shape (k, 2); or None."""
+        if self.along is None:
+            return None
+        if self.along == CENTRE:
+            from shoal.search.cells.lanes import center_line
+
+            return center_line(self.place, float(np.min(self.chosen_footprint)))
+        return line_of(self.along, self.place, what="along")
+
     @property
     def chosen_angle(self) -> float | None:
         """Angle of the rows of cells in degrees, or None if the planner chooses the angle (by
@@ -546,7 +642,7 @@ class SearchProblem(Problem):
         """
         if self.tour != AUTO:
             return (self.tour,)
-        if self.passes > 1:
+        if self.passes > 1 or self.along is not None:
             return AUTO_TOURS[:1]
         compares = turn_cost or self.chosen_angle is None or self.prefer or self.vehicle is not None
         if not compares:
@@ -632,11 +728,24 @@ class SearchProblem(Problem):
         return self._row_distance(self.vehicle_at(altitude))
 
     def _row_distance(self, vehicle: Vehicle) -> float | tuple[float, ...]:
-        """Return the side of the footprint less its overlap, in metres: one, or one for each robot."""
+        """Return the distance of rows in metres, one or one for each robot: the side of the footprint
+        less its overlap, or less twice the reserve if that is more.
+        """
+        side: Any
         if self.footprint is None and vehicle.image_size is not None:
-            return vehicle.row_spacing or FOOTPRINT  # without the overlap already
-        side = self.footprint or vehicle.row_spacing or FOOTPRINT
-        narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+            side = vehicle.image_size[0]
+            narrower = np.asarray(vehicle.row_spacing)  # without the overlap already
+        else:
+            side = self.footprint or vehicle.row_spacing or FOOTPRINT
+            narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
+        if self.cross_track:
+            reserved = np.asarray(side) - 2 * self.cross_track
+            if (reserved <= 0).any():
+                raise InvalidInputError(
+                    "cross_track: expected less than half of the footprint,"
+                    f" {float(np.min(side)) / 2:.4g} m, got {self.cross_track:g}"
+                )
+            narrower = np.minimum(narrower, reserved)
         return tuple(narrower.tolist()) if narrower.ndim else float(narrower)
 
     @property
@@ -649,9 +758,34 @@ class SearchProblem(Problem):
     @property
     def image(self) -> Image | None:
         """The image of the vehicle's camera, or None without a camera, or with a given
-        footprint.
+        footprint. Along a line, a footprint is an image too: it turns with its robot.
         """
-        return image_of(self.chosen_vehicle) if self.footprint is None else None
+        vehicle = self.chosen_vehicle
+        image = image_of(vehicle) if self.footprint is None else None
+        if image is not None and vehicle.row_spacing:
+            image = image.scaled(vehicle.row_spacing / float(np.min(self.chosen_footprint)))
+        return Image(1.0, 1.0) if image is None and self.along is not None else image
+
+    @property
+    def view(self) -> float | tuple[float, ...]:
+        """Side of what a robot sees from the lowest altitude, in metres, without a reserve: with a
+        camera, the distance of its rows, of which `image` is a multiple.
+        """
+        return self.footprint or self.chosen_vehicle.row_spacing or FOOTPRINT
+
+    @property
+    def default_cross_track(self) -> float:
+        """The reserve of rows in missions, in metres; see the field ``cross_track``."""
+        vehicle = self.chosen_vehicle
+        size = vehicle.image_size
+        side = size[0] if self.footprint is None and size is not None else self.view
+        wanted, most = vehicle.cross_track, float(np.min(side)) / 4
+        if wanted > most:
+            tell_once(
+                f"cross_track: {most:.3g} m in place of {wanted:.3g} m, because robots see only"
+                f" {4 * most:.4g} m: with larger errors of their positions, gaps between rows remain"
+            )
+        return round(min(wanted, most), 3)
 
     @property
     def stepwise(self) -> bool:
@@ -659,6 +793,10 @@ class SearchProblem(Problem):
         unknown obstacles.
         """
         return self.obstacles not in (0, ())
+
+    def open_prior(self) -> Prior | None:
+        """Open the prior of the problem, or return None for a problem without a prior."""
+        return open_prior(self.prior, self.elsewhere, self.place) if self.prior else None
 
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
@@ -701,7 +839,8 @@ class SearchProblem(Problem):
         return with_default_margin(
             region,
             wanted,
-            footprint=float(np.min(self._row_distance(vehicle))),
+            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            least=(vehicle.position_error or 0.0) + ROUNDED,
             inner=inner,
             outer=outer,
             divided=self.transit,
@@ -740,7 +879,16 @@ class SearchProblem(Problem):
             kept += ("searched", "footprint", "vehicle")
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
-            kept += ("vehicle", "footprint", "overlap", "robots", "starts", "launch", "land")
+            kept += (
+                "vehicle",
+                "footprint",
+                "overlap",
+                "cross_track",
+                "robots",
+                "starts",
+                "launch",
+                "land",
+            )
         return self.canonical(
             without=("kind", *(name for name in self.declarations() if name not in kept))
         )

@@ -12,7 +12,7 @@ from zlib import crc32
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.footprint import WIDEST
-from shoal.search.kernels.protocol.numbers import LAG_UNIT
+from shoal.search.kernels.protocol.numbers import FULL_PIECE, LAG_UNIT, REMEMBERED, SHARE
 from shoal.search.tours.masks import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]
@@ -136,9 +136,6 @@ def _encoded_heartbeat(heartbeat: Heartbeat) -> bytes:
     return body + _numbers(heartbeat.width) if heartbeat.width > 1 else body
 
 
-_PIECE = 32  # maximum bytes of intervals in a byte string, which must fit into the shortest message
-
-
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
     """Yield short byte strings that together encode a set of intervals. Each byte string begins
     with the bytes ``head``.
@@ -148,7 +145,7 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
     """
     body, count, end = bytearray(), 0, 0
     for first, length in found:
-        if len(body) > _PIECE - 10:
+        if len(body) > FULL_PIECE:
             yield head + _numbers(count) + bytes(body)
             body, count, end = bytearray(), 0, 0
         body += _numbers(first - end, length)
@@ -273,8 +270,6 @@ class _Reader:
 VERSION = 2
 _HEAD = 9  # bytes: version, sender (2), stamp (6)
 _SIGNATURE, _CHECKSUM = 8, 4  # bytes
-_SHARE = 1000  # maximum number of messages per sender and second
-_REMEMBERED = 64  # number of stamps that a receiver remembers for each sender
 
 
 def _seal(key: bytes, message: bytes) -> bytes:
@@ -286,6 +281,11 @@ def _seal(key: bytes, message: bytes) -> bytes:
         if key
         else crc32(message).to_bytes(_CHECKSUM, "little")
     )
+
+
+def longest_body(most: int, *, signed: bool) -> int:
+    """Return the maximum length of a message's body in bytes."""
+    return most - _HEAD - (_SIGNATURE if signed else _CHECKSUM)
 
 
 class RefusedMessageError(InvalidInputError):
@@ -323,7 +323,7 @@ class Sender:
         """Return the messages that transmit a beacon. ``clock`` is the present time of the sender's
         clock in milliseconds.
         """
-        longest = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
+        longest = longest_body(self._most, signed=bool(self._key))
         return [self._message(body, clock) for body in encode_beacon(beacon, longest)]
 
     def _message(self, body: bytes, clock: int) -> bytes:
@@ -419,9 +419,9 @@ class Receiver:
         second, count = self._counts.get(sender, (-1, 0))
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count
-        if count > _SHARE:
+        if count > SHARE:
             raise RefusedMessageError(
-                f"message: expected at most {_SHARE} messages per second of robot {sender}, got"
+                f"message: expected at most {SHARE} messages per second of robot {sender}, got"
                 " more",
                 "too many",
             )
@@ -429,6 +429,6 @@ class Receiver:
     def _remember(self, sender: int, stamp: int) -> None:
         stamps = self._stamps.setdefault(sender, set())
         stamps.add(stamp)
-        if len(stamps) > _REMEMBERED:
+        if len(stamps) > REMEMBERED:
             self._forgotten[sender] = min(stamps)
             stamps.remove(self._forgotten[sender])

@@ -18,6 +18,9 @@ from shoal.search.regions.outline import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 _FEW = 128  # maximum number of rectangles near a block; a block with more of them is divided
+TURNING = "turning"
+"""In place of the angle of footprints: they turn with their vehicles."""
+
 _GRID = TOUCH / 10  # metres
 # a block is divided only if it is larger than this fraction of a footprint; footprints mostly cover
 # smaller blocks

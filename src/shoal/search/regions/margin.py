@@ -25,6 +25,7 @@ _COARSE = 0.02
 _SHARES = 1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01
 # share of a region that a default margin may leave unseen: half of what the mission check tolerates
 _MOST_UNSEEN = 5e-4
+_MOST_LOST = 0.01  # the same for the margin that keeps vehicles out of no-go zones
 _EARTH = 6_371_000.0  # metres: radius of the Earth
 _SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
@@ -115,6 +116,7 @@ def with_default_margin(
     wanted: float,
     *,
     footprint: float,
+    least: float = 0.0,
     inner: Any = None,
     outer: Any = None,
     divided: bool = False,
@@ -134,6 +136,10 @@ def with_default_margin(
         Margin in metres.
     footprint : float
         Side in metres of the smallest square that a robot sees.
+    least : float
+        Margin in metres with which vehicles stay out of no-go zones in spite of their errors. In a
+        region with such zones, no smaller margin is chosen only to see more of the region, unless
+        more than 1 % would be lost.
     inner : ndarray of float64, shape (k, 2), optional
         Points at which robots must be inside the margin.
     outer : ndarray of float64, shape (k, 2), optional
@@ -164,8 +170,11 @@ def with_default_margin(
     shape: dict[str, Any] = (
         {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
     )
-    for share in _SHARES:
-        margin = round(share * wanted, 3)
+    tried = [(round(share * wanted, 3), _MOST_UNSEEN) for share in _SHARES]
+    if not region.no_go.is_empty and 0 < least < wanted:
+        smaller = [k for k, (margin, _) in enumerate(tried) if margin < least]
+        tried.insert(smaller[0] if smaller else len(tried), (round(least, 3), _MOST_LOST))
+    for margin, unseen in tried:
         if margin <= 0 or margin > min(near):
             reason = (
                 reason or "a start, launch or landing point is nearer to a border or a no-go zone"
@@ -174,7 +183,7 @@ def with_default_margin(
         free = polygons_in(outline.buffer(-margin, **shape))
         if free.is_empty or (_divides(outline, free) and not divided):
             reason = reason or "the wider margin would divide the region"
-        elif outline.difference(free.buffer(footprint / 2)).area > _MOST_UNSEEN * outline.area:
+        elif outline.difference(free.buffer(footprint / 2)).area > unseen * outline.area:
             reason = reason or "parts of the region could not be seen with the wider margin"
         else:
             break

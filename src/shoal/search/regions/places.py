@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.geodata import read_positions
+from shoal.search.regions.formats.kml import read_gpx_line
 from shoal.search.regions.formats.tables import read_vertices
 from shoal.search.regions.outline import (
+    LARGEST_FILE,
     Points,
     check_plane_points,
     text_of,
@@ -99,6 +102,59 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
             f"{path}: expected {count} {what}, one per robot, got {len(points)}"
         )
     return points
+
+
+def line_of(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
+    """Return the vertices of a line in metres, such as the middle of a road; float64, shape (k, 2).
+
+    Parameters
+    ----------
+    value : str or array_like of float, shape (k, 2)
+        Points in metres, a text ``LINESTRING (x y, ...)``, or the path of a file: GeoJSON with one
+        line, GPX with one track or route, a WKT or a CSV file. Texts and files of WKT are in
+        degrees for a region on Earth, and in metres for any other region.
+    region : SearchRegion
+        The region whose local frame the result uses.
+    what : str
+        Name of the line in error messages.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> line_of("LINESTRING (0 5, 20 5)", open_region("square:20"), what="along").tolist()
+    [[0.0, 5.0], [20.0, 5.0]]
+    """
+    if not isinstance(value, str):
+        points = check_plane_points(value, what=what)
+    elif value.lstrip().upper().startswith("LINESTRING"):
+        points = _in_metres(_wkt_line(value, what), region, what, degrees=None)
+    else:
+        path = Path(value)
+        kind = path.suffix.lower()
+        if kind == ".wkt":
+            text = read_text(path, what=f"file of {what}", most=LARGEST_FILE)
+            points = _in_metres(_wkt_line(text, value), region, value, degrees=None)
+        elif kind == ".gpx":
+            points = _in_metres(read_gpx_line(path), region, value, degrees=True)
+        else:
+            points = _read(path, region, what)[0]
+    if len(points) < 2 or not np.ptp(points, axis=0).any():
+        raise InvalidInputError(f"{what}: expected a line of two points or more, got {len(points)}")
+    return points
+
+
+def _wkt_line(text: str, where: str) -> Points:
+    import shapely
+
+    try:
+        line = shapely.from_wkt(text.strip())
+    except (shapely.errors.GEOSException, TypeError) as error:
+        raise InvalidInputError(
+            f"{where}: expected a LINESTRING, got no geometry: {error}"
+        ) from None
+    if line.geom_type != "LineString" or line.is_empty:
+        raise InvalidInputError(f"{where}: expected a LINESTRING, got a {line.geom_type}")
+    return check_plane_points(shapely.get_coordinates(line), what=where)
 
 
 _SIMPLER = (

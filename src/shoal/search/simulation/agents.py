@@ -34,8 +34,7 @@ class SearchBatch:
     Parameters
     ----------
     problem : SearchProblem
-        A problem that compiled code simulates: without obstacles, with one footprint, and without
-        signed, divided, replayed or forged messages.
+        A problem without obstacles, with one footprint.
     worlds : int
         Number of worlds.
     directions : array_like of int, shape (D, 3)
@@ -67,11 +66,10 @@ class SearchBatch:
         self.problem, self.plan = problem, plan_search(problem)
         self.tour, self.max_steps = self.plan.tour, max_steps
         scenario = scenario_of(problem, self.plan, 0)
-        if not can_compile(scenario):
+        if not can_compile(scenario) or scenario.brief.tour_cost.stepwise:
             raise InvalidInputError(
-                "search: expected footprints of one cell, no obstacles, and messages without key,"
-                " packet, replays and forgeries in many worlds at once, got another problem, which"
-                " shoal.envs.search_v0 simulates"
+                "search: expected footprints of one cell and no obstacles in many worlds at once,"
+                " got another problem, which shoal.envs.search_v0 simulates"
             )
         self._searches = CompiledSearches([scenario] * worlds, ordered=True)
         position, cells = self.tour.position, self.tour.cells
@@ -97,6 +95,14 @@ class SearchBatch:
             np.ones((worlds, m), dtype=np.uint8),
         )
         self.choices = 1 + (beside.shape[1] or n)
+        self._views = agents.Views(
+            np.zeros((worlds, m, PLANES, position.size), dtype=np.uint8),
+            np.zeros((worlds, m, (n + 63) // 64), dtype=np.uint64),
+            np.zeros((worlds, m), dtype=np.int64),
+            np.zeros((worlds, m)),
+            np.zeros((worlds, m, m), dtype=np.float32),
+            np.zeros((worlds, m, self.choices), dtype=np.int8),
+        )
         self.seeds = np.zeros(worlds, dtype=np.int64)
         self.terminated = np.zeros(worlds, dtype=np.bool_)
         self.truncated = np.zeros(worlds, dtype=np.bool_)
@@ -168,6 +174,10 @@ class SearchBatch:
         state.steps[chosen], state.scored[chosen], state.left[chosen] = 0, 0, n
         state.new[chosen], state.present[chosen] = 0, 1
         self.terminated[chosen] = self.truncated[chosen] = False
+        views = self._views
+        views.planes[chosen], views.shown[chosen] = 0, 0
+        views.planes[np.ix_(chosen, np.arange(self.problem.robots), [0], self._lattice.flat)] = 1
+        agents.look(self._lattice, self._searches.worlds, state, views, chosen, self._length)
 
     def _scenario(self, seed: int) -> Scenario:
         """Return the scenario of ``shoal.run(problem, seed=seed)``."""
@@ -194,6 +204,7 @@ class SearchBatch:
                 self._lattice,
                 searches.worlds,
                 self._agents,
+                self._views,
                 chosen,
                 actions,
                 self._length,
@@ -211,35 +222,27 @@ class SearchBatch:
 
     def masks(self, where: NDArray[np.bool_] | None = None) -> NDArray[np.int8]:
         """Return which actions the robots can take; int8, shape (worlds, robots, choices)."""
-        chosen = self.chosen(where)
-        masks = np.zeros((len(chosen), self.problem.robots, self.choices), dtype=np.int8)
-        agents.write_masks(
-            self._lattice, self._searches.worlds, self._agents, chosen, self._length, masks
-        )
-        return masks
+        return self._seen(self._views.masks, where)
+
+    def _seen(self, values: NDArray[Any], where: NDArray[np.bool_] | None) -> NDArray[Any]:
+        """Return a copy of the values of the selected worlds."""
+        return values.copy() if where is None else values[where]
 
     def observed(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
         """Return what the robots of the selected worlds know, by name: for each world and robot the
         entries of an observation of `shoal.envs.search_v0`.
         """
-        chosen, w = self.chosen(where), self._searches.worlds
-        k, m, shape = len(chosen), self.problem.robots, self.tour.position.shape
-        planes = np.zeros((k, m, PLANES, self.tour.position.size), dtype=np.uint8)
-        planes[:, :, 0, self._lattice.flat] = 1
-        agents.write_planes(self._lattice, w, chosen, planes)
-        heard, told = np.zeros((k, m, m), dtype=np.float32), np.zeros((k, m, m), dtype=np.int64)
-        agents.write_news(w, self._agents, chosen, self._length, heard, told)
-        robots = w.robots[chosen]
-        full = self._searches.rules.energy
-        left = np.ones((k, m)) if full == inf else robots["left"] / full
-        steps = np.repeat(self._agents.steps[chosen], m).reshape(k, m, 1)
+        views, m = self._views, self.problem.robots
+        planes, cells = self._seen(views.planes, where), self._seen(views.cells, where)
+        full, steps = self._searches.rules.energy, self._seen(self._agents.steps, where)
+        left = np.ones(cells.shape) if full == inf else self._seen(views.left, where) / full
         return {
-            "planes": planes.reshape(k, m, PLANES, *shape),
-            "position": self.tour.cells[robots["cell"]].astype(np.int64),
-            "heard": heard,
-            "told": told,
+            "planes": planes.reshape(len(cells), m, PLANES, *self.tour.position.shape),
+            "position": self.tour.cells[cells].astype(np.int64),
+            "heard": self._seen(views.heard, where),
+            "told": self._seen(self._searches.worlds.told, where),
             "energy": left[..., None].astype(np.float32).clip(0, 1),
-            "time": steps,
+            "time": np.repeat(steps, m).reshape(-1, m, 1),
         }
 
     def codes(self, world: int) -> NDArray[np.int64]:

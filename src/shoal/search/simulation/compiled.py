@@ -1,9 +1,7 @@
 """Simulation of searches in compiled code: many worlds of one tour at once, equal to `SearchWorld`
 event by event.
 
-Compiled code simulates regions without unknown obstacles, footprints of one cell, and messages that
-need not be bytes: without signatures, a maximum length, or replayed and forged messages. `SearchWorld`
-simulates all other scenarios.
+Compiled code simulates footprints of one cell. `SearchWorld` simulates wide footprints.
 """
 
 from __future__ import annotations
@@ -17,8 +15,16 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import partition
+from shoal.search.cells.distances import CellDistances
 from shoal.search.kernels.protocol import events
-from shoal.search.kernels.protocol.numbers import LINGER, MOST_RELAYED, RELAYED, REPEATED
+from shoal.search.kernels.protocol.numbers import (
+    LINGER,
+    MOST_RELAYED,
+    RECORDED,
+    RELAYED,
+    REMEMBERED,
+    REPEATED,
+)
 from shoal.search.kernels.protocol.worlds import (
     A_LAUNCH,
     A_LENGTH,
@@ -32,6 +38,7 @@ from shoal.search.kernels.protocol.worlds import (
     RANDOM,
     ROBOT,
     RUN,
+    SEEN,
     WAITING,
     Partitions,
     Rules,
@@ -46,24 +53,51 @@ from shoal.search.problem.network import (
     Slow,
     WrongPosition,
 )
+from shoal.search.protocol.messages import LONGEST, longest_body
 from shoal.search.simulation.scenario import Scenario
 
 STATES = ("listening", "searching", "waiting", "complete", "paused", "dead")
-_MEDIA = ("loss", "bursts", "range", "partition", "delay", "duplicates", "corruption")
+_MEDIA = (
+    "loss",
+    "bursts",
+    "range",
+    "partition",
+    "delay",
+    "duplicates",
+    "corruption",
+    "replays",
+    "forgeries",
+)
+_LATE = {"delay", "duplicates", "replays"}  # models that let messages come late, or again
+_SETS, _ROWS = 64, 1 << 21  # sets of obstacles, and distances around them, that are kept
 _MIX, _WORD = 0x9E3779B97F4A7C15, (1 << 64) - 1
+_NONE = (
+    "aim",
+    "partition",
+    "own",
+    "searching",
+    "going",
+    "aimed",
+    "order",
+    "shown",
+    "stamp",
+    "shut",
+)
+_SLOTS = (  # arrays with an entry for each message
+    *("messages", "free", "parts", "receivers", "beats", "lags", "word", "bits"),
+    *("finding_word", "finding_bits", "closing_word", "closing_bits"),
+)
 _DRAWN = 1 << 12  # random numbers drawn at once
 _EVENTS = 1 << 62
 
 
 def can_compile(scenario: Scenario) -> bool:
     """Return whether compiled code can simulate a scenario."""
-    media = {medium.kind for medium in scenario.network.media}
+    cost = scenario.brief.tour_cost
     return (
-        not scenario.brief.tour_cost.stepwise
-        and set(scenario.widths) == {1}
-        and not scenario.signed
-        and scenario.packet == 0
-        and media <= set(_MEDIA)
+        set(scenario.widths) == {1}
+        and (not cost.stepwise or isinstance(cost.distances, CellDistances))
+        and {medium.kind for medium in scenario.network.media} <= set(_MEDIA)
     )
 
 
@@ -84,7 +118,12 @@ class SearchOutcome:
     sent, lost, takeovers : int
         As in `shoal.search.simulation.trace.SearchTrace`.
     covered_at : float
-        Time at which honest robots had searched all cells.
+        Time at which honest robots had searched all cells that robots can reach.
+    detours : tuple of tuple of tuple of int
+        For each search of each robot, the cells that it passed on its way; empty unless robots move
+        from cell to cell.
+    obstructed : tuple of tuple of (float, int)
+        Times and cells of the obstacles that each robot met.
     """
 
     cells: tuple[NDArray[np.int64], ...]
@@ -96,6 +135,8 @@ class SearchOutcome:
     lost: int
     takeovers: int
     covered_at: float
+    detours: tuple[tuple[tuple[int, ...], ...], ...] = ()
+    obstructed: tuple[tuple[tuple[float, int], ...], ...] = ()
 
 
 class CompiledSearches:
@@ -105,7 +146,7 @@ class CompiledSearches:
     ----------
     scenarios : sequence of Scenario
         Scenarios that `can_compile` accepts. They differ only in their starts, rates, faults,
-        targets and seeds.
+        targets, obstacles and seeds.
     ordered : bool
         Whether somebody else tells the robots where to go (`order`), in place of the protocol.
         Robots then start without listening, and do not divide the tour.
@@ -129,9 +170,16 @@ class CompiledSearches:
 
     def _rules(self) -> None:
         brief, media = self.brief, self.scenario.network.media
-        copies = 2 ** sum(medium.kind == "duplicates" for medium in media)
-        draws = sum(copies if medium.kind != "bursts" else 1 for medium in media)
-        draws += copies * sum(medium.kind == "duplicates" for medium in media)
+        copies, draws = 1, 0
+        for medium in media:  # most copies of a message, and random numbers for it
+            draws += 2 * copies
+            if medium.kind == "duplicates":
+                copies *= 2
+            elif medium.kind in ("replays", "forgeries"):
+                copies += 1
+        draws += copies
+        scenario, kinds = self.scenario, {medium.kind for medium in media}
+        whole = not (scenario.signed or scenario.packet or "replays" in kinds)
         numbers = np.zeros((len(media), 2))
         for k, medium in enumerate(media):
             numbers[k, : len(medium.numbers)] = medium.numbers
@@ -148,6 +196,9 @@ class CompiledSearches:
             float(self.scenario.false_alarm),
             draws * self.m + 4,
             copies,
+            0 if whole else longest_body(scenario.packet or LONGEST, signed=scenario.signed),
+            int(bool(kinds & _LATE)),
+            RECORDED if "replays" in kinds else 0,
             np.array([_MEDIA.index(medium.kind) for medium in media], dtype=np.int64),
             numbers,
         )
@@ -161,8 +212,10 @@ class CompiledSearches:
             int(self.brief.ways_out is not None),
             cost.ahead,
             np.ascontiguousarray(cost.points),
+            np.zeros(0) if cost.odds is None else cost.odds_ahead,
             np.full(16, -1, dtype=np.int64),
             np.zeros(16),
+            *self._steps(),
         )
         self._paths = 0
         nothing = np.zeros(0, dtype=np.int64)
@@ -171,12 +224,38 @@ class CompiledSearches:
         )
         self._divisions: dict[Any, int] = {}
 
+    def _steps(self) -> list[Any]:
+        """Return the table of steps between cells, which is empty if robots go straight."""
+        cost, n = self.brief.tour_cost, self.n
+        distances = cost.distances
+        stepwise = isinstance(distances, CellDistances)
+        none = np.zeros(0, dtype=np.int64)
+        edges = distances.steps() if stepwise else (none, none, none * 0.0, none.reshape(0, 2))
+        sets, rows = (_SETS, max(_ROWS // n, 2)) if stepwise else (1, 0)
+        rows = min(rows, sets * n)
+        room = len(edges[1]) + n + 2 if stepwise else 0
+        return [
+            int(stepwise),
+            *edges,
+            np.ascontiguousarray(cost.steps, dtype=np.float64),
+            np.zeros(4, dtype=np.int64),
+            np.zeros(sets, dtype=np.uint64),
+            np.zeros((sets, (n + 63) // 64), dtype=np.uint64),
+            np.zeros((sets if stepwise else 0, n), dtype=np.int32),
+            np.zeros((rows, n)),
+            np.full(1 << (2 * rows + 1).bit_length(), -1, dtype=np.int64),
+            np.zeros(1 << (2 * rows + 1).bit_length(), dtype=np.int32),
+            np.zeros(room),
+            np.zeros(room, dtype=np.int64),
+        ]
+
     def _worlds(self) -> None:
         b, m, n = self.count, self.m, self.n
         words, media = (n + 63) // 64, len(self.rules.media)
         bursts = "bursts" in {medium.kind for medium in self.scenario.network.media}
         relayed = min(m, 1 + max(RELAYED, min((m + 3) // 4, MOST_RELAYED)))
-        facts, findings = words + m, 1
+        facts, findings, ways = words + m, 1, self.tour.stepwise
+        split, late = self.rules.longest > 0, self.rules.longest > 0 and self.rules.remembered
         self.worlds = Worlds(
             control=np.zeros(b, dtype=CONTROL),
             robots=np.zeros((b, m), dtype=ROBOT),
@@ -188,6 +267,10 @@ class CompiledSearches:
             own=np.zeros((b, m, words), dtype=np.uint64),
             avoided=np.zeros((b, m, words), dtype=np.uint64),
             claims=np.zeros((b, m, n if self.rules.multiplicity > 1 else 0), dtype=np.int32),
+            goal=np.zeros((b, words), dtype=np.uint64),
+            blocked=np.zeros((b, words), dtype=np.uint64),
+            passed=np.zeros((b, m, words if ways else 0), dtype=np.uint64),
+            path=np.zeros((b, m, n + 4 if ways else 0), dtype=np.int64),
             covered=np.zeros((b, n), dtype=np.int32),
             occupied=np.zeros((b, n), dtype=np.int32),
             owner=np.zeros((b, facts), dtype=np.int32),
@@ -199,11 +282,17 @@ class CompiledSearches:
             span=np.zeros((b, facts, 2), dtype=np.int32),
             after=np.zeros((b, 64 * facts), dtype=np.int32),
             linked=np.zeros((b, facts, 2), dtype=np.uint64),
+            ahead=np.zeros((b, 64 * facts), dtype=np.int32),
+            told=np.zeros((b, m, m), dtype=np.int64),
             begun=np.zeros((b, 64), dtype=np.int64),
             finder=np.zeros((b, 64 * findings), dtype=np.int32),
             place=np.zeros((b, 64 * findings), dtype=np.int32),
             reported=np.zeros((b, m, findings), dtype=np.uint64),
             reported_before=np.zeros((b, m, REPEATED, findings), dtype=np.uint64),
+            closer=np.zeros((b, 64), dtype=np.int32),
+            shut=np.zeros((b, 64), dtype=np.int32),
+            closed=np.zeros((b, m, 1), dtype=np.uint64),
+            closed_before=np.zeros((b, m, REPEATED, 1), dtype=np.uint64),
             times=np.zeros((b, 8 * m + 16)),
             posts=np.zeros((b, 8 * m + 16), dtype=np.int64),
             events=np.zeros((b, 8 * m + 16, 3), dtype=np.int64),
@@ -217,17 +306,35 @@ class CompiledSearches:
             bits=np.zeros((b, m + 4, facts), dtype=np.uint64),
             finding_word=np.zeros((b, m + 4, findings), dtype=np.int32),
             finding_bits=np.zeros((b, m + 4, findings), dtype=np.uint64),
+            closing_word=np.zeros((b, m + 4, 1), dtype=np.int32),
+            closing_bits=np.zeros((b, m + 4, 1), dtype=np.uint64),
+            parts=np.zeros((b, m + 4), dtype=np.int32),
+            records=np.zeros((b, self.rules.recorded), dtype=np.int32),
+            seen=np.zeros((b, m, m if split else 0), dtype=SEEN),
+            stamps=np.zeros((b, m, m if late else 0, REMEMBERED), dtype=np.int64),
             bad=np.zeros((b, media, m, m) if bursts else (b, media, 0, 0), dtype=np.uint8),
             delays=np.zeros((b, self.rules.copies)),
             damaged=np.zeros((b, self.rules.copies), dtype=np.uint8),
+            origin=np.zeros((b, self.rules.copies), dtype=np.uint8),
             random=np.zeros((b, self.rules.draws + _DRAWN)),
             visits=np.zeros((b, 64, 3), dtype=np.int64),
             visited=np.zeros((b, 64)),
             states=np.zeros((b, 8 * m + 16, 2), dtype=np.int64),
             stated=np.zeros((b, 8 * m + 16)),
+            passes=np.zeros((b, 2 * n + 64 if ways else 1, 2), dtype=np.int64),
+            stops=np.zeros((b, 4, 2), dtype=np.int64),
+            stopped=np.zeros((b, 4)),
             wanted=np.zeros((b, words), dtype=np.uint64),
             left=np.zeros((b, words), dtype=np.uint64),
             settled=np.zeros((b, words), dtype=np.uint64),
+            reach=np.zeros((b, words), dtype=np.uint64),
+            anyone=np.zeros((b, words), dtype=np.uint64),
+            members=np.zeros((b, n + m + 1), dtype=np.int64),
+            ids=np.zeros((b, n + m + 1), dtype=np.int64),
+            chain=np.zeros((b, facts), dtype=np.int64),
+            section=np.zeros((b, facts), dtype=np.uint64),
+            gathered=np.zeros((b, 64 * facts), dtype=np.int32),
+            row=np.zeros((b, n)),
             offered=np.zeros((b, m), dtype=np.int64),
             others=np.zeros((b, m), dtype=np.int64),
             telling=np.zeros((b, m), dtype=np.int64),
@@ -238,12 +345,14 @@ class CompiledSearches:
     def begin(self, world: int, scenario: Scenario) -> None:
         """Begin a scenario in a world."""
         w, m = self.worlds, self.m
-        for name, array in w._asdict().items():
-            if name not in ("random", "cells", "finder", "place", "word", "bits"):
-                array[world] = np.zeros((), dtype=array.dtype)
+        for array in w:
+            array[world] = np.zeros((), dtype=array.dtype)
         w.counts[world], w.head[world] = -1, -1
         control, robots = w.control[world], w.robots[world]
-        control.pending, control.uncovered, control.covered_at = -1, self.n, inf
+        control.pending, control.covered_at = -1, inf
+        goal = scenario.goal
+        control.uncovered = goal.bit_count()
+        w.goal[world], w.blocked[world] = _words(goal, self.n), _words(scenario.blocked, self.n)
         slots = w.free.shape[1]
         control.slots, w.free[world] = slots, np.arange(slots)[::-1]
         self._rngs[world] = np.random.default_rng(scenario.seed)
@@ -252,15 +361,17 @@ class CompiledSearches:
         robots["start"] = scenario.starts
         robots["energy"] = robots["full"] = self.brief.energy
         robots["status"] = WAITING if self.ordered else 0
-        for name in ("aim", "partition", "own", "searching", "going", "aimed", "order", "shown"):
+        for name in _NONE:  # -1 at first
             robots[name] = -1
+        w.seen["forgotten"][world] = -1
         robots["fresh"] = robots["alive"] = 1
         robots["target"], robots["lingering"] = NOWHERE, LINGER
         robots["deadline"] = robots["left"] = robots["wake"] = robots["declared"] = inf
         robots["listening"] = [self.brief.listening(number) for number in range(1, m + 1)]
         for cell in scenario.targets:
             w.targets[world, cell >> 6] |= np.uint64(1 << (cell & 63))
-        events.start(w, world, self._faults(world, scenario))
+        faults = self._faults(world, scenario)  # may replace arrays
+        events.start(self.tour, self.worlds, world, faults)
 
     def _faults(self, world: int, scenario: Scenario) -> NDArray[np.float64]:
         """Write the lasting faults of a scenario to the robots, and return the events of the
@@ -290,8 +401,7 @@ class CompiledSearches:
         for i, found in enumerate(slow):
             for k, pair in enumerate(found):
                 self.worlds.slow[world, i, k] = pair
-        if len(rows) + self.m + 4 > self.worlds.times.shape[1]:
-            self._grow(world, len(rows))
+        self._grow(world, faults=len(rows) + self.m)
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
     def run(self, world: int, until: float, *, most: int = _EVENTS) -> None:
@@ -329,7 +439,33 @@ class CompiledSearches:
             int(control.lost),
             int(control.takeovers),
             float(control.covered_at),
+            self._detours(world),
+            self._obstructed(world),
         )
+
+    def _detours(self, world: int) -> tuple[tuple[tuple[int, ...], ...], ...]:
+        """Return the cells that robots passed on the way to each search."""
+        if not self.tour.stepwise:
+            return ()
+        detours: list[list[tuple[int, ...]]] = [[] for _ in range(self.m)]
+        passing: list[list[int]] = [[] for _ in range(self.m)]
+        for i, cell in self.worlds.passes[world, : self.worlds.control[world].passes].tolist():
+            if cell >= 0:
+                passing[i].append(cell)
+            else:
+                detours[i].append(tuple(passing[i]))
+                passing[i] = []
+        return tuple(map(tuple, detours))
+
+    def _obstructed(self, world: int) -> tuple[tuple[tuple[float, int], ...], ...]:
+        """Return the times and cells of the obstacles that each robot met."""
+        met: list[list[tuple[float, int]]] = [[] for _ in range(self.m)]
+        w, count = self.worlds, self.worlds.control[world].stops
+        for (i, cell), time in zip(
+            w.stops[world, :count].tolist(), w.stopped[world, :count].tolist(), strict=True
+        ):
+            met[i].append((time, cell))
+        return tuple(map(tuple, met))
 
     def _found(self, world: int, i: int) -> dict[int, int]:
         """Return the bitset of the robots that found something in each cell, as a robot knows."""
@@ -358,10 +494,18 @@ class CompiledSearches:
         elif need == RANDOM:
             self._draw(world)
         else:
-            self._grow(world)
+            self._grow(world, path=one, parts=other)
 
     def _draw(self, world: int) -> None:
-        control, random = self.worlds.control[world], self.worlds.random[world]
+        control = self.worlds.control[world]
+        needed = int(control.need_other) * self.rules.draws
+        if needed > self.worlds.random.shape[1]:
+            before = self.worlds.random.shape[1]
+            longer = _longer(self.worlds.random, 1, needed + _DRAWN)
+            for other, rng in enumerate(self._rngs):
+                longer[other, before:] = rng.random(longer.shape[1] - before)
+            self.worlds = self.worlds._replace(random=longer)
+        random = self.worlds.random[world]
         drawn = int(control.drawn)
         left = len(random) - drawn
         random[:left] = random[drawn:]
@@ -403,52 +547,63 @@ class CompiledSearches:
             )
         robots["offer"][i], robots["offered_for"][i] = number, len(known)
 
-    def _grow(self, world: int, more: int = 0) -> None:
-        """Replace all arrays that are full in a world by arrays of twice the length."""
+    def _grow(self, world: int, *, faults: int = 0, path: int = 0, parts: int = 0) -> None:
+        """Replace all arrays that are full in a world by arrays of at least twice the length; make
+        room for so many more events, for paths of so many cells, and for so many messages at once.
+        """
         w, control = self.worlds, self.worlds.control[world]
         changes: dict[str, Any] = {}
 
-        def double(axis: int, *names: str) -> None:
+        def fit(axis: int, needed: int, *names: str) -> None:
             for name in names:
                 array = changes.get(name, getattr(w, name))
-                changes[name] = _longer(array, axis, 2 * array.shape[axis] + more)
+                if needed > array.shape[axis]:
+                    longer = max(2 * array.shape[axis], needed)
+                    changes[name] = _longer(array, axis, longer)
 
-        if control.queued + self.m * self.rules.copies + 4 + more > w.times.shape[1]:
-            double(1, "times", "posts", "events", "values")
-        if control.slots == 0:
-            double(
-                1,
-                *[
-                    "messages",
-                    "free",
-                    "receivers",
-                    "beats",
-                    "lags",
-                    "word",
-                    "bits",
-                    "finding_word",
-                    "finding_bits",
-                ],
-            )
-        if control.words + 1 > w.owner.shape[1]:
-            double(1, "owner", "cells", "next", "after", "linked", "span")
-            double(2, "known", "word", "bits")
-            double(3, "before")
-        if control.findings + 1 > w.finder.shape[1]:
-            double(1, "finder", "place")
-            double(2, "reported", "finding_word", "finding_bits")
-            double(3, "reported_before")
-        if control.visits + 1 > len(w.visited[world]):
-            double(1, "visits", "visited")
-        if control.states + 4 > len(w.stated[world]):
-            double(1, "states", "stated")
+        messages, slots = max(parts, 1), w.free.shape[1]
+        events_at_once = messages * self.m * self.rules.copies + 4 + faults
+        fit(1, int(control.queued) + events_at_once, "times", "posts", "events", "values")
+        fit(1, slots + max(messages - int(control.slots), 0), *_SLOTS)
+        words = int(control.words) + 1
+        fit(1, words, "owner", "linked", "span", "chain", "section")
+        fit(
+            1,
+            64 * len(changes.get("owner", w.owner)[world]),
+            "cells",
+            "next",
+            "after",
+            "ahead",
+            "gathered",
+        )
+        fit(2, len(changes.get("owner", w.owner)[world]), "known", "word", "bits")
+        fit(3, len(changes.get("owner", w.owner)[world]), "before")
+        findings = (int(control.findings) + 64) >> 6
+        fit(1, 64 * findings, "finder", "place")
+        fit(2, findings, "reported", "finding_word", "finding_bits")
+        fit(3, findings, "reported_before")
+        closings = (int(control.closings) + 64) >> 6
+        fit(1, 64 * closings, "closer", "shut")
+        fit(2, closings, "closed", "closing_word", "closing_bits")
+        fit(3, closings, "closed_before")
+        fit(1, int(control.visits) + 1, "visits", "visited")
+        fit(1, int(control.states) + 4, "states", "stated")
+        fit(1, int(control.stops) + 1, "stops", "stopped")
+        fit(2, path, "path")
+        ways = changes.get("path", w.path).shape[2]
+        fit(1, int(control.passes) + ways + 1, "passes")
         self.worlds = w._replace(**changes)
-        if control.slots == 0:
-            slots, there = w.free.shape[1], self.worlds.free.shape[1]
-            for other in range(self.count):
-                had = int(self.worlds.control[other].slots)
-                self.worlds.free[other, had : had + there - slots] = np.arange(slots, there)
-                self.worlds.control[other].slots = had + there - slots
+        there = self.worlds.free.shape[1]
+        for other in range(self.count if there > slots else 0):
+            had = int(self.worlds.control[other].slots)
+            self.worlds.free[other, had : had + there - slots] = np.arange(slots, there)
+            self.worlds.control[other].slots = had + there - slots
+
+
+def _words(bits: int, n: int) -> NDArray[np.uint64]:
+    """Return a bitset as words of 64 bits."""
+    words = (n + 63) // 64
+    return np.frombuffer(bits.to_bytes(8 * words, "little"), dtype="<u8").astype(np.uint64)
 
 
 def _longer(array: NDArray[Any], axis: int, length: int) -> NDArray[Any]:

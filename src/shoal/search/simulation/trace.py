@@ -325,10 +325,12 @@ def _compiled_trace(scenario: Scenario, until: float) -> SearchTrace:
             cells,
             times,
             states,
-            tuple(sorted((cell, tuple(members(bits))) for cell, bits in found.items())),
+            tuple(sorted((cell, tuple(members(bits))) for cell, bits in outcome.found[i].items())),
+            outcome.detours[i] if outcome.detours and any(outcome.detours[i]) else (),
+            outcome.obstructed[i],
         )
-        for cells, times, states, found in zip(
-            outcome.cells, outcome.times, outcome.states, outcome.found, strict=True
+        for i, (cells, times, states) in enumerate(
+            zip(outcome.cells, outcome.times, outcome.states, strict=True)
         )
     )
     covered_at = float(searched_at(scenario, logs).max())

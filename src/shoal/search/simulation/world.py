@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.kernels.protocol.numbers import LOOK, RETRY, TRIES
+from shoal.search.kernels.protocol.numbers import LOOK, RECORDED, RETRY, STAMPS_APART, TRIES
 from shoal.search.problem.network import (
     BadLinks,
     Battery,
@@ -51,8 +51,6 @@ from shoal.search.protocol.state import (
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.masks import members
 
-_RECORDED = 1000  # number of recorded messages for replay attacks
-_WINDOW = 100  # cells: maximum difference between a message's stamp and the receiver's clock
 _KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
 
 
@@ -453,7 +451,7 @@ class Air:
             "robots": len(numbers),
             "cells": len(scenario.brief.tour_cost),
             "most": most,
-            "window": 1000 * _WINDOW,
+            "window": STAMPS_APART,
         }
         self._receivers = {number: Receiver(key, **options) for number in numbers}
 
@@ -462,7 +460,7 @@ class Air:
         if not self._split:
             return [beacon]
         messages = self._senders[sender].messages(beacon, _clock(time))
-        self._recorded = (self._recorded + messages)[-_RECORDED:]
+        self._recorded = (self._recorded + messages)[-RECORDED:]
         return list(messages)
 
     def carried(
@@ -477,7 +475,7 @@ class Air:
         for copy in copies:
             come = message
             if copy.other == "replay" and self._recorded:
-                come = self._recorded[int(self._rng.integers(len(self._recorded)))]
+                come = self._recorded[int(self._rng.random() * len(self._recorded))]
             elif copy.other == "forgery":
                 come = self._forged(link)
             if copy.damaged:

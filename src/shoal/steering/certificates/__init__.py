@@ -4,23 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import count, permutations
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Verification
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
-from shoal.steering.certificates.check import check_certificate
 from shoal.steering.certificates.geodesics import geodesic_bound
+from shoal.steering.certificates.verdict import check_certificate
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex import Points
+
+if TYPE_CHECKING:
+    from shoal.steering.certificates.search import PatternTree
+    from shoal.steering.planners.task import SteeringTask
 
 KIND = "steering certificate"
 CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
+FOR_MOVES = 0.1
+"""Share of the time of a search that is left for the number of moves."""
+FOR_PLANS = 0.3
+"""Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
 _SLACK = 1e-9  # relative: what rounding errors may take from a bound
 
@@ -36,13 +47,15 @@ class Certificate:
     lower_bound : float
         No plan is shorter, in the unit of the workspace.
     proof : dict or None
-        JSON object for `check_certificate`; None if the bound has no proof tree, because the
-        workspace is neither a convex polygon nor a disk.
+        JSON object for `check_certificate`; None if the bound has no proof tree.
+    moves_lower_bound : int
+        No plan has fewer moves. The proof is part of ``proof``; without it, this is at most 1.
     """
 
     episode: SteeringEpisode
     lower_bound: float
     proof: dict[str, Any] | None
+    moves_lower_bound: int
 
     @property
     def gap(self) -> float | None:
@@ -59,18 +72,22 @@ class Certificate:
     @property
     def sentence(self) -> str:
         """One sentence about the bound and the gap."""
+        moves = ""
+        if self.moves_lower_bound > 1:
+            moves = f"; no plan has fewer than {self.moves_lower_bound} moves"
         if self.gap is None:
-            return f"no plan is shorter than {self.lower_bound:.6g}"
+            return f"no plan is shorter than {self.lower_bound:.6g}{moves}"
         proof = "" if self.proof is None else ", by a proof that was checked"
         return (
             f"at most {100 * self.gap:.3g} % longer than the shortest plan{proof}"
-            f" (lower bound {self.lower_bound:.6g})"
+            f" (lower bound {self.lower_bound:.6g}){moves}"
         )
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer --certify`` prints."""
         return self.episode.report() | {
             "lower_bound": self.lower_bound,
+            "moves_lower_bound": self.moves_lower_bound,
             "gap": self.gap,
             "certified": self.certified,
             "certificate": None,
@@ -118,62 +135,69 @@ def certify(
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
-    if not episode or not has_proof(problem):
-        least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
-        return Certificate(replace(episode, lower_bound=least), least, None)
-    from shoal.steering.certificates.relaxation import Hold, Relaxation, round_directions
-    from shoal.steering.certificates.search import Search
-
     orders: Sequence[tuple[int, ...]] = (
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
     limit = episode.length
-    searches = [
-        Search(Relaxation(place, start, goal[list(order)], problem.tolerance, limit))
-        for order in orders
-    ]
+    ends = [goal[list(order)] for order in orders]
+    away = min(float(np.abs(end - start).max()) for end in ends) > problem.tolerance
+    least_moves = int(away)
+    searches, more = (
+        _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
+    )
+    if not searches:
+        least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
+        return Certificate(replace(episode, lower_bound=least), least, None, least_moves)
     begun = told = clock()
-    while (now := clock()) - begun < seconds:
+    shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
+    for_length = seconds * shares.get(place.kind, 1.0)
+    while (now := clock()) - begun < for_length:
         search = min(searches, key=lambda one: one.lower)
         least = search.lower
-        if least * (1 + _ENOUGH) >= min(one.shortest.upper for one in searches):
+        if least * (1 + _ENOUGH) >= min(one.upper for one in searches):
             break
         search.step(clock)
         if progress is not None and now - told > 1:
             told = now
             progress(now - begun, least)
     bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
-    relaxation = searches[0].relaxation
     proof = {
         "kind": KIND,
-        **_outline(problem),
-        **({"directions": round_directions().tolist()} if place.round else {}),
-        "runs": relaxation.walls.runs,
-        "start": start.tolist(),
-        "goal": goal.tolist(),
-        "tolerance": problem.tolerance,
-        "interchangeable": problem.interchangeable,
+        **_stated(problem, start, goal),
+        **more,
         "limit": limit,
-        "unit": relaxation.scale,
+        "unit": searches[0].relaxation.scale,
         "lower_bound": bound,
         "trees": [
             {"order": [k + 1 for k in order], "proof": search.proof(bound)}
             for order, search in zip(orders, searches, strict=True)
         ],
     }
+    if place.kind == "polygon":
+        # of plans with as few moves as possible, the given one may have more
+        end = clock() + FOR_MOVES * seconds
+        least_moves, proofs = _least_moves(
+            problem, start, ends, episode.moves, lambda: clock() >= end
+        )
+        if proofs:
+            stated = [
+                {"order": [k + 1 for k in order], "proof": one}
+                for order, one in zip(orders, proofs, strict=True)
+            ]
+            proof["moves"] = {"lower_bound": least_moves, "proofs": stated}
     if not (checked := check_certificate(proof)):
         raise ShoalError(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
-    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].shortest.upper)
-    tree = search.shortest
-    if tree.best is not None and tree.upper * (1 + CERTIFIED) < limit and not place.round:
-        holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
-        walls = len(place.vertices)
-        episode = improved(
-            episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds]
-        )
-    return Certificate(replace(episode, lower_bound=bound), bound, proof)
+    order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
+    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
+    if place.kind == "polygon" and not by_moves:
+        episode = _shortened(episode, order, search.shortest)
+    if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
+        episode = improved(episode, order, search.shortest or ())
+    if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
+        episode = _planned_again(episode, orders, lambda: seconds - (clock() - begun))
+    return Certificate(replace(episode, lower_bound=bound), bound, proof, least_moves)
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
@@ -191,20 +215,90 @@ def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
 
 
 def has_proof(problem: SteeringProblem) -> bool:
-    """Return whether the bounds of a problem have proof trees."""
+    """Return whether the bounds of such problems have proof trees.
+
+    A region has none if its obstacles touch each other or the outline, or if there are too many
+    ways around them.
+    """
+    place = problem.place
     return (
-        problem.place.kind in ("polygon", "disk")
+        (
+            place.kind in ("polygon", "disk", "region")
+            or (place.kind == "prism" and not place.open_ends)
+        )
         and problem.n_particles == 2
         and not problem.particle_radius
         and problem.friction == inf
     )
 
 
-def _outline(problem: SteeringProblem) -> dict[str, Any]:
+def _searches(
+    problem: SteeringProblem, start: Points, goals: Sequence[Points], limit: float
+) -> tuple[list[Any], dict[str, Any]]:
+    """Return a search for each assignment of goals, and what else their certificate states; no
+    search if there is no proof.
+    """
+    place, tolerance = problem.place, problem.tolerance
+    if place.kind in ("polygon", "disk"):
+        from shoal.steering.certificates.relaxation import Relaxation, round_directions
+        from shoal.steering.certificates.search import Search
+
+        searches = [Search(Relaxation(place, start, goal, tolerance, limit)) for goal in goals]
+        more = {"directions": round_directions().tolist()} if place.round else {}
+        return list(searches), more | {"runs": searches[0].relaxation.walls.runs}
+    from shoal.steering.certificates.cells import cells_of_place
+    from shoal.steering.certificates.route_search import RouteSearch
+
+    cells = cells_of_place(place)
+    if cells is None or not limit:
+        return [], {}
+    found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
+    return found if all(one.possible for one in found) else [], cells.stated
+
+
+def _least_moves(
+    problem: SteeringProblem,
+    start: Points,
+    goals: Sequence[Points],
+    most: int,
+    late: Callable[[], bool],
+) -> tuple[int, list[Any]]:
+    """Return the least number of moves that is proven, at most ``most``, with the proof for each
+    assignment of goals.
+    """
+    from shoal.steering.certificates.moves import MOST_MOVES, MovePrograms, prove_more_moves
+
+    corners = problem.place.vertices
+    programs = [MovePrograms(corners, start, goal, problem.tolerance) for goal in goals]
+    least, proofs = 0, list[Any]()
+    while least < min(most, MOST_MOVES):
+        found = []
+        for one in programs:
+            proof = prove_more_moves(one, least, len(corners), late)
+            if proof is None:
+                return least, proofs
+            found.append(proof)
+        least, proofs = least + 1, found
+    return least, proofs
+
+
+def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
+    """Return the problem as a certificate states it."""
     place = problem.place
-    if place.round:
-        return {"center": place.center.tolist(), "radius": place.radius}
-    return {"corners": place.vertices.tolist()}
+    if place.kind == "disk":
+        where = {"center": place.center.tolist(), "radius": place.radius}
+    elif place.kind == "region":
+        where = {"rings": [ring.tolist() for ring in place.rings]}
+    else:
+        where = {"corners": place.vertices.tolist()}
+        where |= {"height": place.height} if place.height else {}
+    return {
+        **where,
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "tolerance": problem.tolerance,
+        "interchangeable": problem.interchangeable,
+    }
 
 
 def check_certificate_of(
@@ -216,18 +310,27 @@ def check_certificate_of(
     start, goal = problem.endpoints(seed)
     if not has_proof(problem):
         return Verification(
-            False, "certificates are for two points in convex polygons and disks, without sliding"
+            False,
+            "certificates are for two points in polygons, disks, prisms and regions, without"
+            " sliding and open ends",
         )
-    stated = _outline(problem) | {
-        "start": start.tolist(),
-        "goal": goal.tolist(),
-        "tolerance": problem.tolerance,
-        "interchangeable": problem.interchangeable,
-    }
-    for name, value in stated.items():
+    for name, value in _stated(problem, start, goal).items():
         if certificate.get(name) != value:
             return Verification(False, f"the certificate is for another problem: see {name}")
     return check_certificate(certificate)
+
+
+def _shortened(
+    episode: SteeringEpisode, order: tuple[int, ...], tree: PatternTree
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan of a tree, if this is shorter than ``episode``."""
+    if tree.best is None or tree.upper * (1 + CERTIFIED) >= episode.length:
+        return episode
+    from shoal.steering.certificates.relaxation import Hold
+
+    walls = len(episode.problem.place.vertices)
+    holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
+    return improved(episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds])
 
 
 def improved(
@@ -236,24 +339,10 @@ def improved(
     """Return an episode with a plan of the given holds, if it is shorter and as sure as the plan of
     ``episode``; else ``episode``.
     """
-    import numpy as np
-
     from shoal.steering.planners.chains import Chain, refine_chain
-    from shoal.steering.planners.task import SteeringTask, path_length, plan_chain
-    from shoal.steering.simulation import replay
+    from shoal.steering.planners.task import plan_chain
 
-    problem = episode.problem
-    start, goal = problem.endpoints(episode.seed)
-    task = SteeringTask(
-        problem.world(gain=0.0),
-        start,
-        goal[list(order)],
-        problem.tolerance,
-        problem.max_moves,
-        episode.seed,
-        clearance=problem.clearance,
-        margin=problem.clearance,
-    )
+    task = _task(episode, order, episode.seed)
     plans = []
     for first, query in task.departures():
         for repeats in (1, 2):  # a hold whose contact slides is several
@@ -264,13 +353,68 @@ def improved(
             if length < inf:
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
                 plans += plan_chain(task, first, chain, query)
+    return _with_shortest(episode, task, order, plans)
+
+
+def _planned_again(
+    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], left: Callable[[], float]
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan that the planner `Sampling` finds with other seeds
+    in the seconds that are left, if it is shorter and as sure as the plan of ``episode``.
+    """
+    from shoal.jit import working_time
+    from shoal.steering.planners.clearance import plan_with_clearance
+    from shoal.steering.planners.sampling import Sampling
+
+    for number in count(1):
+        for order in orders:
+            if (seconds := left()) <= 0:
+                return episode
+            deadline = working_time() + seconds
+            task = replace(_task(episode, order, episode.seed + number), deadline=deadline)
+            moves = plan_with_clearance(task, Sampling())
+            plans = [] if moves is None else [moves]
+            episode = _with_shortest(episode, task, order, plans)
+    raise AssertionError
+
+
+def _task(episode: SteeringEpisode, order: tuple[int, ...], seed: int) -> SteeringTask:
+    from shoal.steering.planners.task import SteeringTask
+
+    problem = episode.problem
+    start, goal = problem.endpoints(episode.seed)
+    return SteeringTask(
+        problem.world(gain=0.0),
+        start,
+        goal[list(order)],
+        problem.tolerance,
+        problem.max_moves,
+        seed,
+        clearance=problem.clearance,
+        margin=problem.clearance,
+    )
+
+
+def _with_shortest(
+    episode: SteeringEpisode, task: SteeringTask, order: tuple[int, ...], plans: Sequence[Points]
+) -> SteeringEpisode:
+    """Return an episode with the shortest of some plans that reach the goals for sure, if it is
+    shorter than that of ``episode``, and worth its moves.
+    """
+    from shoal.steering.planners.task import path_length, worthwhile
+    from shoal.steering.simulation import replay
+
+    problem = episode.problem
     sure = [
         plan
         for plan in plans
-        if task.error(task.world.play(start, plan)[-1]) <= task.tolerance and task.is_sure(plan)
+        if task.error(task.world.play(task.start, plan)[-1]) <= task.tolerance
+        and task.is_sure(plan)
     ]
     best = min(sure, key=path_length, default=None)
     if best is None or path_length(best) >= episode.length or len(best) > problem.max_moves:
+        return episode
+    if not worthwhile([(len(one), path_length(one)) for one in (episode.inputs, best)]):
         return episode
     return replace(
         episode,

@@ -197,6 +197,23 @@ class Walls(Protocol):
         """Return an inward direction m of an arc, and s: each adjustment u has m @ u <= s |u|."""
         ...
 
+    def turn(self, first: int, end: int) -> float:
+        """Return t: an adjustment u at most d from a round arc has m @ u <= (s + t d) |u|."""
+        ...
+
+    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
+        """Return arcs of a round wall, each with the part of the travel of a run that its contacts
+        may be away from it.
+        """
+        if not self.radius:
+            return []
+        share = 0.5 if hold.first == hold.last else 1.0
+        return [
+            (between, share)
+            for between in dict.fromkeys((hold.first, hold.last))
+            if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3
+        ]
+
     def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
         """Return the corner and the vector of a flat wall; None for an arc."""
         ...
@@ -310,6 +327,10 @@ class _RoundWalls(Walls):
             return axis, float(np.hypot(*axis))
         x, y = ends.T
         return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / np.hypot(x, y)))
+
+    def turn(self, first: int, end: int) -> float:
+        ends = self._ends(first, end)
+        return float(np.max(ends @ ends.sum(axis=0) / np.hypot(*ends.T))) / self.radius
 
     def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
         if end - first > self.count // 3:
@@ -495,11 +516,7 @@ class Relaxation:
             for name, (_, depth) in found.items()
             if hold.range(name)[1] - hold.range(name)[0] > 1
         }
-        deepest = max(depths, key=lambda name: depths[name], default=None)
         total = against + sum(depths.values())
-        if deepest is not None and depths[deepest] > against:
-            first, end = hold.range(deepest)
-            return total, deepest, (first + end) // 2
         least, most, arc = hold.least, hold.most, hold.arc
         if arc.end - arc.first > self.walls.count // 3:  # most runs stay near their first contact
             near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
@@ -508,6 +525,10 @@ class Relaxation:
                 first, end = hold.range(name)
                 if first < wall < end:
                     return total, name, wall
+        deepest = max(depths, key=lambda name: depths[name], default=None)
+        if deepest is not None and depths[deepest] > against:
+            first, end = hold.range(deepest)
+            return total, deepest, (first + end) // 2
         if not hold.order and least[1] <= most[0]:
             return total, "order", 0
         if most[0] < least[1] < most[1]:
@@ -515,6 +536,26 @@ class Relaxation:
         name = "least" if least[1] - least[0] >= most[1] - most[0] else "most"
         first, end = hold.range(name)
         return None if end - first == 1 else (total, name, (first + end) // 2)
+
+    def _most(self, hold: Hold) -> float:
+        """Return the greatest sum of the adjustments of a run, in plans within the limit.
+
+        The adjustments do not move the held particle. By other inputs, it comes from its start to
+        all contacts, and from there to its goal.
+        """
+        particle = hold.particle
+        (first, end), (last, over) = (
+            [self._away(between, points[particle]) for points in (self.start, self.goal)]
+            for between in (hold.first, hold.last)
+        )
+        path = max(first + end, first + over, last + over) - 2 * self.tolerance
+        return max(self.limit - path, 0.0)
+
+    def _away(self, between: Range, point: Floats) -> float:
+        """Return a lower bound on the distance of a point from a contact with a round wall."""
+        normals, offsets = self.walls.arc_rows(*between)
+        depths = (offsets - normals @ point) / np.hypot(*normals.T)
+        return max(self.walls.radius - float(np.hypot(*point)), 0.0, *depths.tolist())
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
@@ -574,12 +615,14 @@ class Relaxation:
             cone(length, change)
             return length
 
-        def travel(change: Floats) -> None:
+        def travel(change: Floats) -> Floats:
             """Count the length of free translations; with a law of growth, remember their sum."""
-            if walls.rings:
-                grown[0] += (1 + slope) * at_least(change)[0]
-            else:
+            if not walls.rings:
                 norms.append(change)
+                return change
+            length = at_least(change)
+            grown[0] += (1 + slope) * length[0]
+            return length
 
         def spread(apart: Floats) -> None:
             """Add the law of growth to a program."""
@@ -587,15 +630,17 @@ class Relaxation:
                 # |v|² <= a b as |(2 v, a - b)| <= a + b
                 cone(grown + around, 2 * apart, grown - around)
 
-        def length_of(arc: WallArc, change: Floats) -> None:
+        def length_of(arc: WallArc, change: Floats) -> Floats:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
             if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
                 adjust(change)
                 rows.append(-axis[None] @ change)
-                return
-            rows.append(sine * adjust(change, arc=True) - axis[None] @ change)
+                return change
+            length = adjust(change, arc=True)
+            rows.append(sine * length - axis[None] @ change)
+            return length
 
         def adjust(change: Floats, *, arc: bool = False) -> Floats:
             """Count the length of adjustments; with a law of growth, remember their sum."""
@@ -691,10 +736,13 @@ class Relaxation:
             named = {"first": first, "last": last, "change": sign * (after - before)}
             way = item.way()
             named |= {name: contact(item.range(name)) for name in way[1:-1]}
-            for one, other in pairwise(way):
-                travel(named[other] - named[one])
+            ways = [travel(named[other] - named[one]) for one, other in pairwise(way)]
             spread(after)
-            length_of(item.arc, sign * (after - before))
+            length = length_of(item.arc, named["change"])
+            for between, share in walls.stays(item):
+                axis, sine = walls.axis(*between)
+                turn = share * walls.turn(*between) * self._most(item)
+                rows.append(sine * length + turn * sum(ways) - axis[None] @ named["change"])
             inside(first + sign * before)
             inside(last + sign * after)
             contacts.append((number, named))

@@ -18,7 +18,6 @@ from shoal.steering.certificates.relaxation import (
     HoldBranching,
     HoldGap,
     Pattern,
-    Range,
     Relaxation,
     branches,
     gap_branching,
@@ -37,7 +36,7 @@ class Node:
     """A node of the proof: a pattern with its bound, and how it is divided, if it is."""
 
     pattern: Pattern
-    bound: Bound | None
+    bound: Bound
     least: float = 0.0
     how: Branching | None = None
     parts: list[Node] | None = None
@@ -45,7 +44,7 @@ class Node:
     @property
     def open(self) -> bool:
         """Whether the pattern has gaps, or holds by several walls."""
-        return self.bound is None or bool(self.bound.errors)
+        return bool(self.bound.errors)
 
     def proof(self, enough: float) -> list[dict[str, Any]]:
         """Return the nodes of the proof below this node as JSON, each before its parts.
@@ -56,7 +55,7 @@ class Node:
         while stack:
             node = stack.pop()
             bound = node.bound
-            if bound is not None and (node.how is None or bound.value >= enough):
+            if node.how is None or bound.value >= enough:
                 found.append(
                     {"norms": bound.norms.tolist()}
                     | {
@@ -69,7 +68,6 @@ class Node:
                 )
                 continue
             how = node.how
-            assert how is not None
             if isinstance(how, HoldBranching):
                 found.append({"place": how.place, "name": how.name, "wall": how.wall})
             else:
@@ -133,36 +131,17 @@ class PatternTree:
     def step(self) -> None:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
-        assert node.bound is not None
         errors, pattern = node.bound.errors, node.pattern
         node.how = _branching(self.relaxation, pattern, errors)
-        if isinstance(node.how, HoldBranching):
-            node.parts = [self._node(one) for one in branches(self.relaxation, pattern, node.how)]
-            for one in node.parts:
-                self._push(one, node.least)
-            return
         by_use = None
-        if self.by_use:
+        if self.by_use and isinstance(node.how, GapBranching):
             by_use = self._by_use(node, node.how.place, right=node.how.right)
         if by_use is not None:
             node.how, node.parts = by_use
-            for one in node.parts:
-                self._push(one, node.least)
-            return
-        node.parts = []
-        for pattern in branches(self.relaxation, node.pattern, node.how):
-            if len(pattern) > len(node.pattern):
-                place = node.how.place + (node.how.right or bool(node.how.known))
-                hold = pattern[place]
-                assert isinstance(hold, Hold)
-                near = hold.last if node.how.right else hold.first
-                part, ends = self._by_reach(pattern, place, near)
-            else:
-                part = self._node(pattern)
-                ends = [part]
-            node.parts.append(part)
-            for one in ends:
-                self._push(one, node.least)
+        else:
+            node.parts = [self._node(one) for one in branches(self.relaxation, pattern, node.how)]
+        for part in node.parts:
+            self._push(part, node.least)
 
     def _by_use(
         self, node: Node, place: int, *, right: bool
@@ -177,7 +156,6 @@ class PatternTree:
             least, greatest = inf, 0.0
             for pattern in branches(self.relaxation, node.pattern, how):
                 part = self._node(pattern)
-                assert part.bound is not None
                 rise = max(part.bound.value - node.least, 0.0)
                 least, greatest = min(least, rise), max(greatest, rise)
                 parts.append(part)
@@ -188,31 +166,11 @@ class PatternTree:
                     most, best = least + 0.1 * greatest, (least, how, parts)
         return None if best is None else best[1:]
 
-    def _by_reach(self, pattern: Pattern, place: int, near: Range) -> tuple[Node, list[Node]]:
-        """Return the node of a new hold, divided by whether its run stays near its first (or last)
-        contact, which is with the walls ``near``, and the undivided nodes below it.
-        """
-        hold, walls = pattern[place], self.relaxation.walls
-        assert isinstance(hold, Hold)
-        margin = walls.count // len(walls.base)
-        for name, wall, close in (("least", near[0] - margin, 1), ("most", near[1] + margin, 0)):
-            first, end = hold.range(name)
-            if walls.runs and first < wall < end:
-                how = HoldBranching(place, name, wall)
-                halves = branches(self.relaxation, pattern, how)
-                far = self._node(halves[1 - close])
-                part, ends = self._by_reach(halves[close], place, near)
-                parts = [far, part] if close else [part, far]
-                return Node(pattern, None, how=how, parts=parts), [far, *ends]
-        node = self._node(pattern)
-        return node, [node]
-
     def _node(self, pattern: Pattern) -> Node:
         return Node(pattern, self.relaxation.bound(pattern))
 
     def _push(self, node: Node, least: float = 0.0) -> None:
         """Add a node whose plans are at least as long as ``least``, as those of its parent."""
-        assert node.bound is not None
         node.least = max(node.bound.value, least)
         if node.open:
             self._made += 1
@@ -296,6 +254,11 @@ class Search:
         if self.growth and self.growth >= enough:
             return "growth"
         return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
+
+    @property
+    def upper(self) -> float:
+        """Least bound of a pattern without gaps, at most the limit."""
+        return self.shortest.upper
 
     @property
     def shortest(self) -> PatternTree:

@@ -28,8 +28,11 @@ STEEPEST = 6.0  # tangent of the largest angle between a random push and the nor
 # in tolerances: missing change of the difference with which the goals may be reached, because each
 # particle ends half of it from its goal
 WIDE = 1.8
-FAR = 60  # presses: more than this count as none
-PRESS = 0.12  # relative to the size: what a press adds to the estimated distance from the goals
+CYCLE = 2.5  # moves of a contact and a press
+STEPS_OF_PRESS = 40  # cells: longest press of a table of values
+AHEAD = 0.3  # of a move: what the moves of a manoeuvre count, because the next ones may need fewer
+MOST_LEFT = 200.0  # moves: more count as none
+LEFT = 0.05  # relative to the size: what a move adds to the estimated distance from the goals
 HELD = 1e-9  # relative to the size: motion of a particle that counts as held
 
 
@@ -47,10 +50,10 @@ class Pressing(NamedTuple):
     """Probability of keeping a state that is not more promising than its parent."""
 
 
-class Differences(NamedTuple):
-    """How many presses lead from a difference of the particles to that of the goals."""
+class Values(NamedTuple):
+    """How many moves are left until the particles differ as their goals do."""
 
-    presses: NDArray[np.int32]  # (cells, cells): by both parts of the difference; FAR: none known
+    moves: NDArray[np.float64]  # (cells, cells): by both parts of the difference
     cell: float  # side of a cell; the difference (0, 0) is in the middle of the table
 
 
@@ -454,77 +457,173 @@ def is_inside(x, y, edges, circle):
 
 
 @kernel
-def count_presses(goal_x, goal_y, friction, slopes, places, normals, edges, circle, differences):
-    """Write to a table how many presses lead from each difference Δ of the particles to the
-    difference of the goals, by a breadth-first search backwards from there.
+def moves_left(x, y, values):
+    """Return the number of moves left at a difference, interpolated between four cells."""
+    table, cell = values.moves, values.cell
+    n = table.shape[0]
+    row, column = x / cell + n // 2, y / cell + n // 2
+    i, k = min(max(int(row), 0), n - 2), min(max(int(column), 0), n - 2)
+    u, v = min(max(row - i, 0.0), 1.0), min(max(column - k, 0.0), 1.0)
+    return (1 - u) * ((1 - v) * table[i, k] + v * table[i, k + 1]) + u * (
+        (1 - v) * table[i + 1, k] + v * table[i + 1, k + 1]
+    )
+
+
+@kernel
+def moves_left_of(state, values):
+    """Return the number of moves until the particles differ as their goals do."""
+    return moves_left(state[1, 0] - state[0, 0], state[1, 1] - state[0, 1], values)
+
+
+@kernel
+def room(x, y, to_x, to_y, edges, circle):
+    """Return how far a particle can move from a point in a unit direction before it meets a wall."""
+    if circle[2] > 0:
+        away_x, away_y = x - circle[0], y - circle[1]
+        half = away_x * to_x + away_y * to_y
+        inside = circle[2] ** 2 - away_x * away_x - away_y * away_y
+        return sqrt(max(half * half + inside, 0.0)) - half
+    least, slack = np.inf, HELD * edges.size
+    for edge in range(edges.ends.shape[0]):
+        normal_x, normal_y = edges.normals[edge, 0], edges.normals[edge, 1]
+        rate = normal_x * to_x + normal_y * to_y
+        if rate > -1e-12:
+            continue
+        off_x, off_y = x - edges.ends[edge, 0], y - edges.ends[edge, 1]
+        far = -(normal_x * off_x + normal_y * off_y) / rate
+        if far < -slack or far >= least:
+            continue
+        along = normal_y * (off_x + far * to_x) - normal_x * (off_y + far * to_y)
+        if -slack <= along <= edges.lengths[edge] + slack:
+            least = max(far, 0.0)
+    return least
+
+
+@kernel
+def best_press(x, y, goal, near, friction, places, normals, world, values, to):
+    """Return the least value of a difference over all presses from it, and write to ``to`` the
+    difference after the best press.
+    """
+    best, edges, circle = MOST_LEFT, world.edges, world.walls.circle
+    cell = values.cell
+    far = STEPS_OF_PRESS * cell
+    for place in range(places.shape[0]):
+        wall_x, wall_y = places[place, 0], places[place, 1]
+        normal_x, normal_y = normals[place, 0], normals[place, 1]
+        for sign in (-1.0, 1.0):  # of the change of the difference by the particle that moves
+            from_x, from_y = wall_x + sign * x, wall_y + sign * y
+            if not is_inside(from_x, from_y, edges, circle):
+                continue
+            way_x, way_y = sign * (goal[0] - x), sign * (goal[1] - y)
+            into = -(way_x * normal_x + way_y * normal_y)
+            along = abs(way_x * normal_y - way_y * normal_x)
+            if along <= friction * into + near and is_inside(
+                from_x + way_x, from_y + way_y, edges, circle
+            ):
+                to[0], to[1] = goal[0], goal[1]
+                return CYCLE
+            for side in range(-1, 2):
+                step_x = -normal_x + side * friction * normal_y
+                step_y = -normal_y - side * friction * normal_x
+                size = sqrt(1 + (side * friction) ** 2)
+                step_x, step_y = step_x / size, step_y / size
+                most = min(room(from_x, from_y, step_x, step_y, edges, circle), far)
+                length = most
+                while length > 0.7 * cell:  # to the wall, and less far
+                    to_x, to_y = x + sign * length * step_x, y + sign * length * step_y
+                    value = CYCLE + moves_left(to_x, to_y, values)
+                    if value < best:
+                        best, to[0], to[1] = value, to_x, to_y
+                    length -= max(cell, 0.2 * length)
+    return best
+
+
+@kernel
+def find_values(goal, near, friction, places, normals, world, values):
+    """Write to a table how many moves are left from each difference of the particles, by policy
+    iteration. Return the number of improvements of the policy.
 
     A wall with the inward normal N and the tangent T holds a particle at each of ``places`` (float64,
-    shape (places, 2)) while the other moves by a (-N + s T) with ``|s| <= μ``, which changes Δ by as
-    much, with the sign of the particle that moves. ``slopes`` is the number of values of s, and the
-    length a grows by one cell at a time as long as the other particle is inside.
+    shape (places, 2)) while the other moves by a (-N + s T) with ``|s| <= μ``, which changes the
+    difference by as much, with the sign of the particle that moves.
+
+    The interpolation between the cells blurs the differences about as much as errors of the presses
+    do: ways that need exact presses in a row count as longer.
     """
-    table, cell = differences.presses, differences.cell
+    table, cell = values.moves, values.cell
     n = table.shape[0]
-    table[:] = FAR
-    queue = np.empty((n * n, 2))
-    row, column = int(goal_x / cell + n / 2), int(goal_y / cell + n / 2)
-    if not (0 <= row < n and 0 <= column < n):
-        return
-    queue[0, 0], queue[0, 1] = goal_x, goal_y
-    table[row, column] = 0
-    head, tail = 0, 1
-    while head < tail:
-        x, y = queue[head, 0], queue[head, 1]
-        count = table[int(x / cell + n / 2), int(y / cell + n / 2)] + 1
-        head += 1
-        if count >= FAR:
-            return
-        for place in range(places.shape[0]):
-            for sign in (-1.0, 1.0):
-                wall_x, wall_y = places[place, 0], places[place, 1]
-                if not is_inside(wall_x + sign * x, wall_y + sign * y, edges, circle):
+    table[:] = MOST_LEFT
+    to = np.empty((n, n, 2))
+    for improvement in range(40):
+        change = 0.0
+        for i in range(n):
+            row = i if improvement % 2 == 0 else n - 1 - i
+            for k in range(n):
+                column = k if improvement % 4 < 2 else n - 1 - k
+                before = table[row, column]
+                if before <= CYCLE:
                     continue
-                for k in range(slopes):
-                    slope = friction * (2.0 * k / (slopes - 1) - 1.0)
-                    step_x = normals[place, 0] - slope * normals[place, 1]
-                    step_y = normals[place, 1] + slope * normals[place, 0]
-                    size = cell / sqrt(1 + slope * slope)
-                    far_x, far_y = x, y
-                    for _ in range(2 * n):  # backwards: away from the wall
-                        far_x += sign * size * step_x
-                        far_y += sign * size * step_y
-                        if not is_inside(
-                            wall_x + sign * far_x, wall_y + sign * far_y, edges, circle
-                        ):
-                            break
-                        row, column = int(far_x / cell + n / 2), int(far_y / cell + n / 2)
-                        if 0 <= row < n and 0 <= column < n and table[row, column] == FAR:
-                            table[row, column] = count
-                            queue[tail, 0], queue[tail, 1] = far_x, far_y
-                            tail += 1
+                x, y = (row - n // 2) * cell, (column - n // 2) * cell
+                value = best_press(
+                    x, y, goal, near, friction, places, normals, world, values, to[row, column]
+                )
+                table[row, column] = min(value, before)
+                change = max(change, before - value)
+        if change < 0.5:
+            return improvement + 1
+        for sweep in range(30):
+            change = 0.0
+            for i in range(n):
+                row = i if sweep % 2 == 0 else n - 1 - i
+                for k in range(n):
+                    column = k if sweep % 4 < 2 else n - 1 - k
+                    before = table[row, column]
+                    if CYCLE < before < MOST_LEFT:
+                        x, y = to[row, column, 0], to[row, column, 1]
+                        value = min(CYCLE + moves_left(x, y, values), before)
+                        table[row, column] = value
+                        change = max(change, before - value)
+            if change < 0.1:
+                break
+    return 40
 
 
 @kernel
-def presses_left(state, differences):
-    """Return the number of presses from the difference of the particles to that of the goals."""
-    table, cell = differences.presses, differences.cell
-    n = table.shape[0]
-    row = int((state[1, 0] - state[0, 0]) / cell + n / 2)
-    column = int((state[1, 1] - state[0, 1]) / cell + n / 2)
-    return table[min(max(row, 0), n - 1), min(max(column, 0), n - 1)]
-
-
-@kernel
-def nearest_node(nodes, total, differences):
-    """Return the most promising node from which fewer presses lead to the goals than from the root;
-    0 if there is none.
+def try_manoeuvres(start, goal, samples, tolerance, pressing, world, values, rng, made, counts):
+    """Write the moves of the most promising of many random manoeuvres to ``made`` (float64, shape
+    (manoeuvres, STEPS, 2)), and their numbers to ``counts``, which are 0 after the last one.
     """
-    best, most = 0, presses_left(nodes.states[0], differences)
-    for node in range(1, total):
-        left = presses_left(nodes.states[node], differences)
-        if left < most and (best == 0 or nodes.keys[node] < nodes.keys[best]):
-            best = node
-    return best
+    moves, state = np.zeros((STEPS, 2)), np.zeros((2, 2))
+    costs, worst = np.full(len(counts), np.inf), 0
+    sticking, move, spare = with_friction(world, 1e9), np.empty(2), np.empty(2)
+    counts[:] = 0
+    for _ in range(samples):
+        copy(start, state)
+        count = manoeuvre(state, goal, pressing, world, rng, moves)
+        if count <= 0:
+            continue
+        cost = moves_left_of(state, values)
+        copy(start, state)
+        for m in range(count):  # walls that hold better must not spoil it
+            send_both(state, moves[m, 0], moves[m, 1], pressing.gains, sticking, move, spare)
+        x = state[1, 0] - state[0, 0] - start[1, 0] + start[0, 0]
+        y = state[1, 1] - state[0, 1] - start[1, 1] + start[0, 1]
+        if x * x + y * y < tolerance * tolerance:
+            continue
+        cost = AHEAD * count + max(cost, moves_left_of(state, values))
+        if cost < min(costs[worst], MOST_LEFT):
+            costs[worst], counts[worst] = cost, count
+            copy(moves, made[worst])
+            worst = int(np.argmax(costs))
+
+
+@kernel
+def mean_moves_left(ends, values):
+    """Return the mean over all scenarios of the number of moves that are left."""
+    total = 0.0
+    for s in range(ends.shape[0]):
+        total += moves_left_of(ends[s], values)
+    return total / ends.shape[0]
 
 
 @kernel
@@ -543,7 +642,7 @@ def finish(state, goal, tolerance, pressing, world, moves, count):
 
 
 @kernel
-def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, differences, rng, last):
+def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, values, rng, last):
     """Grow a search tree in place by at most ``rounds`` manoeuvres, until a plan is found.
 
     Return the number of nodes, the number of manoeuvres left, and the number of moves in ``last``
@@ -566,7 +665,7 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, differenc
         x, y = missing(state, goal, pressing)
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
-        key = away / size + 0.03 * depth + PRESS * presses_left(state, differences)
+        key = away / size + 0.03 * depth + LEFT * moves_left_of(state, values)
         if key >= nodes.keys[node] and rng.random() > pressing.worse and away > WIDE * tolerance:
             continue
         copy(state, states[total])

@@ -34,6 +34,9 @@ from shoal.steering.workspaces.convex import Points
 _Item = TypeVar("_Item")
 
 CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tried
+# flat walls up to which all kinds of one cycle more are tried: in a thin triangle, the shortest plan
+# may begin with a chain of four that no insertion reaches (0.8 % shorter)
+FEW = 3
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
@@ -47,7 +50,10 @@ EACH = 30  # number of candidates made from one chain
 _WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
 # relative to the length: among chains that differ by less, the one with fewer cycles is kept
 _SAME = 2e-4
-_ROUGH = REFINING[:3]
+# relative to the shortest length: a changed chain up to this length is refined before it is
+# compared, because a first guess may be 0.5 % too long
+_CLOSE = 1.01
+_ROUGH, _FINE = REFINING[:3], REFINING[3:6]
 _ROUGH_ROUND = REFINING[:4]
 
 
@@ -128,6 +134,11 @@ class ChainPool:
         length = query.optimize(
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
         )
+        close = _CLOSE * self.chains[0].length if self.chains else 0.0
+        if query.walls.sides <= MANY and not round_ and length < close:
+            length = query.optimize(
+                guess, touchers, walls, enough=enough, rounds=_FINE, bound=self.bound
+            )
         if length < inf:
             self.add(slide_contacts(query, Chain(touchers, walls, guess, length)))
         return 1
@@ -350,6 +361,9 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
             pool.add(chain)
         if cycles == 2:
             pool.improve(EARLY)
+    if pool.best is not None and not query.walls.round and len(query.walls.normals) <= FEW:
+        for chain in chains_of(query, CYCLES[-1] + 1, pool.best.length):
+            pool.add(chain)
     pool.improve(TRIES)
     shortest: dict[int, Chain] = {}  # the shortest chain of each number of cycles
     for chain in sorted(pool.chains, key=lambda chain: chain.length):

@@ -22,9 +22,10 @@ from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
 NODES = 6_000  # maximum number of nodes of one tree
-CELLS = 80  # of a table of differences, along each axis
-SLOPES = 5  # directions of presses in the table
-HOLDING = 3.0  # friction from which on few presses lead to most goals, and no table is needed
+CELLS = 64  # of a table of differences, along each axis
+NEAR = 0.02  # relative to the size: error of a difference that the table allows
+STEEPEST = 5.0  # friction, more of which counts as this in the table
+SAMPLES, TRIED = 3_000, 24  # random manoeuvres, and how many of them are tried with errors
 SPACING = 1 / 10  # relative to the size: distance of the places at which walls hold a particle
 ROUND_PLACES = 48  # number of them on a round wall
 
@@ -46,7 +47,7 @@ class PressingSearch:
         world: Any,
         pressing: Pressing,
         rng: Generator,
-        tables: dict[tuple[float, ...], kernels.Differences] | None = None,
+        tables: dict[tuple[float, ...], kernels.Values] | None = None,
     ) -> None:
         walls = world_of(world)
         self.world = walls._replace(
@@ -56,7 +57,6 @@ class PressingSearch:
         )
         self.pressing, self.rng = pressing, rng
         self._space, self._tables = world.free_space, {} if tables is None else tables
-        self._total = 1  # nodes of the last search
         ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
         self._nodes = kernels.Nodes(
             np.zeros((NODES, 2, 2)),
@@ -83,14 +83,13 @@ class PressingSearch:
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
-        self._total = total
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         found = []
-        differences = self._count_presses(goal)
+        values = self.values(goal)
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
-        nodes.keys[0] += kernels.PRESS * kernels.presses_left(nodes.states[0], differences)
+        nodes.keys[0] += kernels.LEFT * kernels.moves_left_of(nodes.states[0], values)
         if hypot(x, y) <= kernels.WIDE * tolerance:
             state = np.array(start, dtype=np.float64, order="C")
             count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
@@ -108,51 +107,67 @@ class PressingSearch:
                 moves,
                 self.pressing,
                 self.world,
-                differences,
+                values,
                 self.rng,
                 last,
             )
             if count >= 0:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
-        self._total = total
         return found
 
-    def first_presses(self, goal: Points) -> Points | None:
-        """Return moves from the start of the last search, after which fewer presses are left to the
-        goals; None if it found none.
-        """
-        node = kernels.nearest_node(self._nodes, self._total, self._count_presses(goal))
-        return self._path(int(node)) if node else None
-
-    def _count_presses(self, goal: Points) -> kernels.Differences:
-        """Return how many presses lead from each difference of the particles to that of the goals;
-        with high friction, always 0.
-        """
+    def values(self, goal: Points) -> kernels.Values:
+        """Return how many moves lead from each difference of the particles to that of the goals."""
         size, friction = float(self.world.walls.size), round(float(self.pressing.friction), 2)
-        x, y = (goal[1] - goal[0]).tolist()
-        key = (x, y, friction) if friction < HOLDING else ()
+        difference = goal[1] - goal[0]
+        key = (*difference.tolist(), friction)
         if key not in self._tables:
-            table = np.zeros((CELLS, CELLS), dtype=np.int32)
-            self._tables[key] = kernels.Differences(table, 2.2 * size / CELLS)
-            if key:
-                kernels.count_presses(
-                    x,
-                    y,
-                    friction,
-                    SLOPES,
-                    *holding_places(self._space),
-                    self.world.edges,
-                    self.world.walls.circle,
-                    self._tables[key],
-                )
+            self._tables[key] = kernels.Values(np.zeros((CELLS, CELLS)), 2.2 * size / CELLS)
+            kernels.find_values(
+                difference,
+                NEAR * size,
+                min(friction, STEEPEST),
+                *holding_places(self._space),
+                self.world,
+                self._tables[key],
+            )
         return self._tables[key]
 
-    def presses_left(self, state: Points, goal: Points) -> int:
-        """Return the least number of presses after which the particles differ as their goals do, by
-        a search over a table of differences; `kernels.FAR` if it finds none.
+    def moves_left(self, state: Points, goal: Points) -> float:
+        """Return about how many moves are left until the particles differ as their goals do;
+        `kernels.MOST_LEFT` if no presses lead there.
         """
-        return int(kernels.presses_left(state, self._count_presses(goal)))
+        return float(kernels.moves_left_of(state, self.values(goal)))
+
+    def best_manoeuvre(
+        self, start: Points, goal: Points, tolerance: float, scenarios: tuple[Any, Any, Any]
+    ) -> tuple[Points, float]:
+        """Return the moves of the manoeuvre after which the fewest moves are left in the mean over
+        scenarios of errors, and the number of all moves; infinite if there is none.
+        """
+        made = np.zeros((TRIED, kernels.STEPS, 2))
+        counts, values = np.zeros(TRIED, dtype=np.int64), self.values(goal)
+        goal = np.ascontiguousarray(goal, dtype=np.float64)
+        kernels.try_manoeuvres(
+            start,
+            goal,
+            SAMPLES,
+            tolerance,
+            self.pressing,
+            self.world,
+            values,
+            self.rng,
+            made,
+            counts,
+        )
+        best, least = made[0, :0], inf
+        for moves, count in zip(made, counts, strict=True):
+            if count:
+                ends = self.ends(start, moves[:count], scenarios)
+                cost = float(kernels.AHEAD * count + kernels.mean_moves_left(ends, values))
+                if cost < least:
+                    best, least = moves[:count], cost
+        return best, least
 
     def _path(self, node: int) -> Points:
         """Return the moves from the start to a node of the tree."""
@@ -176,6 +191,7 @@ SCALE = 0.05  # relative to the size: error that counts as 1 in the cost of a pl
 MOST = 9.0  # largest cost of one scenario
 CONFIGURATIONS = ((2.0, 2.0), (1.0, 1.5), (0.4, 1.0))  # of pressing angles and of contacts
 ROUNDS, WANTED = 30_000, 40  # manoeuvres and plans of one tree
+TREES = 12  # until one has found a plan
 SCENARIOS, JUDGED = 48, 400  # in which plans are improved, and in which they are judged
 REFINED, CHANGES = 4, 800  # of the best plans, so many changes each
 MARGINS = (4e-3, 1e-3)  # distances from walls of chains, relative to the size
@@ -211,14 +227,18 @@ class Conformant:
         for certain, sure in CONFIGURATIONS:
             pressing = pressing_of(bounds, size, certain=certain, sure=sure)
             search = PressingSearch(task.world, pressing, rng)
-            plans = self._chains(task, pressing.friction, scale) + search.plans(
-                task.start,
-                task.goal,
-                tolerance=min(0.1 * scale, task.tolerance),
-                moves=task.max_moves,
-                rounds=ROUNDS,
-                wanted=WANTED,
-            )
+            plans = self._chains(task, pressing.friction, scale)
+            for _ in range(TREES):  # a tree that begins with the wrong walls is full in vain
+                plans += search.plans(
+                    task.start,
+                    task.goal,
+                    tolerance=min(0.1 * scale, task.tolerance),
+                    moves=task.max_moves,
+                    rounds=ROUNDS,
+                    wanted=WANTED,
+                )
+                if plans or task.late:
+                    break
             costs = [self._cost(task, search, bounds, plan, scale) for plan in plans]
             for k in np.argsort(costs)[:REFINED]:
                 cost = costs[k]

@@ -281,8 +281,7 @@ def _mask_of(
     cells: tuple[tuple[int, ...], ...], workspace: GridWorkspace, what: str
 ) -> NDArray[np.bool_]:
     """Return the mask of given cells of a workspace, which must be free."""
-    with errors_at(what):
-        chosen = check_cells(cells, workspace.shape, what="cells", rim=0)
+    chosen = check_cells(cells, workspace.shape, what=what, rim=0)
     if not len(chosen):
         raise InvalidInputError(f"{what}: expected at least one cell, got none")
     blocked = ~workspace.free[tuple(chosen.T)]

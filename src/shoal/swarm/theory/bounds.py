@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from shoal.swarm.grid.board import letters_of, offsets_of
 from shoal.swarm.grid.tasks import Gathering
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.theory.small_world import SmallWorld, set_bits
+from shoal.swarm.theory.small_world import SmallWorld
 
 _AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
@@ -279,7 +278,7 @@ class Optimum:
     commands : str
         A plan with the minimum number of moves, as command letters.
     states : int
-        Number of different states that the search has found, including states that it has not
+        Number of different states that the last search has found, including states that it has not
         expanded.
     """
 
@@ -320,14 +319,14 @@ def optimum(
     ------
     InvalidInputError
         Raised if particles cannot reach a cell that they must classify, or if the search needs more
-        than ``most_states`` states.
+        than ``most_states`` states or 20 000 sets of cells with particles.
 
     Examples
     --------
     >>> optimum(GridWorkspace([[1, 1, 1], [1, 1, 1]]), [(0, 0)]).moves
     5
     """
-    from shoal.swarm.theory.command_bounds import longest_run
+    from shoal.swarm.theory.optimum import search_optimum
 
     cells = check_case(workspace, start, task, targets, rule)
     free, offsets = flat_cells(workspace)
@@ -344,45 +343,10 @@ def optimum(
     else:
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         left = world.number(chosen) & ~particles
-    balls = {cell: world.balls(cell) for cell in set_bits(left)}
-    if any(not steps[-1] & particles for steps in balls.values()):
+    if left & ~world.reached_by(particles):
         raise InvalidInputError(
             "optimum: expected a particle in every connected part with cells to cover, got a part"
             " without a particle"
         )
     letters = letters_of(workspace.ndim)
-    most = len(cells) * (longest_run(free, offsets) if rule == "tilt" else 1)
-
-    def estimate(particles: int, left: int) -> int:
-        farthest = 0
-        if rule == "tilt":
-            return -(-left.bit_count() // most)
-        for cell in set_bits(left):
-            steps = balls[cell]
-            while not steps[farthest] & particles if farthest < len(steps) else False:
-                farthest += 1
-        return max(farthest, -(-left.bit_count() // most))
-
-    seen = {(particles, left): 0}
-    queue = [(estimate(particles, left), 0, particles, left, "")]
-    while queue:
-        _, negative, here, todo, plan = heapq.heappop(queue)
-        moves = -negative
-        if not todo:
-            return Optimum(moves, plan, len(seen))
-        if seen[here, todo] < moves:
-            continue
-        for command, letter in enumerate(letters):
-            state = world.step(here, todo, command, task == "mapping")
-            if state == (here, todo) or seen.get(state, MOST_STATES) <= moves + 1:
-                continue
-            if len(seen) >= most_states:
-                raise InvalidInputError(
-                    f"optimum: expected at most {most_states} states, got more for {workspace.name}"
-                )
-            seen[state] = moves + 1
-            heapq.heappush(queue, (moves + 1 + estimate(*state), -moves - 1, *state, plan + letter))
-    raise InvalidInputError(
-        f"optimum: expected a task that particles can complete under the rule {rule}, got none of"
-        f" {len(seen)} states in which it is complete"
-    )
+    return Optimum(*search_optimum(world, particles, left, task == "mapping", letters, most_states))

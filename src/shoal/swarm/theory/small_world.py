@@ -59,19 +59,6 @@ class SmallWorld:
                 return around
             reached = around & self.free
 
-    def balls(self, cell: int) -> list[int]:
-        """Return a list of sets of cells: set number d contains all cells within d moves of
-        ``cell``.
-        """
-        found = [1 << cell]
-        while True:
-            wider = found[-1]
-            for offset in self.offsets:
-                wider |= self.shifted(found[-1], offset) & self.free
-            if wider == found[-1]:
-                return found
-            found.append(wider)
-
 
 def set_bits(number: int) -> Iterator[int]:
     """Yield the index of each 1 bit in an integer."""

@@ -56,13 +56,14 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve of means with confidence intervals.
+    """A curve of means with a band.
 
     Parameters
     ----------
     label : str
     x, mean, low, high : ndarray of float64, shape (n,)
-        Positions on the x axis, means, and the lower and upper ends of the confidence intervals.
+        Positions on the x axis, means, and the lower and upper ends of a band, by default of 95 %
+        intervals of the means.
     published : Published, optional
     """
 
@@ -76,13 +77,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Labels:
-    """Title, axis labels, legend text and note of a chart."""
+    """Title, axis labels, legend texts and note of a chart."""
 
     title: str
     x: str
     y: str
     published: str = "published"
     note: str = ""
+    band: str = "95 % interval of the mean"
 
 
 def mean_curves(
@@ -124,6 +126,8 @@ def draw_curves(
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
+    if log_y:
+        axes.yaxis.set_major_formatter("{x:g}")
     _key(axes, curves, labels)
     set_title(axes, labels.title)
     plain_axes(axes)
@@ -191,6 +195,13 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
         Line2D([], [], color=colour, lw=2.4, label=curve.label)
         for curve, colour in zip(curves, COLOURS * 9, strict=False)
     ]
+    banded = [
+        colour
+        for curve, colour in zip(curves, COLOURS * 9, strict=False)
+        if np.nanmax(curve.high - curve.low, initial=0) > 0
+    ]
+    if banded:
+        handles.append(Patch(facecolor=banded[0], alpha=0.25, label=labels.band))
     lines = [
         curve.published
         for curve in curves

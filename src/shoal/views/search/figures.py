@@ -31,6 +31,7 @@ from shoal.views.search.history import SearchHistory, robot_colour, sizes_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+from shoal.views.search.success import success_figure
 from shoal.views.search.timeline import timeline_figure
 
 NOT_SEEN = "#d81b1b"
@@ -106,13 +107,7 @@ def _axis_labels(history: SearchHistory) -> tuple[str, str]:
     """Return the labels of the x and the y axis. For panels without axes, the labels only make
     space for the scale bar.
     """
-    panels, plan = history.panels, history.episode.plan
-    if panels.labels:
-        return "\n\n", ""
-    if panels.angle == 0:
-        return "metres", ""
-    along, across = "metres along the rows", "metres across the rows"
-    return (along, across) if plan.tour.runs_along_rows else (across, along)
+    return ("\n\n", "") if history.panels.labels else ("metres", "")
 
 
 def _summary(episode: SearchEpisode) -> str:
@@ -138,12 +133,10 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
     left, right, bottom, top = history.extent
     picture = history.raster(cell_colours(history), 1.0)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
-    size = history.panels.step
-    if history.n_cells <= _GRID and history.panels.alike:
-        height, width = history.panels.shape
-        lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
-        lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
-        axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
+    if history.n_cells <= _GRID:
+        axes.add_collection(
+            LineCollection(history.panels.borders, colors=[_LINES], linewidths=0.4, zorder=0.5)
+        )
     left, right, bottom, top = history.sides
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array(
@@ -443,4 +436,4 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
     add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)
 
 
-FIGURES = {"routes": routes_figure, "timeline": timeline_figure}
+FIGURES = {"routes": routes_figure, "timeline": timeline_figure, "success": success_figure}

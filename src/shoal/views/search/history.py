@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.core.geometry import partial_sums
+from shoal.core.geometry import partial_sums, segments_of
 from shoal.search import RobotLog, SearchEpisode
 from shoal.search.allocation.allocate import partition
-from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.clipping import own_piece
 from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.lanes import LineLattice
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar, Slow, WrongPosition
@@ -241,29 +242,31 @@ class RobotWays:
 
 
 _GAP = 0.12  # distance between panels, relative to a panel's longer side
-_FINE = 2  # squares per side of the smallest cell, if layers have different cells
+# squares per side of the smallest cell, if cells are no squares of the drawing: as many as the
+# drawing has room for
+_FINE = 2, 12
+_SQUARES = 100_000  # in a drawing of one layer
 
 
 class LayerPanels:
     """A drawing of the cells of all layers, one panel for each layer. The drawing consists of rows
     of squares.
 
-    Usually each square of the drawing is a cell. If the layers differ in cell size or orientation,
-    the squares of the drawing are smaller than cells.
-
-    The drawing is rotated by at most 90 degrees, so that the rows of cells in the lowest layer are
-    horizontal, and north points up as far as possible. The panels of the layers follow each other
+    North is up. If the rows of cells run from west to east or from south to north, each square of
+    the drawing is a cell. If they run at another angle or along a line, or if layers differ in
+    their cells, the squares of the drawing are smaller than cells. The panels of the layers follow each other
     from left to right and then downwards, beginning with the lowest layer.
     """
 
     def __init__(self, plan: SearchPlan) -> None:
         self.plan, self.layers = plan, layers_of(plan.grid)
         first = self.layers[0]
-        self.angle = 90 - (90 - plan.grid.angle) % 180
-        self._lattice = replace(first.lattice, angle=self.angle)
-        self.alike = all(layer is first for layer in self.layers)
-        self.step = first.size if self.alike else plan.grid.size / _FINE
+        upright = first.angle % 90 == 0 and not isinstance(first.lattice, LineLattice)
+        self.alike = upright and all(layer is first for layer in self.layers)
         boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
+        room = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+        parts = round(float(np.clip(plan.grid.size * (_SQUARES / room) ** 0.5, *_FINE)))
+        self.step = first.size if self.alike else plan.grid.size / parts
         self.largest = max(layer.size for layer in self.layers)
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         # rows and columns
@@ -278,16 +281,17 @@ class LayerPanels:
         """Return the lower left and upper right corner of a box around a layer's cells, in drawing
         coordinates in metres.
         """
+        if isinstance(layer.lattice, LineLattice):
+            low, high = np.array(layer.region.area.bounds).reshape(2, 2)
+            return low, high
         (left, top), (rows, columns) = layer.corner, layer.shape
         across, down = columns * layer.size, rows * layer.size
-        corners = np.array(
-            [(left, top), (left + across, top), (left, top - down), (left + across, top - down)]
+        corners = layer.lattice.to_region(
+            np.array(
+                [(left, top), (left + across, top), (left, top - down), (left + across, top - down)]
+            )
         )
-        turned = self._turned(layer.lattice.to_region(corners))
-        return turned.min(axis=0), turned.max(axis=0)
-
-    def _turned(self, points: Floats) -> Floats:
-        return np.asarray(self._lattice.from_region(points))
+        return corners.min(axis=0), corners.max(axis=0)
 
     def _offsets(self, layers: Numbers) -> Floats:
         """Return the displacement of the panel of each given layer from the first panel, in metres;
@@ -308,8 +312,7 @@ class LayerPanels:
         """Convert points of the region in given layers to drawing coordinates in metres; float64,
         shape (n, 2).
         """
-        turned = self._turned(points)
-        return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
+        return points if len(self.layers) == 1 else points + self._offsets(layers.astype(np.int64))
 
     @cached_property
     def shape(self) -> tuple[int, int]:
@@ -337,11 +340,8 @@ class LayerPanels:
             down, right = divmod(number, self.columns)
             y, x = np.indices((rows, columns)) + 0.5
             x, y = left + self.step * x, top - self.step * y
-            middles = layer.lattice.from_region(
-                self._lattice.to_region(np.column_stack([x.ravel(), y.ravel()]))
-            )
-            row = np.floor((layer.corner[1] - middles[:, 1]) / layer.size).astype(np.int64)
-            col = np.floor((middles[:, 0] - layer.corner[0]) / layer.size).astype(np.int64)
+            middles = layer.lattice.from_region(np.column_stack([x.ravel(), y.ravel()]))
+            row, col = layer.lattice.cells_at(middles)
             inside = (row >= 0) & (col >= 0) & (row < layer.shape[0]) & (col < layer.shape[1])
             own = position if position.ndim == 2 else position[number]
             cells = np.full(len(middles), -1, dtype=np.int64)
@@ -368,9 +368,26 @@ class LayerPanels:
         """
         from shapely.affinity import translate
 
-        return translate(
-            rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist()
-        )
+        return translate(shape, *self._offsets(np.array([layer]))[0].tolist())
+
+    @property
+    def borders(self) -> list[Floats]:
+        """The borders between the cells of all layers, as lines in drawing coordinates; float64, each
+        of shape (k, 2).
+        """
+        lines = []
+        for number, layer in enumerate(self.layers):
+            to_region, where = layer.lattice.to_region, np.full(2, number)
+            if isinstance(layer.lattice, LineLattice):
+                rings = [ring for piece in layer.clipped.pieces for ring in rings_of(piece)[0]]
+                lines += [self.place(to_region(ring), np.full(len(ring), number)) for ring in rings]
+                continue
+            (left, top), (rows, columns), side = layer.corner, layer.shape, layer.size
+            right, low = left + columns * side, top - rows * side
+            upright = [[(x, low), (x, top)] for x in left + side * np.arange(1, columns)]
+            level = [[(left, y), (right, y)] for y in low + side * np.arange(1, rows)]
+            lines += [self.place(to_region(np.array(line)), where) for line in (*upright, *level)]
+        return lines
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
@@ -700,10 +717,10 @@ class SearchHistory:
 
     @property
     def north(self) -> float | None:
-        """Direction of north in the drawing, in degrees clockwise from up; None for a region
+        """Direction of north in the drawing, in degrees clockwise from up: 0, or None for a region
         without a position on Earth.
         """
-        return None if self.episode.plan.grid.region.frame is None else self.panels.angle
+        return None if self.episode.plan.grid.region.frame is None else 0.0
 
     def place_of(self, finding: Finding) -> Floats:
         """Return the position of a finding in drawing coordinates, in metres; float64,
@@ -751,7 +768,28 @@ class SearchHistory:
         """Return the border of all cells that a robot searched in other robots' parts, as segments
         in metres; shape (k, 2, 2).
         """
-        mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
+        chosen = (self.first[1] == robot + 1) & self.taken
+        grid = self.episode.plan.grid
+        if isinstance(grid, CellGrid) and not self.panels.alike:
+            # not along the squares of the drawing, which are smaller than cells
+            import shapely
+
+            cells = self.episode.plan.tour.cells[chosen]
+            if not len(cells):
+                return np.zeros((0, 2, 2))
+            shapes = (
+                [own_piece(grid.clipped, grid.lattice, grid.own, (r, c)) for r, c in cells.tolist()]
+                if isinstance(grid.lattice, LineLattice)
+                else grid.lattice.boxes(*cells.T)
+            )
+            return np.concatenate(
+                [
+                    segments_of(grid.lattice.to_region(ring))
+                    for part in rings_of(shapely.union_all(shapes, grid_size=1e-6))
+                    for ring in part
+                ]
+            )
+        mask = self.raster(chosen, False)
         left, _, _, top = self.extent
         size = self.panels.step
         padded = np.pad(mask, 1)

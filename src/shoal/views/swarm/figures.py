@@ -211,6 +211,8 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     episodes = episodes if isinstance(episodes, Sequence) else [episodes]
     if not episodes:
         raise InvalidInputError("frontier figure: expected at least one episode, got none")
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
     curves = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
@@ -232,6 +234,7 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     if first.task == "gathering":
         cells = "cells with particles to gather"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     set_title(
         axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles"
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ZERO, popcount
+from shoal.search.kernels.protocol.bits import ONE, ZERO, lowest
 from shoal.search.kernels.protocol.costs import holds
 from shoal.search.kernels.protocol.events import post, run
 from shoal.search.kernels.protocol.worlds import NOWHERE, PROMPT
@@ -36,6 +36,17 @@ class Agents(NamedTuple):
     present: NDArray[np.uint8]  # (B, m): whether the robot lived before the latest step
 
 
+class Views(NamedTuple):
+    """What the robots see, know, and can do."""
+
+    planes: NDArray[np.uint8]  # (B, m, 5, places)
+    shown: NDArray[np.uint64]  # (B, m, W): cells that the planes show as searched
+    cells: NDArray[np.int64]  # (B, m): where the robots are
+    left: NDArray[np.float64]  # (B, m): energy
+    heard: NDArray[np.float32]  # (B, m, m): how long ago each other was heard, in steps, or -1
+    masks: NDArray[np.int8]  # (B, m, actions)
+
+
 @in_place_kernel
 def cell_of(lattice, robot, choice):
     """Return the cell that an action other than 0 selects, or -1."""
@@ -51,7 +62,7 @@ def may_go(robot, time):
 
 
 @in_place_kernel
-def step(tour, rules, partitions, lattice, w, agents, chosen, actions, length, first, begun):
+def step(tour, rules, partitions, lattice, w, agents, views, chosen, actions, length, first, begun):
     """Let the worlds ``chosen[first:]`` advance by a step with the actions of their robots. Return
     the number of worlds that are done; the next world needs something first, and has ``begun``.
     """
@@ -62,6 +73,7 @@ def step(tour, rules, partitions, lattice, w, agents, chosen, actions, length, f
         if not run(tour, rules, partitions, w, b, agents.steps[b] * length + 1e-9):
             return k
         count_new(rules, w, agents, b)
+        look_around(lattice, w, agents, views, b, length)
     return chosen.shape[0]
 
 
@@ -99,55 +111,46 @@ def count_new(rules, w, agents, b):
 
 
 @in_place_kernel
-def write_masks(lattice, w, agents, chosen, length, masks):
-    """Write which actions the robots of worlds can take; int8, shape (worlds, m, actions)."""
+def look(lattice, w, agents, views, chosen, length):
+    """Write what the robots of worlds see, know, and can do."""
     for k in range(chosen.shape[0]):
-        b = chosen[k]
-        for i in range(w.robots.shape[1]):
-            robot, mask = w.robots[b, i], masks[k, i]
-            free = may_go(robot, agents.steps[b] * length)
-            mask[0] = 1
-            for choice in range(1, mask.shape[0]):
-                mask[choice] = free and cell_of(lattice, robot, choice) >= 0
+        look_around(lattice, w, agents, views, chosen[k], length)
 
 
 @in_place_kernel
-def write_planes(lattice, w, chosen, planes):
-    """Write the planes of worlds; uint8, shape (worlds, m, 5, places). The planes ``region`` and
-    ``obstacles`` stay as they are.
-    """
-    n = lattice.flat.shape[0]
-    for k in range(chosen.shape[0]):
-        b = chosen[k]
-        for i in range(w.robots.shape[1]):
-            own, searched, found = planes[k, i, 1], planes[k, i, 2], planes[k, i, 4]
-            own[:] = 0
-            found[:] = 0
-            own[lattice.flat[w.robots[b, i].cell]] = 1
-            done = w.done[b, i]
-            for cell in range(n):
-                searched[lattice.flat[cell]] = holds(done, cell)
-            for finding in range(w.control[b].findings):
-                if holds(w.reported[b, i], finding):
-                    found[lattice.flat[w.place[b, finding]]] = 1
+def look_around(lattice, w, agents, views, b, length):
+    """Write what the robots of a world see, know, and can do."""
+    for i in range(w.robots.shape[1]):
+        robot, mask = w.robots[b, i], views.masks[b, i]
+        write_planes(lattice, w, views, b, i)
+        views.cells[b, i], views.left[b, i] = robot.cell, robot.left
+        free = may_go(robot, agents.steps[b] * length)
+        mask[0] = 1
+        for choice in range(1, mask.shape[0]):
+            mask[choice] = free and cell_of(lattice, robot, choice) >= 0
+        heard, counts = views.heard[b, i], w.counts[b, i]
+        for other in range(w.robots.shape[1]):
+            heard[other] = -1.0
+            if counts[other] >= 0:
+                steps = agents.steps[b] - w.peers[b, i, other].heard / length
+                heard[other] = max(steps, -1.0)
+        heard[i] = 0.0
 
 
 @in_place_kernel
-def write_news(w, agents, chosen, length, heard, told):
-    """Write how long ago robots heard of each other, in steps, and how many cells the others have
-    reported as searched; float32 and int64, shape (worlds, m, m).
+def write_planes(lattice, w, views, b, i):
+    """Write the planes of a robot: where it is, and the cells that it has learnt to be searched, or
+    to hold something.
     """
-    for k in range(chosen.shape[0]):
-        b = chosen[k]
-        for i in range(w.robots.shape[1]):
-            for other in range(w.robots.shape[1]):
-                heard[k, i, other], told[k, i, other] = -1.0, 0
-                if other == i:
-                    heard[k, i, other] = 0.0
-                elif w.counts[b, i, other] >= 0:
-                    steps = agents.steps[b] - w.peers[b, i, other].heard / length
-                    heard[k, i, other] = max(steps, -1.0)
-            for word in range(w.control[b].words):
-                bits = w.known[b, i, word]
-                if bits != ZERO:
-                    told[k, i, w.owner[b, word]] += popcount(bits)
+    planes, shown, done = views.planes[b, i], views.shown[b, i], w.done[b, i]
+    planes[1, lattice.flat[views.cells[b, i]]] = 0
+    planes[1, lattice.flat[w.robots[b, i].cell]] = 1
+    for k in range(shown.shape[0]):
+        new = done[k] & ~shown[k]
+        shown[k] = done[k]
+        while new != ZERO:
+            planes[2, lattice.flat[(k << 6) + lowest(new)]] = 1
+            new &= new - ONE
+    for finding in range(w.control[b].findings):
+        if holds(w.reported[b, i], finding):
+            planes[4, lattice.flat[w.place[b, finding]]] = 1

@@ -10,6 +10,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO, highest, lowest, popcount
+from shoal.search.kernels.protocol.steps import OPEN, length_around, stepwise_way
 from shoal.search.kernels.protocol.worlds import A_LAUNCH, A_LENGTH, NOTHING
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)
@@ -252,6 +253,8 @@ def looked_up(tour, control, key, kind, one, other):
 @in_place_kernel
 def length(tour, control, here, cell):
     """Return the length of the path between two cells, in cell sides."""
+    if tour.stepwise:
+        return length_around(tour, here, cell, OPEN)
     if tour.straight:
         return between(tour, here, cell)
     one, other = min(here, cell), max(here, cell)
@@ -265,17 +268,25 @@ def from_launch(tour, control, robot, start, cell):
     """
     if not tour.launched:
         return 0.0
+    if tour.stepwise:
+        cell = start
     key = (tour.cells + robot) * tour.cells + cell
     away = looked_up(tour, control, key, A_LAUNCH, robot, cell)
-    return 0.0 if away < 0 else away - length(tour, control, start, cell)
+    if away < 0:
+        return 0.0
+    return away if tour.stepwise else away - length(tour, control, start, cell)
 
 
 @in_place_kernel
-def way(tour, control, here, cell, fresh):
-    """Return the cost of moving from a cell to a cell; see `TourCost.way`."""
+def way(tour, control, here, cell, fresh, closed):
+    """Return the cost of moving from a cell to a cell around a set of closed cells; see
+    `TourCost.way`.
+    """
     if here == cell:
         return 0.0
     n, free = tour.cells, 0.0 if fresh else 1.0
+    if tour.stepwise:
+        return stepwise_way(tour, here, cell, free, closed)[0]
     ahead, behind = (cell - here) % n, (here - cell) % n
     onwards = tour.ahead[here + ahead + 1] - tour.ahead[here + 1] - free
     if ahead == 1:
@@ -296,7 +307,7 @@ def search_cost(tour, first, count, step):
 
 
 @in_place_kernel
-def cost_of_all(tour, control, wanted, here, fresh):
+def cost_of_all(tour, control, wanted, here, fresh, closed):
     """Return the cost of searching all cells of a bitset in tour order; see
     `shoal.search.allocation.allocate.cost_of_all`.
     """
@@ -307,7 +318,7 @@ def cost_of_all(tour, control, wanted, here, fresh):
             break
         count = length_of_run(wanted, begin, at, n, n)
         first = (begin + at) % n
-        total += way(tour, control, here, first, fresh)
+        total += way(tour, control, here, first, fresh, closed)
         total += search_cost(tour, first, count, 1)
         here, fresh = (first + count - 1) % n, 0
         done = at + count
@@ -315,7 +326,7 @@ def cost_of_all(tour, control, wanted, here, fresh):
 
 
 @in_place_kernel
-def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh):
+def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh, closed):
     """Return the cost of searching all cells of ``wanted`` alone, first those of the robot's own
     arcs, and empty ``wanted``; see `shoal.search.protocol.robot._cost_alone`.
 
@@ -342,7 +353,9 @@ def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh):
                 if away:
                     cost = from_launch(tour, control, number, start, cell)
                     away = False
-                cost += way(tour, control, here, cell, fresh) + search_cost(tour, cell, count, step)
+                cost += way(tour, control, here, cell, fresh, closed) + search_cost(
+                    tour, cell, count, step
+                )
                 here, fresh = (cell + step * (count - 1)) % n, 0
                 done = at + count
             remove_arc(wanted, first, size, step, n)
@@ -350,7 +363,7 @@ def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh):
         at = ahead_of(wanted, here, 0, n, n)
         if at >= 0:
             cost = from_launch(tour, control, number, start, (here + at) % n)
-    return cost + cost_of_all(tour, control, wanted, here, fresh)
+    return cost + cost_of_all(tour, control, wanted, here, fresh, closed)
 
 
 @in_place_kernel

@@ -1,8 +1,7 @@
 """What a robot does next.
 
 Counterpart: `next_action`, `head_for` and what they call in `shoal.search.protocol.robot`, and
-`settled` in `shoal.search.protocol.state`. Regions without unknown obstacles, and footprints of one
-cell.
+`settled` and `reachable` in `shoal.search.protocol.state`. Footprints of one cell.
 """
 
 from __future__ import annotations
@@ -25,13 +24,21 @@ from shoal.search.kernels.protocol.costs import (
     way,
 )
 from shoal.search.kernels.protocol.helping import cell_to_help, is_taken, leaves_to_others
-from shoal.search.kernels.protocol.knowledge import is_live, silence_limit
-from shoal.search.kernels.protocol.numbers import ARRIVAL
+from shoal.search.kernels.protocol.knowledge import (
+    is_live,
+    knows,
+    knows_obstacle,
+    number_of_obstacles,
+    silence_limit,
+)
+from shoal.search.kernels.protocol.numbers import ARRIVAL, LOOK
+from shoal.search.kernels.protocol.steps import write_distances, write_path, write_way
 from shoal.search.kernels.protocol.worlds import (
     A_PARTITION,
     COMPLETE,
     HOME,
     LISTENING,
+    MEMORY,
     NOTHING,
     SEARCHING,
     WAITING,
@@ -81,6 +88,61 @@ def is_settled_by_all(w, b, i, cell, time, limit, waits):
 
 
 @in_place_kernel
+def is_settled_by_able(tour, w, b, i, cell, time, limit, waits, closed):
+    """Return what `is_settled_by_all` returns if robots find obstacles: robots that cannot reach the
+    cell do not count.
+    """
+    for other in range(w.counts.shape[2] if waits else 0):
+        if (
+            other != i
+            and w.counts[b, i, other] >= 0
+            and is_live(w, b, i, other, time, limit)
+            and tour.labels[closed, cell] == tour.labels[closed, w.robots[b, other].start]
+            and not knows(w, b, i, other, cell)
+            and not knows_obstacle(w, b, i, other, cell)
+        ):
+            return False
+    return True
+
+
+@in_place_kernel
+def write_reachable(tour, rules, w, b, i, time):
+    """Write the cells that a robot can reach, and those that a live robot can reach, to the work
+    space; see `shoal.search.protocol.state.reachable`. Robots never are in closed cells.
+    """
+    robot, own, anyone = w.robots[b, i], w.reach[b], w.anyone[b]
+    if not tour.stepwise:
+        return
+    labels = tour.labels[number_of_obstacles(tour, rules, w, b, i, i)]
+    add_part(labels, robot.cell, own)
+    for k in range(own.shape[0]):
+        anyone[k] = own[k]
+    if rules.multiplicity > 1 and time >= 3 * robot.deadline:
+        return
+    limit, parts = silence_limit(robot, rules), w.left[b]
+    for other in range(w.counts.shape[2]):
+        start = w.robots[b, other].start
+        if (
+            other != i
+            and w.counts[b, i, other] >= 0
+            and not holds(anyone, start)
+            and is_live(w, b, i, other, time, limit)
+        ):
+            add_part(labels, start, parts)
+            for k in range(parts.shape[0]):
+                anyone[k] |= parts[k]
+
+
+@in_place_kernel
+def add_part(labels, cell, bits):
+    """Make a bitset of the cells in the connected part of a cell."""
+    bits[:] = ZERO
+    for other in range(labels.shape[0]):
+        if labels[other] == labels[cell]:
+            add(bits, other)
+
+
+@in_place_kernel
 def write_unsettled(tour, rules, w, b, i, time, out):
     """Write to a bitset the cells that need further search; see `settled`."""
     robot = w.robots[b, i]
@@ -91,12 +153,15 @@ def write_unsettled(tour, rules, w, b, i, time, out):
         return
     limit = silence_limit(robot, rules)
     waits = time < 3 * robot.deadline
+    closed = number_of_obstacles(tour, rules, w, b, i, i)
     for cell in range(tour.cells):
-        if (
-            holds(out, cell)
-            and holds(w.own[b, i], cell)
-            and is_settled_by_all(w, b, i, cell, time, limit, waits)
-        ):
+        if not holds(out, cell):
+            continue
+        if tour.stepwise:
+            own = holds(w.own[b, i], cell) or knows_obstacle(w, b, i, i, cell)
+            if own and is_settled_by_able(tour, w, b, i, cell, time, limit, waits, closed):
+                remove(out, cell)
+        elif holds(w.own[b, i], cell) and is_settled_by_all(w, b, i, cell, time, limit, waits):
             remove(out, cell)
 
 
@@ -118,11 +183,17 @@ def allot(tour, rules, partitions, w, b, i, time):
         take(robot, division, own, known, time)
         robot.deadline = np.inf
         return True
+    write_reachable(tour, rules, w, b, i, -np.inf)
     write_unsettled(tour, rules, w, b, i, -np.inf, w.left[b])
     for k in range(w.left.shape[1]):
         w.left[b, k] &= ~w.own[b, i, k]
+        if tour.stepwise:
+            w.left[b, k] &= w.reach[b, k]
     place = (division, own, np.int64(i), robot.start, robot.at_launch)
-    alone = cost_alone(tour, control, rules, partitions, place, w.left[b], robot.cell, robot.fresh)
+    closed = number_of_obstacles(tour, rules, w, b, i, i)
+    alone = cost_alone(
+        tour, control, rules, partitions, place, w.left[b], robot.cell, robot.fresh, closed
+    )
     last = max(
         time + alone / robot.rate, after_others(tour, rules, partitions, w, b, i, division, own)
     )
@@ -177,7 +248,7 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
     robot, control, n = w.robots[b, i], w.control[b], tour.cells
     begin = partitions.starts[division]
     parts = partitions.starts[division + 1] - begin
-    theirs = w.settled[b]
+    theirs = w.wanted[b]
     theirs[:] = ZERO
     end, some = 0.0, False
     for index in range(parts):
@@ -188,10 +259,16 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
         arcs, _ = add_arcs(partitions, division, index, rules.multiplicity, bits, n)
         if arcs == 0 or index == own:
             continue
+        closed = number_of_obstacles(tour, rules, w, b, i, number)
+        keep_reachable(tour, closed, other.start, bits)
+        if is_empty(bits):
+            continue
         place = (division, index, number, other.start, np.int64(1))
         for k in range(bits.shape[0]):
             theirs[k] |= bits[k]
-        cost = cost_alone(tour, control, rules, partitions, place, bits, other.start, np.int64(1))
+        cost = cost_alone(
+            tour, control, rules, partitions, place, bits, other.start, np.int64(1), closed
+        )
         some = True
         end = max(end, robot.began + other.listening + longest_time(rules, cost, other.rate))
     if not some:
@@ -201,12 +278,30 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
     arcs, last = add_arcs(partitions, division, own, rules.multiplicity, bits, n)
     place = (division, own, np.int64(i), robot.start, robot.at_launch)
     fill(bits, n)
-    everything = cost_alone(tour, control, rules, partitions, place, bits, robot.cell, robot.fresh)
-    here = last if arcs else robot.cell
-    launched = robot.at_launch if arcs == 0 else np.int64(0)
+    closed = number_of_obstacles(tour, rules, w, b, i, i)
+    keep_reachable(tour, closed, robot.cell, bits)
+    keep_reachable(tour, closed, robot.cell, theirs)
+    follows = arcs > 0 and holds(bits, last)
+    everything = cost_alone(
+        tour, control, rules, partitions, place, bits, robot.cell, robot.fresh, closed
+    )
+    here = last if follows else robot.cell
+    launched = np.int64(0) if follows else robot.at_launch
     place = (division, own, np.int64(i), robot.start, launched)
-    rest = cost_alone(tour, control, rules, partitions, place, theirs, here, np.int64(arcs == 0))
+    rest = cost_alone(
+        tour, control, rules, partitions, place, theirs, here, np.int64(not follows), closed
+    )
     return end + ARRIVAL * rules.beat + max(everything, rest) / robot.rate
+
+
+@in_place_kernel
+def keep_reachable(tour, closed, start, bits):
+    """Remove the cells from a bitset that no path around closed cells reaches."""
+    if tour.stepwise:
+        labels = tour.labels[closed]
+        for cell in range(tour.cells):
+            if labels[cell] != labels[start]:
+                remove(bits, cell)
 
 
 @in_place_kernel
@@ -262,13 +357,20 @@ def decide(tour, rules, partitions, w, b, i, time):
     if robot.allotted_to <= robot.peers and not allot(tour, rules, partitions, w, b, i, time):
         return NONE, -1, np.inf
     wanted = w.wanted[b]
+    write_reachable(tour, rules, w, b, i, time)
     write_unsettled(tour, rules, w, b, i, time, wanted)
+    if tour.stepwise:
+        for k in range(wanted.shape[0]):
+            wanted[k] &= w.anyone[b, k]
     if is_empty(wanted):
         robot.status, robot.next_beat = COMPLETE, time
         return DECLARE, -1, np.inf
     if rules.multiplicity > 1:
         for k in range(wanted.shape[0]):
             wanted[k] &= ~w.own[b, i, k]
+    if tour.stepwise:
+        for k in range(wanted.shape[0]):
+            wanted[k] &= w.reach[b, k]
     if robot.avoided:
         avoid(w, b, i, wanted, time)
     limit = silence_limit(robot, rules)
@@ -276,7 +378,7 @@ def decide(tour, rules, partitions, w, b, i, time):
     if (
         cell < 0
         or is_taken(w, b, i, cell, time, limit)
-        or (is_apart(robot, cell, n) and leaves_to_others(rules, w, b, i, time, limit))
+        or (is_apart(robot, cell, n) and leaves_to_others(tour, rules, w, b, i, time, limit))
     ):
         cell, wake = cell_of_others(tour, rules, partitions, w, b, i, cell, time, limit)
     if control.need != NOTHING:
@@ -321,22 +423,24 @@ def cell_of_others(tour, rules, partitions, w, b, i, mine, time, limit):
     robot, control, n = w.robots[b, i], w.control[b], tour.cells
     wanted, left = w.wanted[b], w.left[b]
     cell = cell_to_help(tour, rules, partitions, w, b, i, time, limit)
-    place = place_of(robot, i)
+    place, closed = place_of(robot, i), number_of_obstacles(tour, rules, w, b, i, i)
     if cell >= 0 and not (
-        is_apart(robot, cell, n) and leaves_to_others(rules, w, b, i, time, limit)
+        is_apart(robot, cell, n) and leaves_to_others(tour, rules, w, b, i, time, limit)
     ):
-        need = 1.0 + way(tour, control, robot.cell, cell, robot.fresh)
+        need = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, closed)
         need += from_launch(tour, control, i, robot.start, cell) if robot.at_launch else 0.0
         for k in range(left.shape[0]):
             left[k] = wanted[k]
         remove(left, cell)
-        need += cost_alone(tour, control, rules, partitions, place, left, cell, np.int64(0))
+        need += cost_alone(tour, control, rules, partitions, place, left, cell, np.int64(0), closed)
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, np.inf
     for k in range(left.shape[0]):
         left[k] = wanted[k]
     some = not is_empty(wanted)
-    alone = cost_alone(tour, control, rules, partitions, place, left, robot.cell, robot.fresh)
+    alone = cost_alone(
+        tour, control, rules, partitions, place, left, robot.cell, robot.fresh, closed
+    )
     last = robot.deadline - alone / robot.rate
     if some and time >= last - 1e-9:
         if mine >= 0:
@@ -355,8 +459,10 @@ def cell_of_others(tour, rules, partitions, w, b, i, mine, time, limit):
 def head_for(tour, rules, w, b, i, cell, time):
     """Let a robot go to a cell, or home to recharge; see `shoal.search.protocol.robot.head_for`."""
     robot, control = w.robots[b, i], w.control[b]
+    if tour.stepwise:
+        return head_along_steps(tour, rules, w, b, i, cell, time)
     back = from_launch(tour, control, i, robot.start, cell)
-    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh)
+    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, 0)
     cost += back if robot.at_launch else 0.0
     need = cost
     if robot.left < np.inf:
@@ -370,6 +476,59 @@ def head_for(tour, rules, w, b, i, cell, time):
     if control.need == NOTHING:
         robot.status, robot.target, robot.since, robot.cost = SEARCHING, cell, time, cost
     return GO, np.inf
+
+
+@in_place_kernel
+def head_along_steps(tour, rules, w, b, i, cell, time):
+    """Let a robot go to a cell from cell to cell, or home on cells that it knows to be free."""
+    robot, control, path = w.robots[b, i], w.control[b], w.path[b, i]
+    closed = number_of_obstacles(tour, rules, w, b, i, i)
+    back = from_launch(tour, control, i, robot.start, cell)
+    out = back if robot.at_launch else 0.0
+    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, closed) + out
+    if robot.left < np.inf:  # the robot may have to return along the same path
+        unsure, row = w.left[b], w.row[b]
+        write_unsure(tour, rules, w, b, i, unsure)
+        write_distances(tour, robot.cell, unsure, row)
+        need = 2 * cost + LOOK + row[robot.start] + back - out
+        if need > robot.left and robot.left < rules.energy:
+            away = row[robot.start] + rules.recharge * robot.rate
+            away += from_launch(tour, control, i, robot.start, robot.cell)
+            count = write_path(tour, robot.cell, robot.start, unsure, row, path, 0)
+            if count > path.shape[0] and control.need == NOTHING:
+                control.need, control.need_one, control.need_other = MEMORY, count, 0
+            if control.need == NOTHING:
+                robot.status, robot.target, robot.since, robot.cost = SEARCHING, HOME, time, away
+                robot.through = count
+            return GO_HOME, np.inf
+    free = 0.0 if robot.fresh else 1.0
+    count = write_way(tour, robot.cell, cell, free, closed, path)
+    if count > path.shape[0] and control.need == NOTHING:
+        control.need, control.need_one, control.need_other = MEMORY, count, 0
+    if control.need == NOTHING:
+        robot.status, robot.target, robot.since, robot.cost = SEARCHING, cell, time, cost
+        robot.through = count
+    return GO, np.inf
+
+
+@in_place_kernel
+def write_unsure(tour, rules, w, b, i, unsure):
+    """Write the cells that a robot does not know to be free; see
+    `shoal.search.protocol.state.known_free`.
+    """
+    fill(unsure, tour.cells)
+    if rules.multiplicity == 1:
+        for k in range(unsure.shape[0]):
+            unsure[k] &= ~w.done[b, i, k]
+    else:
+        for cell in range(tour.cells):
+            if w.claims[b, i, cell] > 0:
+                remove(unsure, cell)
+    for closing in range(w.control[b].closings):
+        if holds(w.closed[b, i], closing):
+            add(unsure, np.int64(w.shut[b, closing]))
+    for k in range(unsure.shape[0]):
+        unsure[k] &= ~w.passed[b, i, k]
 
 
 @in_place_kernel

@@ -25,9 +25,20 @@ from shoal.search.kernels.protocol.knowledge import (
     hear,
     lag_at,
     pause_before_beacon,
+    report_obstacle,
     write_beacon,
 )
-from shoal.search.kernels.protocol.numbers import AVOIDED, DECISIONS, RETRY, TRIES
+from shoal.search.kernels.protocol.numbers import AVOIDED, DECISIONS, LOOK, RECORDED, RETRY, TRIES
+from shoal.search.kernels.protocol.packets import divide, opens, stamp
+from shoal.search.kernels.protocol.steps import (
+    OPEN,
+    SETS,
+    add_crossed,
+    label_parts,
+    length_around,
+    length_through,
+    obstacle_on,
+)
 from shoal.search.kernels.protocol.worlds import (
     ARRIVE_HOME,
     BEGIN,
@@ -40,17 +51,20 @@ from shoal.search.kernels.protocol.worlds import (
     DELIVERY,
     DUPLICATES,
     ENTER,
+    FORGERIES,
     HEARD,
     LISTENING,
     LOSS,
     MEMORY,
     NOTHING,
     NOWHERE,
+    OBSTRUCTED,
     PARTITION,
     PAUSE,
     PAUSED,
     RANDOM,
     RANGE,
+    REPLAYS,
     SEARCHING,
     SENSE,
     WAITING,
@@ -175,7 +189,7 @@ def spend(w, b, i, cost):
 
 
 @in_place_kernel
-def enter(w, b, i, cell):
+def enter(tour, w, b, i, cell):
     """Let a robot enter a cell and search it, or wait in front of it. Return whether the robot
     gives up, and decides again.
     """
@@ -189,8 +203,9 @@ def enter(w, b, i, cell):
             post(w, b, time + RETRY / rate, ENTER, i, cell, 0.0)
             return False
         robot.place, robot.going = cell, -1
+        note_passed(tour, w, b, i, robot.through)
         robot.lag = lag_at(robot, time)
-        stop(robot, cell)
+        stop(tour, w, b, i, cell, robot.through, robot.left - robot.cost)
         robot.fresh, robot.avoided, robot.avoided_until = 1, 1, time + AVOIDED
         add_cell(w.avoided[b, i], cell)
         return True
@@ -201,14 +216,48 @@ def enter(w, b, i, cell):
 
 
 @in_place_kernel
-def stop(robot, cell):
-    """Let a robot stop in a cell."""
-    robot.left -= robot.cost
+def stop(tour, w, b, i, cell, count, left):
+    """Let a robot stop in a cell, on its path through so many cells, with so much energy."""
+    robot = w.robots[b, i]
+    if tour.stepwise:
+        add_crossed(tour, robot.cell, w.path[b, i], count, w.passed[b, i])
+        robot.through = 0
+    robot.left = left
     robot.cell, robot.at_launch, robot.target = cell, 0, NOWHERE
 
 
 @in_place_kernel
-def sense(w, b, i, cell, rules):
+def note_passed(tour, w, b, i, count):
+    """Write the first cells of a robot's path to the log."""
+    control = w.control[b]
+    for k in range(count if tour.stepwise else 0):
+        w.passes[b, control.passes, 0], w.passes[b, control.passes, 1] = i, w.path[b, i, k]
+        control.passes += 1
+
+
+@in_place_kernel
+def meet_obstacle(tour, rules, w, b, i, cell, at):
+    """Let a robot report an obstacle in a cell, and stop in the last cell before it."""
+    robot, control, path = w.robots[b, i], w.control[b], w.path[b, i]
+    robot.place, robot.going = at, -1
+    w.stops[b, control.stops, 0], w.stops[b, control.stops, 1] = i, cell
+    w.stopped[b, control.stops] = control.time
+    control.stops += 1
+    count = 0
+    for k in range(robot.through):
+        if path[k] == at:
+            count = k + 1
+            break
+    out = from_launch(tour, control, i, robot.start, at) if robot.at_launch else 0.0
+    left = robot.left - length_around(tour, robot.cell, at, OPEN) - out - LOOK
+    if at != robot.cell:
+        robot.fresh = 1
+    stop(tour, w, b, i, at, count, left)
+    report_obstacle(w, b, i, cell, rules)
+
+
+@in_place_kernel
+def sense(tour, w, b, i, cell, rules):
     """Let a robot search its cell."""
     robot, control = w.robots[b, i], w.control[b]
     chance = rules.detection if holds(w.targets[b], cell) else rules.false_alarm
@@ -218,7 +267,7 @@ def sense(w, b, i, cell, rules):
         find(w, b, i, cell)
     new = not holds(w.own[b, i], cell)
     if new and not robot.liar:
-        if w.covered[b, cell] == 0:
+        if w.covered[b, cell] == 0 and holds(w.goal[b], cell):
             control.uncovered -= 1
             if control.uncovered == 0:
                 control.covered_at = control.time
@@ -227,10 +276,14 @@ def sense(w, b, i, cell, rules):
     w.visits[b, control.visits, 2] = new and not robot.liar
     w.visited[b, control.visits] = control.time
     control.visits += 1
+    if tour.stepwise:
+        note_passed(tour, w, b, i, max(robot.through - 1, 0))
+        w.passes[b, control.passes, 0], w.passes[b, control.passes, 1] = i, -1
+        control.passes += 1
     robot.going, robot.aimed = -1, robot.aim
     robot.lag = lag_at(robot, control.time)
     claim(w, b, i, cell, rules)
-    stop(robot, cell)
+    stop(tour, w, b, i, cell, robot.through, robot.left - robot.cost)
     robot.fresh = 0
 
 
@@ -240,19 +293,13 @@ def sense(w, b, i, cell, rules):
 @in_place_kernel
 def broadcast(tour, rules, w, b, i, slot):
     """Send a beacon to all other robots. Copies without delay arrive in one event."""
-    robot, message, control = w.robots[b, i], w.messages[b, slot], w.control[b]
+    message, control = w.messages[b, slot], w.control[b]
     message.receivers, message.cursor, message.references = 0, 0, 0
     for other in range(w.robots.shape[1]):
         if other == i:
             continue
         control.sent += 1
-        copies = 0
-        if w.robots[b, other].alive:
-            away = 0.0
-            for k in range(rules.media.shape[0]):
-                if rules.media[k] == RANGE:
-                    away = between(tour, robot.place, w.robots[b, other].place)
-            copies = carry(rules, w, b, i, other, away)
+        copies = carried(tour, rules, w, b, i, other)
         lost = True
         for k in range(copies):
             if w.damaged[b, k]:  # the receiver refuses the copy
@@ -274,12 +321,80 @@ def broadcast(tour, rules, w, b, i, slot):
 
 
 @in_place_kernel
-def carry(rules, w, b, sender, receiver, away):
-    """Send a message through all models of the network, write the delay of each copy that arrives
-    and whether it is damaged to the work space, and return the number of copies.
+def broadcast_parts(tour, rules, w, b, i, count):
+    """Send the messages of a beacon to all other robots, one event for each copy that they open."""
+    control = w.control[b]
+    for k in range(count):
+        message = w.messages[b, w.parts[b, k]]
+        message.stamp, message.references = stamp(w.robots[b, i], control.time), 1
+        if rules.recorded:
+            message.references += 1
+            record_message(w, b, w.parts[b, k])
+    for other in range(w.robots.shape[1]):
+        if other == i:
+            continue
+        for k in range(count):
+            control.sent += 1
+            copies = carried(tour, rules, w, b, i, other)
+            lost = True
+            for copy in range(copies):
+                slot = np.int64(w.parts[b, k])
+                if w.origin[b, copy] == REPLAYS:
+                    records = min(control.recorded, RECORDED)
+                    chosen = np.int64(drawn(w, b) * records)
+                    slot = np.int64(w.records[b, (control.recorded - records + chosen) % RECORDED])
+                elif w.origin[b, copy] == 0 and not w.damaged[b, copy]:
+                    lost = False
+                # nobody opens a damaged message, or one without the key
+                if not w.damaged[b, copy] and w.origin[b, copy] != FORGERIES:
+                    w.messages[b, slot].references += 1
+                    post(w, b, control.time + w.delays[b, copy], HEARD, other, slot, 0.0)
+            control.lost += lost
+    for k in range(count):
+        drop_reference(w, b, np.int64(w.parts[b, k]))
+
+
+@in_place_kernel
+def record_message(w, b, slot):
+    """Let an attacker record a message, in place of the oldest of many."""
+    control = w.control[b]
+    at = control.recorded % RECORDED
+    if control.recorded >= RECORDED:
+        drop_reference(w, b, np.int64(w.records[b, at]))
+    w.records[b, at] = slot
+    control.recorded += 1
+
+
+@in_place_kernel
+def drop_reference(w, b, slot):
+    """Free the place of a message if nobody will receive or record it any more."""
+    w.messages[b, slot].references -= 1
+    if w.messages[b, slot].references == 0:
+        release(w, b, slot)
+
+
+@in_place_kernel
+def carried(tour, rules, w, b, i, other):
+    """Return how many copies of a message arrive at another robot, and write what is known of each
+    to the work space.
     """
-    delays, damaged, copies = w.delays[b], w.damaged[b], 1
-    delays[0], damaged[0] = 0.0, 0
+    if not w.robots[b, other].alive:
+        return 0
+    away = 0.0
+    for k in range(rules.media.shape[0]):
+        if rules.media[k] == RANGE:
+            away = between(tour, w.robots[b, i].place, w.robots[b, other].place)
+    return carry(rules, w, b, i, other, away)
+
+
+@in_place_kernel
+def carry(rules, w, b, sender, receiver, away):
+    """Send a message through all models of the network, write the delay of each copy that arrives,
+    whether it is damaged and which attacker sends it to the work space, and return the number of
+    copies.
+    """
+    delays, damaged, origin, copies = w.delays[b], w.damaged[b], w.origin[b], 1
+    delays[0], damaged[0], origin[0] = 0.0, 0, 0
     for k in range(rules.media.shape[0]):
         kind, number = rules.media[k], rules.numbers[k]
         if kind == LOSS:
@@ -287,6 +402,7 @@ def carry(rules, w, b, sender, receiver, away):
             for copy in range(copies):
                 if drawn(w, b) >= number[0]:
                     delays[kept], damaged[kept] = delays[copy], damaged[copy]
+                    origin[kept] = origin[copy]
                     kept += 1
             copies = kept
         elif kind == BURSTS:
@@ -311,13 +427,16 @@ def carry(rules, w, b, sender, receiver, away):
             for copy in range(copies):
                 if drawn(w, b) < number[0]:
                     delays[again] = delays[copy] + drawn(w, b)
-                    damaged[again] = damaged[copy]
+                    damaged[again], origin[again] = damaged[copy], origin[copy]
                     again += 1
             copies = again
         elif kind == CORRUPTION:
             for copy in range(copies):
                 if not damaged[copy]:
                     damaged[copy] = drawn(w, b) < number[0]
+        elif drawn(w, b) < number[0]:  # replays and forgeries
+            delays[copies], damaged[copies], origin[copies] = 0.0, 0, kind
+            copies += 1
         if copies == 0:
             break
     return copies
@@ -347,10 +466,13 @@ def is_ready(rules, w, b):
         or control.findings + 1 > w.finder.shape[1]
         or control.visits + 1 > w.visited.shape[1]
         or control.states + 4 > w.stated.shape[1]
+        or control.closings + 1 > w.closer.shape[1]
+        or control.stops + 1 > w.stopped.shape[1]
+        or control.passes + w.path.shape[2] + 1 > w.passes.shape[1]
     ):
-        control.need = MEMORY
+        control.need, control.need_one, control.need_other = MEMORY, 0, 0
     elif control.drawn + rules.draws > w.random.shape[1]:
-        control.need = RANDOM
+        control.need, control.need_other = RANDOM, 0
     return control.need == NOTHING
 
 
@@ -388,11 +510,21 @@ def advance(tour, rules, partitions, w, b):
         if robot.status == WAITING or robot.status == COMPLETE:
             occupy(w, b, i, -1)  # the robot stands aside
         control.stage = 1
-    if not act(tour, rules, partitions, w, b, i):
-        return False
-    if robot.status != COMPLETE or robot.lingering > 0:
-        if time >= robot.next_beat - 1e-9:
-            send_beacon(tour, rules, w, b, i)
+    if control.stage == 1:
+        if not act(tour, rules, partitions, w, b, i):
+            return False
+        control.stage = 2
+    if robot.status != COMPLETE or robot.lingering > 0 or control.stage == 3:
+        if control.stage == 2 and time >= robot.next_beat - 1e-9:
+            make_beacon(tour, rules, w, b, i)
+            control.stage = 3
+        if control.stage == 3:
+            if rules.longest == 0:
+                broadcast(tour, rules, w, b, i, control.last)
+            elif not send_parts(tour, rules, w, b, i):
+                return False
+            control.stage = 4
+    if control.stage == 4 or robot.status != COMPLETE or robot.lingering > 0:
         wake = min(control.waking, robot.next_beat)
         if robot.status == LISTENING:
             wake = min(wake, robot.began + robot.listening)
@@ -411,24 +543,34 @@ def act(tour, rules, partitions, w, b, i):
     control, robot = w.control[b], w.robots[b, i]
     if control.action == GO:
         cell = control.cell
-        cost = 1.0 + way(tour, control, robot.place, cell, robot.fresh)
-        if robot.at_launch:
-            cost += from_launch(tour, control, i, robot.place, cell)
+        if tour.stepwise and robot.through > 0:
+            cost = robot.cost
+        else:
+            cost = 1.0 + way(tour, control, robot.place, cell, robot.fresh, OPEN)
+            if robot.at_launch:
+                cost += from_launch(tour, control, i, robot.place, cell)
         if control.need != NOTHING:
             return False
         control.takeovers += takes_over(tour, rules, partitions, w, b, i, control.time)
         robot.going, robot.tries = cell, 0
+        if tour.stepwise and stops_before(tour, w, b, i):
+            return True
         if spend(w, b, i, cost):
             if cost > 1.0 + 1e-12:
                 occupy(w, b, i, -1)  # during the motion the robot occupies no cell
             rate = true_rate(w, b, i)
             post(w, b, control.time + (cost - 1.0) / rate, ENTER, i, cell, 0.0)
     elif control.action == GO_HOME:
-        away = length(tour, control, robot.place, robot.start)
+        if tour.stepwise and robot.through > 0:
+            away = length_through(tour, robot.place, w.path[b, i], robot.through)
+        else:
+            away = length(tour, control, robot.place, robot.start)
         away += from_launch(tour, control, i, robot.start, robot.place)
         if control.need != NOTHING:
             return False
         occupy(w, b, i, -1)
+        note_passed(tour, w, b, i, robot.through)
+        robot.through = 0
         if spend(w, b, i, away):
             time = control.time + away / true_rate(w, b, i) + rules.recharge
             post(w, b, time, ARRIVE_HOME, i, 0, 0.0)
@@ -438,8 +580,28 @@ def act(tour, rules, partitions, w, b, i):
 
 
 @in_place_kernel
-def send_beacon(tour, rules, w, b, i):
-    """Let a robot send its beacon."""
+def stops_before(tour, w, b, i):
+    """Let a robot go to the last cell before an obstacle on its path, and return whether there is
+    an obstacle.
+    """
+    robot, control, path = w.robots[b, i], w.control[b], w.path[b, i]
+    cell, free = obstacle_on(tour, robot.place, path, robot.through, w.blocked[b])
+    if cell < 0:
+        return False
+    out = from_launch(tour, control, i, robot.start, robot.place) if robot.at_launch else 0.0
+    cost = length_through(tour, robot.place, path, free) + LOOK + out
+    occupy(w, b, i, -1)
+    if spend(w, b, i, cost):
+        at = path[free - 1] if free else robot.place
+        note_passed(tour, w, b, i, free)
+        time = control.time + cost / true_rate(w, b, i)
+        post(w, b, time, OBSTRUCTED, i, np.int64(cell), float(at))
+    return True
+
+
+@in_place_kernel
+def make_beacon(tour, rules, w, b, i):
+    """Let a robot write its beacon."""
     robot, control = w.robots[b, i], w.control[b]
     pause = pause_before_beacon(robot, control.time, rules)
     robot.count += 1
@@ -450,11 +612,42 @@ def send_beacon(tour, rules, w, b, i):
     slot = np.int64(w.free[b, control.slots])
     control.last = slot
     write_beacon(w, b, i, slot, control.time, tour.cells)
-    broadcast(tour, rules, w, b, i, slot)
 
 
 @in_place_kernel
-def play_next(rules, w, b):
+def send_parts(tour, rules, w, b, i):
+    """Let a robot send the messages into which its beacon is divided. Return False if the world
+    needs room for them first.
+    """
+    control = w.control[b]
+    whole = control.last
+    count = divide(w, b, whole, rules.longest, False)
+    events = count * rules.copies * w.robots.shape[1]
+    if (
+        control.slots < count
+        or count > w.parts.shape[1]
+        or control.queued + events + 4 > w.times.shape[1]
+    ):
+        control.need, control.need_one, control.need_other = MEMORY, 0, count
+        return False
+    if control.drawn + count * rules.draws > w.random.shape[1]:
+        control.need, control.need_other = RANDOM, count
+        return False
+    for k in range(count):
+        control.slots -= 1
+        slot = np.int64(w.free[b, control.slots])
+        w.parts[b, k] = slot
+        message = w.messages[b, slot]
+        message.sender = i
+        message.heartbeats = message.words = message.findings = message.closings = 0
+    divide(w, b, whole, rules.longest, True)
+    broadcast_parts(tour, rules, w, b, i, count)
+    release(w, b, whole)
+    return True
+
+
+@in_place_kernel
+def play_next(tour, rules, w, b):
     """Let the next event of the queue happen."""
     control = w.control[b]
     kind, i, what = w.events[b, 0, 0], w.events[b, 0, 1], w.events[b, 0, 2]
@@ -466,12 +659,14 @@ def play_next(rules, w, b):
     drop_first(w, b)
     robot, time = w.robots[b, i], control.time
     if kind == HEARD:
-        if robot.alive and time >= robot.paused_until:
+        if (
+            robot.alive
+            and time >= robot.paused_until
+            and (rules.longest == 0 or opens(w, b, i, what, time, rules))
+        ):
             hear(w, b, i, what, time, rules)
             control.pending, control.stage, control.heard = i, 0, 1
-        w.messages[b, what].references -= 1
-        if w.messages[b, what].references == 0:
-            release(w, b, what)
+        drop_reference(w, b, what)
         return
     if not robot.alive:
         return
@@ -490,17 +685,21 @@ def play_next(rules, w, b):
     if kind == BEGIN:
         robot.began = robot.next_beat = time
         robot.cell, robot.at_launch, robot.left = robot.start, 1, rules.energy
+        if tour.stepwise:
+            add_cell(w.passed[b, i], robot.start)
     elif kind == WAKE:
         decides = value == robot.wake  # the robot has made no newer request
         if decides:
             robot.wake = np.inf
     elif kind == ENTER:
-        decides = enter(w, b, i, what)
+        decides = enter(tour, w, b, i, what)
+    elif kind == OBSTRUCTED:
+        meet_obstacle(tour, rules, w, b, i, what, np.int64(value))
     elif kind == SENSE:
         if robot.searching == what:
-            sense(w, b, i, what, rules)
+            sense(tour, w, b, i, what, rules)
         else:  # a pause has interrupted the search, so the robot must enter the cell again
-            decides = enter(w, b, i, what)
+            decides = enter(tour, w, b, i, what)
     elif kind == ARRIVE_HOME:
         robot.place, robot.energy = robot.start, robot.full
         robot.lag = lag_at(robot, time)
@@ -511,15 +710,32 @@ def play_next(rules, w, b):
 
 
 @in_place_kernel
+def is_busy(robot, time):
+    """Return whether a robot only goes on after a message: it is on its way, and waits for nothing
+    but its next beacon.
+    """
+    return (
+        robot.status == SEARCHING
+        and robot.shown == SEARCHING
+        and robot.target != NOWHERE
+        and time < robot.next_beat - 1e-9
+        and robot.wake == robot.next_beat
+    )
+
+
+@in_place_kernel
 def deliver_next(rules, w, b, slot):
-    """Let the next receiver of a message hear it."""
-    control, message = w.control[b], w.messages[b, slot]
-    i = np.int64(w.receivers[b, slot, message.cursor])
-    message.cursor += 1
-    robot = w.robots[b, i]
-    if robot.alive and control.time >= robot.paused_until:
-        hear(w, b, i, slot, control.time, rules)
-        control.pending, control.stage, control.heard = i, 0, 1
+    """Let the next receivers of a message hear it, up to one that decides what it does."""
+    control, message, receivers = w.control[b], w.messages[b, slot], w.receivers[b, slot]
+    time = control.time
+    while message.cursor < message.receivers and control.pending < 0:
+        i = np.int64(receivers[message.cursor])
+        message.cursor += 1
+        robot = w.robots[b, i]
+        if robot.alive and time >= robot.paused_until:
+            hear(w, b, i, slot, time, rules)
+            if not is_busy(robot, time):
+                control.pending, control.stage, control.heard = i, 0, 1
     if message.cursor == message.receivers:
         drop_first(w, b)
         message.references -= 1
@@ -528,10 +744,13 @@ def deliver_next(rules, w, b, slot):
 
 
 @in_place_kernel
-def start(w, b, faults):
+def start(tour, w, b, faults):
     """Switch on all robots of a world. The rows of ``faults`` are kinds, robots, times, and ends of
     pauses.
     """
+    if tour.stepwise and tour.counters[SETS] == 0:  # the empty set
+        tour.counters[SETS] = 1
+        label_parts(tour, tour.sets[OPEN], tour.labels[OPEN])
     for k in range(faults.shape[0]):
         kind, i = np.int64(faults[k, 0]), np.int64(faults[k, 1])
         post(w, b, faults[k, 2], kind, i, 0, faults[k, 3])
@@ -554,4 +773,4 @@ def run(tour, rules, partitions, w, b, until):
         if not is_ready(rules, w, b):
             return False
         control.most -= 1
-        play_next(rules, w, b)
+        play_next(tour, rules, w, b)

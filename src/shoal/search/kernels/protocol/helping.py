@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.costs import holds, length, next_stretch
-from shoal.search.kernels.protocol.knowledge import is_late, is_live, knows, speed_of
+from shoal.search.kernels.protocol.knowledge import can_come, is_late, knows, speed_of
 from shoal.search.kernels.protocol.numbers import WORTH
 from shoal.search.kernels.protocol.worlds import SEARCHING, WAITING
 
@@ -29,7 +29,7 @@ def cell_to_help(tour, rules, partitions, w, b, i, time, limit):
     others = 0
     for part in range(begin, begin + parts):
         other = partitions.robots[part]
-        if other != i and is_live(w, b, i, other, time, limit):
+        if other != i and can_come(tour, w, b, i, other, time, limit):
             w.others[b, others] = other
             others += 1
     runs = 0
@@ -50,7 +50,7 @@ def cell_to_help(tour, rules, partitions, w, b, i, time, limit):
                 return -1
             return (w.runs[b, best].first + w.runs[b, best].step * ahead) % n
         if (
-            is_live(w, b, i, other, time, limit)
+            can_come(tour, w, b, i, other, time, limit)
             and w.peers[b, i, other].status == WAITING
             and not is_late(w, b, i, other, time, rules)
         ):
@@ -76,7 +76,7 @@ def offered_parts(tour, rules, partitions, w, b, i, time, limit):
             other = partitions.robots[begin + (index - back) % parts]
             if (
                 other == i
-                or not is_live(w, b, i, other, time, limit)
+                or not can_come(tour, w, b, i, other, time, limit)
                 or is_late(w, b, i, other, time, rules)
             ):
                 left = True
@@ -195,21 +195,37 @@ def left_in_arc(w, b, first, size, step, cell, n):
 
 @in_place_kernel
 def best_run(tour, w, b, speed, at, runs):
-    """Return the index of the run in which a helper saves the most time, or -1, and the number of
-    cells that the helper skips at the front of the run.
+    """Return the index of the run in which a helper saves the most time, or with probabilities
+    finds the target most probably in each unit of time, or -1; and the number of cells that the
+    helper skips at the front of the run.
     """
     longest = (tour.ahead[tour.cells] + tour.cells) / speed
-    best, skipped, most = -1, 0, WORTH / speed
+    least = WORTH / speed
+    best, skipped, most = -1, 0, -1.0
     for k in range(runs):
         run = w.runs[b, k]
         way = length(tour, w.control[b], at, run.first) / speed
         alone = min(run.late + run.count / run.pace, longest) if run.pace != 0.0 else 2 * longest
         ahead = cells_to_skip(run, way, speed)
         # the time without the helper, minus the time until the helper has searched its cells
-        gain = alone - way - (run.count - ahead) / speed
-        if ahead < run.count and gain > most:
-            best, skipped, most = k, ahead, gain
+        work = (run.count - ahead) / speed
+        gain = alone - way - work
+        if ahead >= run.count or gain <= least:
+            continue
+        value = gain
+        if tour.likely.shape[0] > 0:
+            value = likelihood(tour, run, ahead) / (way + work)
+        if value > most:
+            best, skipped, most = k, ahead, value
     return best, skipped
+
+
+@in_place_kernel
+def likelihood(tour, run, ahead):
+    """Return the probability that the target is in a run behind its first ``ahead`` cells."""
+    count = run.count - ahead
+    low = (run.first + ahead if run.step > 0 else run.first - run.count + 1) % tour.cells
+    return tour.likely[low + count] - tour.likely[low]
 
 
 @in_place_kernel
@@ -264,7 +280,7 @@ def is_taken(w, b, i, cell, time, limit):
 
 
 @in_place_kernel
-def leaves_to_others(rules, w, b, i, time, limit):
+def leaves_to_others(tour, rules, w, b, i, time, limit):
     """Return whether the robot is late, and another robot is idle and not late."""
     if not is_late(w, b, i, i, time, rules):
         return False
@@ -274,7 +290,7 @@ def leaves_to_others(rules, w, b, i, time, limit):
             and w.counts[b, i, other] >= 0
             and w.peers[b, i, other].status == WAITING
             and not is_late(w, b, i, other, time, rules)
-            and is_live(w, b, i, other, time, limit)
+            and can_come(tour, w, b, i, other, time, limit)
         ):
             return True
     return False

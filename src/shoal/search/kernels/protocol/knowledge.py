@@ -11,7 +11,7 @@ from math import log
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ONE, ZERO, lowest
+from shoal.search.kernels.protocol.bits import ONE, ZERO, highest, lowest
 from shoal.search.kernels.protocol.costs import add, holds
 from shoal.search.kernels.protocol.numbers import (
     BEATS,
@@ -33,6 +33,7 @@ from shoal.search.kernels.protocol.numbers import (
     SHORTEST_SILENCE,
     TOLERATED,
 )
+from shoal.search.kernels.protocol.steps import VERSION, number_of_set
 from shoal.search.kernels.protocol.worlds import COMPLETE, LISTENING
 
 
@@ -55,16 +56,93 @@ def knows(w, b, i, other, cell):
 @in_place_kernel
 def learn(w, b, i, word, new, rules):
     """Let a robot learn the facts of a word that it does not know."""
-    w.known[b, i, word] |= new
+    robot, known, owner = w.robots[b, i], w.known[b, i], w.owner[b, word]
     while new != ZERO:
-        cell = np.int64(w.cells[b, (word << 6) + lowest(new)])
-        if rules.multiplicity == 1:
-            add(w.done[b, i], cell)
-        else:
-            w.claims[b, i, cell] += 1
-            if w.claims[b, i, cell] == rules.multiplicity:
-                add(w.done[b, i], cell)
+        fact = (word << 6) + lowest(new)
+        before, behind = w.after[b, fact], w.ahead[b, fact]
+        known[word] |= ONE << np.uint64(fact & 63)
+        robot.learned += 1
+        robot.intervals += 1
+        if before >= 0 and holds(known, before):
+            robot.intervals -= 1
+        if behind >= 0 and holds(known, behind):
+            robot.intervals -= 1
+        w.told[b, i, owner] += 1
+        settle(w, b, i, np.int64(w.cells[b, fact]), rules)
         new &= new - ONE
+
+
+@in_place_kernel
+def settle(w, b, i, cell, rules):
+    """Let a robot know that one more robot has searched a cell, or found an obstacle in it."""
+    if rules.multiplicity == 1:
+        add(w.done[b, i], cell)
+        return
+    w.claims[b, i, cell] += 1
+    if w.claims[b, i, cell] == rules.multiplicity:
+        add(w.done[b, i], cell)
+
+
+@in_place_kernel
+def report_obstacle(w, b, i, cell, rules):
+    """Let a robot report that a cell contains an obstacle."""
+    control = w.control[b]
+    for closing in range(control.closings):
+        if w.shut[b, closing] == cell and w.closer[b, closing] == i:
+            return
+    closing = control.closings
+    w.shut[b, closing], w.closer[b, closing] = cell, i
+    control.closings += 1
+    learn_obstacles(w, b, i, closing >> 6, ONE << np.uint64(closing & 63), rules)
+
+
+@in_place_kernel
+def learn_obstacles(w, b, i, word, new, rules):
+    """Let a robot learn the obstacles of a word that it does not know."""
+    w.closed[b, i, word] |= new
+    w.robots[b, i].shut = -1
+    while new != ZERO:
+        settle(w, b, i, np.int64(w.shut[b, (word << 6) + lowest(new)]), rules)
+        new &= new - ONE
+
+
+@in_place_kernel
+def knows_obstacle(w, b, i, other, cell):
+    """Return whether a robot knows that another one reports an obstacle in a cell."""
+    for closing in range(w.control[b].closings):
+        if (
+            w.shut[b, closing] == cell
+            and w.closer[b, closing] == other
+            and holds(w.closed[b, i], closing)
+        ):
+            return True
+    return False
+
+
+@in_place_kernel
+def number_of_obstacles(tour, rules, w, b, i, number):
+    """Return the number of the set of obstacles that a robot knows, if it were the robot
+    ``number``: those that this one reports, or enough robots; see
+    `shoal.search.protocol.state.obstacles`. The number is valid until the next call.
+    """
+    if not tour.stepwise:
+        return 0
+    robot, count, bits = w.robots[b, i], w.control[b].closings, w.settled[b]
+    if number == i and robot.shut >= 0 and robot.shut_version == tour.counters[VERSION]:
+        return robot.shut
+    bits[:] = ZERO
+    for closing in range(count):
+        if not holds(w.closed[b, i], closing):
+            continue
+        cell, reports = w.shut[b, closing], 0
+        for other in range(count):
+            reports += w.shut[b, other] == cell and holds(w.closed[b, i], other)
+        if w.closer[b, closing] == number or reports >= rules.multiplicity:
+            add(bits, np.int64(cell))
+    found = number_of_set(tour, bits)
+    if number == i:
+        robot.shut, robot.shut_version = found, tour.counters[VERSION]
+    return found
 
 
 @in_place_kernel
@@ -83,7 +161,7 @@ def claim(w, b, i, cell, rules):
     w.span[b, robot.word, 1] = max(w.span[b, robot.word, 1], cell)
     robot.facts += 1
     w.cells[b, fact] = cell
-    w.after[b, fact] = -1
+    w.after[b, fact] = w.ahead[b, fact] = -1
     if cell > 0:
         link(w, b, fact, fact_of(w, b, i, cell - 1))
     if cell + 1 < w.head.shape[1]:
@@ -99,7 +177,7 @@ def link(w, b, fact, before):
     """Note that a robot claims a cell with one fact, and the cell before with another one."""
     if fact < 0 or before < 0:
         return
-    w.after[b, fact] = before
+    w.after[b, fact], w.ahead[b, before] = before, fact
     if fact >> 6 == before >> 6:
         bit = ONE << np.uint64(fact & 63)
         if before == fact - 1:
@@ -125,15 +203,16 @@ def find(w, b, i, cell):
 def hear(w, b, i, slot, time, rules):
     """Let a robot hear a beacon."""
     robot, message = w.robots[b, i], w.messages[b, slot]
-    known = w.known[b, i]
+    known, words, bits = w.known[b, i], w.word[b, slot], w.bits[b, slot]
+    beats, counts = w.beats[b, slot], w.counts[b, i]
     for k in range(message.words):
-        word = w.word[b, slot, k]
-        new = w.bits[b, slot, k] & ~known[word]
+        word = words[k]
+        new = bits[k] & ~known[word]
         if new != ZERO:
             learn(w, b, i, word, new, rules)
     for k in range(message.heartbeats):
-        other, count = w.beats[b, slot, k, 0], w.beats[b, slot, k, 1]
-        before = np.int64(w.counts[b, i, other])
+        other, count = beats[k, 0], beats[k, 1]
+        before = np.int64(counts[other])
         if other == i or before >= count:
             continue
         peer = w.peers[b, i, other]
@@ -143,7 +222,7 @@ def hear(w, b, i, slot, time, rules):
             peer.origin, peer.place, peer.since = w.robots[b, other].start, place, time
             peer.then, peer.lag_then, peer.later, peer.lag_later = time, lag, time, lag
         else:
-            if k == 0:
+            if other == message.sender:
                 robot.lost += count - before - 1
                 robot.got += 1
             if time - peer.later >= MARK * rules.beat:
@@ -156,6 +235,11 @@ def hear(w, b, i, slot, time, rules):
     for k in range(message.findings):
         word = w.finding_word[b, slot, k]
         w.reported[b, i, word] |= w.finding_bits[b, slot, k]
+    for k in range(message.closings):
+        word = w.closing_word[b, slot, k]
+        new = w.closing_bits[b, slot, k] & ~w.closed[b, i, word]
+        if new != ZERO:
+            learn_obstacles(w, b, i, word, new, rules)
 
 
 # Beacons
@@ -165,11 +249,65 @@ def hear(w, b, i, slot, time, rules):
 def width_of_window(w, b, i, n):
     """Return how many cells from the cell ``window`` on the next beacon repeats facts of: the half,
     quarter, ... of the tour in which few enough intervals of facts begin; see
-    `shoal.search.protocol.robot._window`.
+    `shoal.search.protocol.robot._window`. Return the number of facts, too, if they have been
+    gathered, or else -1.
     """
-    robot, begun = w.robots[b, i], w.begun[b]
+    robot, begun, first = w.robots[b, i], w.begun[b], w.robots[b, i].window
     begun[:] = 0
-    known, afters, cells, first = w.known[b, i], w.after[b], w.cells[b], robot.window
+    cut = 0  # intervals of obstacles that the beginning of the section cuts
+    for k in range((w.control[b].findings + 63) >> 6):
+        bits = w.reported[b, i, k]
+        while bits != ZERO:
+            finding = (k << 6) + lowest(bits)
+            bits &= bits - ONE
+            if is_first_finding(w, b, i, finding):
+                begun[level_of((w.place[b, finding] - first) % n, n)] += 1
+    for closing in range(w.control[b].closings):
+        if not holds(w.closed[b, i], closing):
+            continue
+        cell = np.int64(w.shut[b, closing])
+        if cell == 0 or not knows_obstacle(w, b, i, w.closer[b, closing], cell - 1):
+            begun[level_of((cell - first) % n, n)] += 1
+        elif cell == first:
+            cut += 1
+    others = np.int64(0)
+    for k in range(begun.shape[0]):
+        others += begun[k]
+    total = robot.intervals + others
+    rounds = LAST_ROUND if robot.status == COMPLETE else ROUND
+    share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
+    if total <= share:
+        return n, -1
+    # count in longer and longer sections, or in all words
+    words = w.control[b].words
+    if 4 * robot.learned * share < total * (2 * words + 12 * robot.intervals):
+        levels, count, done, gathered = level_of(0, n), cut, 0, 0
+        for level in range(levels, -1, -1):
+            width = width_at(level, n)
+            count += begun[level]
+            more, facts = gather(w, b, i, first, done, width, gathered, share - count)
+            count += more
+            if count > share and done:
+                break
+            done, gathered = width, facts
+            if count > share:
+                break
+        return done, gathered
+    total += cut + count_by_level(w, b, i, first, n)
+    width, level = n, 0
+    while width > 1 and total > share:
+        total -= begun[level]
+        width, level = (width + 1) // 2, level + 1
+    return width, -1
+
+
+@in_place_kernel
+def count_by_level(w, b, i, first, n):
+    """Count the intervals of known facts by the level of the cell in which they begin, and return
+    the number of intervals that the beginning of the section cuts.
+    """
+    begun, known, afters, cells = w.begun[b], w.known[b, i], w.after[b], w.cells[b]
+    cut = 0
     for k in range(w.control[b].words):
         bits = known[k]
         if not w.span[b, k, 0] <= first <= w.span[b, k, 1]:
@@ -180,44 +318,53 @@ def width_of_window(w, b, i, n):
             after, ahead = afters[fact], cells[fact] - first
             if after < 0 or not holds(known, after):
                 begun[level_of(ahead + n if ahead < 0 else ahead, n)] += 1
-            elif ahead == 0:  # cut by the beginning of the section
-                begun[begun.shape[0] - 1] += 1
-    for k in range((w.control[b].findings + 63) >> 6):
-        bits = w.reported[b, i, k]
-        while bits != ZERO:
-            finding = (k << 6) + lowest(bits)
-            bits &= bits - ONE
-            if is_first_finding(w, b, i, finding):
-                cell = np.int64(w.place[b, finding])
-                begun[level_of((cell - robot.window) % n, n)] += 1
-    cut = begun[begun.shape[0] - 1]
-    total = np.int64(0)
-    for k in range(begun.shape[0] - 1):
-        total += begun[k]
-    rounds = LAST_ROUND if robot.status == COMPLETE else ROUND
-    share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
-    if total <= share:
-        return n
-    total += cut
-    width, level = n, 0
-    while width > 1 and total > share:
-        total -= begun[level]
-        width, level = (width + 1) // 2, level + 1
-    return width
+            elif ahead == 0:
+                cut += 1
+    return cut
+
+
+@in_place_kernel
+def width_at(level, n):
+    """Return the width of a section after so many halvings."""
+    for _ in range(level):
+        n = (n + 1) // 2
+    return n
+
+
+@in_place_kernel
+def gather(w, b, i, first, done, width, gathered, most):
+    """Append the known facts of a section, from ``done`` cells ahead of its first one on, to those
+    ``gathered``. Return the number of intervals that begin there, and of gathered facts; stop at
+    the cell with the first interval above ``most``.
+    """
+    known, facts, n, count = w.known[b, i], w.gathered[b], w.head.shape[1], 0
+    for ahead in range(done, width):
+        cell = first + ahead
+        fact = np.int64(w.head[b, cell - n if cell >= n else cell])
+        while fact >= 0:
+            if holds(known, fact):
+                facts[gathered] = fact
+                gathered += 1
+                before = np.int64(w.after[b, fact])
+                count += ahead == 0 or before < 0 or not holds(known, before)
+            fact = np.int64(w.next[b, fact])
+        if count > most:
+            break
+    return count, gathered
 
 
 @in_place_kernel
 def level_of(ahead, n):
     """Return how often the width of a section of n cells is halved as long as it contains a cell
-    so far ahead.
+    so far ahead: a section of ceil(n / 2^k) cells contains it if 2^k times ``ahead`` is below n.
     """
-    width, level = n, 0
-    while width > 1:
-        width = (width + 1) // 2
-        if ahead >= width:
-            return level
-        level += 1
-    return level
+    if n == 1:
+        return 0
+    last = np.uint64(n - 1)
+    if ahead == 0:
+        return highest(last) + 1
+    level = highest(last) - highest(np.uint64(ahead))
+    return level - (np.int64(ahead) << level >= n)
 
 
 @in_place_kernel
@@ -239,6 +386,13 @@ def choose_news(w, b, i, turn):
     for k in range(w.control[b].words):
         if w.known[b, i, k] & ~w.before[b, i, turn, k] != ZERO:
             telling[w.owner[b, k]] = 1
+    choose_in_turn(w, b, i)
+
+
+@in_place_kernel
+def choose_in_turn(w, b, i):
+    """Keep of the marked robots those of which the next beacon tells what is new."""
+    telling = w.telling[b]
     telling[i] = 0
     others = 0
     for other in range(telling.shape[0]):
@@ -285,23 +439,33 @@ def write_beacon(w, b, i, slot, time, n):
     robot, message = w.robots[b, i], w.messages[b, slot]
     message.sender = i
     write_heartbeats(w, b, i, slot, time)
-    width, turn = width_of_window(w, b, i, n), robot.announced % REPEATED
+    width, gathered = width_of_window(w, b, i, n)
+    turn, section = robot.announced % REPEATED, w.section[b]
     known, before = w.known[b, i], w.before[b, i, turn]
     count = w.control[b].words
     message.words = 0
     bounded = w.counts.shape[2] > NEWS + 1
     if bounded:
         choose_news(w, b, i, turn)
+    for k in range(count if gathered >= 0 else 0):
+        section[k] = ZERO
+    for k in range(gathered):
+        fact = w.gathered[b, k]
+        section[fact >> 6] |= ONE << np.uint64(fact & 63)
     for k in range(count):
         bits = known[k]
         if bits != ZERO and width < n:
             told = not bounded or w.telling[b, w.owner[b, k]]
             new = bits & ~before[k] if told else ZERO
-            bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
+            if gathered >= 0:
+                bits = new | section[k]
+            else:
+                bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
         if bits != ZERO:
             w.word[b, slot, message.words], w.bits[b, slot, message.words] = k, bits
             message.words += 1
     write_findings(w, b, i, slot, width, turn, n)
+    write_obstacles(w, b, i, slot, width, turn, n)
     for k in range(count):
         before[k] = known[k]
     robot.announced += 1
@@ -328,6 +492,32 @@ def write_findings(w, b, i, slot, width, turn, n):
             w.finding_bits[b, slot, message.findings] = told
             message.findings += 1
     for k in range(words):
+        before[k] = known[k]
+
+
+@in_place_kernel
+def write_obstacles(w, b, i, slot, width, turn, n):
+    """Write to a beacon the known obstacles that are new, or in the section to repeat."""
+    robot, message, count = w.robots[b, i], w.messages[b, slot], w.control[b].closings
+    known, before, telling = w.closed[b, i], w.closed_before[b, i, turn], w.telling[b]
+    message.closings = 0
+    telling[:] = 0
+    for closing in range(count):
+        if holds(known, closing) and not holds(before, closing):
+            telling[w.closer[b, closing]] = 1
+    choose_in_turn(w, b, i)
+    for k in range((count + 63) >> 6):
+        bits, told = known[k], ZERO
+        while bits != ZERO:
+            closing = (k << 6) + lowest(bits)
+            new = telling[w.closer[b, closing]] and not holds(before, closing)
+            if new or in_window(robot.window, width, np.int64(w.shut[b, closing]), n):
+                told |= ONE << np.uint64(closing & 63)
+            bits &= bits - ONE
+        if told != ZERO:
+            w.closing_word[b, slot, message.closings] = k
+            w.closing_bits[b, slot, message.closings] = told
+            message.closings += 1
         before[k] = known[k]
 
 
@@ -408,6 +598,14 @@ def silence_limit(robot, rules):
 def is_live(w, b, i, other, time, limit):
     """Return whether a robot presumes that another is alive. ``limit`` is its `silence_limit`."""
     return other == i or (w.counts[b, i, other] >= 0 and time - w.peers[b, i, other].heard <= limit)
+
+
+@in_place_kernel
+def can_come(tour, w, b, i, other, time, limit):
+    """Return whether a robot presumes that another is alive and can reach the cells ``reach``."""
+    return is_live(w, b, i, other, time, limit) and (
+        other == i or not tour.stepwise or holds(w.reach[b], w.robots[b, other].start)
+    )
 
 
 @in_place_kernel

@@ -15,6 +15,16 @@ NEWS = 32  # maximum number of other robots whose new facts a beacon tells
 LAG_UNIT = 1 / 16
 LINGER = 12  # number of beacons that a robot sends after the search is complete
 
+# messages
+PIECE = 32  # maximum bytes of intervals in a byte string, which must fit into the shortest message
+FULL_PIECE = PIECE - 10  # bytes after which a byte string gets no further interval
+SHARE = 1000  # maximum number of messages per sender and second
+REMEMBERED = 64  # number of stamps that a receiver remembers for each sender
+RECORDED = 1000  # number of recorded messages for replay attacks
+STAMPS_APART = (
+    100_000  # maximum difference between a message's stamp and the clock, in a simulation
+)
+
 # decisions
 ARRIVAL = 2.0  # beacon periods until the news of the last searched cell has arrived
 AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot

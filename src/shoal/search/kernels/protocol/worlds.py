@@ -19,10 +19,12 @@ LISTENING, SEARCHING, WAITING, COMPLETE, PAUSED, DEAD = 0, 1, 2, 3, 4, 5
 NOWHERE, HOME = -2, -1  # no target, and the target of a robot that goes home to recharge
 
 # kinds of events in the queue of a world
-BEGIN, PROMPT, WAKE, HEARD, DELIVERY, ENTER, SENSE, ARRIVE_HOME, CRASH, PAUSE = range(10)
+BEGIN, PROMPT, WAKE, HEARD, DELIVERY, ENTER, SENSE, ARRIVE_HOME, CRASH, PAUSE, OBSTRUCTED = range(
+    11
+)
 
 # models of networks, in the order of `shoal.search.problem.network`
-LOSS, BURSTS, RANGE, PARTITION, DELAY, DUPLICATES, CORRUPTION = range(7)
+LOSS, BURSTS, RANGE, PARTITION, DELAY, DUPLICATES, CORRUPTION, REPLAYS, FORGERIES = range(9)
 
 # what a world needs before it can go on
 NOTHING, A_LENGTH, A_LAUNCH, A_PARTITION, MEMORY, RANDOM = range(6)
@@ -38,7 +40,8 @@ ROBOT = record(
         (
             "start status cell fresh at_launch target aim partition own count allotted_to lost got"
             " window lingering avoided announced word facts peers place alive"
-            " liar searching going aimed tries offer offered_for order shown unheeded"
+            " liar searching going aimed tries offer offered_for order shown unheeded stamp through"
+            " shut shut_version intervals learned"
         ).split(),
         "i8",
     ),
@@ -62,15 +65,21 @@ its destination ``place`` begins in the cell ``origin``.
 """
 
 MESSAGE = record(
-    **dict.fromkeys("sender references cursor receivers heartbeats words findings".split(), "i8")
+    **dict.fromkeys(
+        "sender references cursor receivers heartbeats words findings closings stamp".split(), "i8"
+    )
 )
 """A beacon on the air: the numbers of entries in the arrays of `Air`."""
+
+SEEN = record(**dict.fromkeys("count forgotten second messages".split(), "i8"))
+"""What a receiver remembers of a sender, beside the stamps of its messages."""
 
 CONTROL = record(
     **dict.fromkeys(
         (
             "posted queued words findings visits states slots drawn pending stage need need_one"
-            " need_other sent lost takeovers uncovered action cell heard last most"
+            " need_other sent lost takeovers uncovered action cell heard last most parts recorded"
+            " closings passes stops"
         ).split(),
         "i8",
     ),
@@ -90,6 +99,8 @@ class TourTable(NamedTuple):
     ahead : ndarray of float64, shape (4 N + 1,)
         As in `shoal.search.allocation.costs.TourCost`.
     points : ndarray of float64, shape (N, d)
+    likely : ndarray of float64, shape (2 N + 1,) or (0,)
+        As `TourCost.odds_ahead`, or empty without probabilities.
     keys : ndarray of int64, shape (K,)
         Open hash table of paths: N a + b for the path from cell a to a larger cell b, and
         N (N + i) + b for the path from the launch point of robot i to cell b; -1 if free.
@@ -103,8 +114,24 @@ class TourTable(NamedTuple):
     launched: int  # whether robots may start outside
     ahead: NDArray[np.float64]
     points: NDArray[np.float64]
+    likely: NDArray[np.float64]
     keys: NDArray[np.int64]
     lengths: NDArray[np.float64]
+    stepwise: int  # whether robots move from cell to cell; then the following arrays are in use
+    edges: NDArray[np.int64]  # (N + 1,): the first step from each cell
+    ends: NDArray[np.int64]  # (E,): where each step leads to
+    weights: NDArray[np.float64]  # (E,)
+    beside: NDArray[np.int64]  # (E, 2): cells that must be open, too, or -1
+    steps: NDArray[np.float64]  # (N,): as in `TourCost`
+    counters: NDArray[np.int64]  # (4,): see `shoal.search.kernels.protocol.steps`
+    codes: NDArray[np.uint64]  # (S,): hash codes of sets of closed cells
+    sets: NDArray[np.uint64]  # (S, W)
+    labels: NDArray[np.int32]  # (S, N): connected parts of the open cells
+    rows: NDArray[np.float64]  # (R, N): distances from a cell around a set of closed cells
+    row_keys: NDArray[np.int64]  # (H,): open hash table: N s + a for set s and cell a; -1 if free
+    row_numbers: NDArray[np.int32]  # (H,)
+    heap: NDArray[np.float64]  # (E + N + 2,): work space
+    nodes: NDArray[np.int64]  # (E + N + 2,)
 
 
 class Rules(NamedTuple):
@@ -124,6 +151,9 @@ class Rules(NamedTuple):
     false_alarm: float
     draws: int  # most random numbers of an event
     copies: int  # most copies of a message
+    longest: int  # maximum length of a message's body in bytes; 0 if messages are not bytes
+    remembered: int  # whether receivers must refuse messages that they have opened
+    recorded: int  # number of messages that an attacker has at most
     media: NDArray[np.int64]  # (K,)
     numbers: NDArray[np.float64]  # (K, 2)
 
@@ -156,6 +186,10 @@ class Worlds(NamedTuple):
     own: NDArray[np.uint64]  # (B, m, W): cells that the robot has searched
     avoided: NDArray[np.uint64]  # (B, m, W)
     claims: NDArray[np.int32]  # (B, m, N) if the multiplicity is above 1
+    goal: NDArray[np.uint64]  # (B, W): cells that robots can reach
+    blocked: NDArray[np.uint64]  # (B, W): obstacles
+    passed: NDArray[np.uint64]  # (B, m, W): cells that a robot knows to be free
+    path: NDArray[np.int64]  # (B, m, P): cells through which a robot goes
     covered: NDArray[np.int32]  # (B, N): number of honest robots that searched the cell
     occupied: NDArray[np.int32]  # (B, N): number of robots that search in the cell
     # facts
@@ -168,12 +202,19 @@ class Worlds(NamedTuple):
     span: NDArray[np.int32]  # (B, F, 2): the smallest and the largest cell of each word of facts
     after: NDArray[np.int32]  # (B, 64 F): the fact of the same robot for the cell before, or -1
     linked: NDArray[np.uint64]  # (B, F, 2): facts with ``after`` just before, and just behind
+    ahead: NDArray[np.int32]  # (B, 64 F): the fact of the same robot for the next cell, or -1
+    told: NDArray[np.int64]  # (B, m, m): number of known facts of each robot
     begun: NDArray[np.int64]  # (B, 64): work space
     # findings, as facts: a robot that found something in a cell
     finder: NDArray[np.int32]  # (B, 64 G)
     place: NDArray[np.int32]  # (B, 64 G)
     reported: NDArray[np.uint64]  # (B, m, G)
     reported_before: NDArray[np.uint64]  # (B, m, REPEATED, G)
+    # obstacles, as findings: a robot that found an obstacle in a cell
+    closer: NDArray[np.int32]  # (B, 64 C)
+    shut: NDArray[np.int32]  # (B, 64 C)
+    closed: NDArray[np.uint64]  # (B, m, C)
+    closed_before: NDArray[np.uint64]  # (B, m, REPEATED, C)
     # the queue, a heap by time and number
     times: NDArray[np.float64]  # (B, Q)
     posts: NDArray[np.int64]  # (B, Q)
@@ -189,19 +230,37 @@ class Worlds(NamedTuple):
     bits: NDArray[np.uint64]  # (B, M, F)
     finding_word: NDArray[np.int32]  # (B, M, G)
     finding_bits: NDArray[np.uint64]  # (B, M, G)
+    closing_word: NDArray[np.int32]  # (B, M, C)
+    closing_bits: NDArray[np.uint64]  # (B, M, C)
+    parts: NDArray[np.int32]  # (B, M): the messages of one beacon
+    records: NDArray[np.int32]  # (B, RECORDED): messages that an attacker has
+    seen: Any  # (B, m, m) of SEEN
+    stamps: NDArray[np.int64]  # (B, m, m, REMEMBERED)
     bad: NDArray[np.uint8]  # (B, K, m, m): links that are bad at present
     delays: NDArray[np.float64]  # (B, C): copies of one message
     damaged: NDArray[np.uint8]  # (B, C)
+    origin: NDArray[np.uint8]  # (B, C): 0, or the model of an attacker who sends the copy
     random: NDArray[np.float64]  # (B, D): random numbers to come
     # logs
     visits: NDArray[np.int64]  # (B, V, 3): robot, cell, and whether it is searched anew
     visited: NDArray[np.float64]  # (B, V)
     states: NDArray[np.int64]  # (B, L, 2): robot and status
     stated: NDArray[np.float64]  # (B, L)
+    passes: NDArray[np.int64]  # (B, P, 2): robots and the cells passed; -1 for a search
+    stops: NDArray[np.int64]  # (B, O, 2): robots and the obstacles found
+    stopped: NDArray[np.float64]  # (B, O)
     # work space
     wanted: NDArray[np.uint64]  # (B, W)
     left: NDArray[np.uint64]  # (B, W)
     settled: NDArray[np.uint64]  # (B, W)
+    reach: NDArray[np.uint64]  # (B, W): cells that the robot can reach
+    anyone: NDArray[np.uint64]  # (B, W): cells that a live robot can reach
+    members: NDArray[np.int64]  # (B, N + m + 1)
+    ids: NDArray[np.int64]  # (B, N + m + 1)
+    chain: NDArray[np.int64]  # (B, F)
+    section: NDArray[np.uint64]  # (B, F)
+    gathered: NDArray[np.int32]  # (B, 64 F)
+    row: NDArray[np.float64]  # (B, N)
     offered: NDArray[np.int64]  # (B, m)
     others: NDArray[np.int64]  # (B, m)
     telling: NDArray[np.int64]  # (B, m)

@@ -26,6 +26,7 @@ from shoal.search.regions.outline import (
     LARGEST_FILE,
     MOST_CORNERS,
     MOST_ELEMENTS,
+    Points,
     RegionOutline,
     RegionOutlines,
     Ring,
@@ -63,6 +64,30 @@ def read_kml(path: Path, reading: Reading) -> RegionOutlines:
     """
     check_file(path, what="region file", most=LARGEST_FILE)
     return _outlines(decode_xml(path.read_bytes(), where=str(path)), str(path), reading)
+
+
+def read_gpx_line(path: Path) -> Points:
+    """Return the points of the only track or route of a GPX file, as longitude and latitude in
+    degrees; float64, shape (k, 2).
+    """
+    check_file(path, what="file of a line", most=LARGEST_FILE)
+    try:
+        root = parse_xml(decode_xml(path.read_bytes(), where=str(path)), root="gpx")
+    except XmlError as error:
+        raise InvalidInputError(f"{path}: line {error.line}: {error}") from None
+    lines = [*root.all("trkseg"), *root.all("rte")]
+    if len(lines) != 1:
+        raise InvalidInputError(f"{path}: expected one track or route, got {len(lines)}")
+    points = []
+    for one in (*lines[0].all("trkpt"), *lines[0].all("rtept")):
+        try:
+            points.append([float(one.attributes[name]) for name in ("lon", "lat")])
+        except (KeyError, ValueError):
+            raise InvalidInputError(
+                f"{path}: line {one.line}: expected lon and lat in degrees, got"
+                f" {one.attributes!r:.80}"
+            ) from None
+    return np.array(points, dtype=np.float64).reshape(-1, 2)
 
 
 def read_kmz(path: Path, reading: Reading) -> RegionOutlines:

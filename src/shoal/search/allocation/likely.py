@@ -1,0 +1,174 @@
+"""The order in which robots search their arcs if some cells are more likely than others to hold what
+is sought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.allocation.costs import Floats, TourCost
+from shoal.search.kernels import latency
+from shoal.search.kernels.latency import Blocks, Routes
+from shoal.search.kernels.shares import Team
+
+_BLOCKS = 2_000  # number of blocks into which a tour is divided at most
+_NEAR = 8  # blocks from each end of a block, to which a robot may go on
+_LONGEST = 3  # blocks that are moved at once
+_KICKS = 1_000  # at most; twice as many as blocks in small searches
+_WIDEST = 50  # blocks of two stretches that a kick exchanges
+# of the mean probability: cells where nothing is expected are searched on short ways, too
+_UNLIKELY = 1e-3
+
+Runs = list[tuple[int, int, int]]
+"""Runs of consecutive cells of the tour in the order of the search: for each, its first cell, its
+number of cells and its direction along the tour, 1 or -1."""
+
+
+def likely_first(
+    tour_cost: TourCost, team: Team, work: Sequence[Runs], limits: Floats
+) -> list[Runs]:
+    """Return runs of cells for each robot in an order that lowers the expected time until a target
+    is found.
+
+    Parameters
+    ----------
+    tour_cost : TourCost
+        The tour with its `odds`.
+    team : Team
+    work : sequence of runs
+        The runs of each robot in some order, together all cells.
+    limits : ndarray of float64, shape (m,)
+        Longest time of each robot, in cells. A robot that needs longer with ``work`` does not
+        become slower.
+
+    Notes
+    -----
+    A local search (`shoal.search.kernels.latency`) from the given order: it is deterministic, so
+    that robots that know of the same robots agree without messages. Tours of more than 2000 cells
+    are divided into blocks, which robots search whole.
+    """
+    assert tour_cost.odds is not None
+    n, m = len(tour_cost), len(work)
+    size = -(-n // _BLOCKS)
+    pieces = [[piece for run in runs for piece in _cut(run, size, n)] for runs in work]
+    flat = [piece for own in pieces for piece in own]
+    blocks = _blocks(tour_cost, flat)
+    count = len(flat)
+    order, counts = np.zeros((m, count + 1), dtype=np.int64), np.zeros(m, dtype=np.int64)
+    begin = 0
+    for robot, own in enumerate(pieces):
+        order[robot, : len(own)] = 2 * np.arange(begin, begin + len(own))
+        counts[robot], begin = len(own), begin + len(own)
+    far = (
+        team.far
+        if len(team.far)
+        else np.linalg.norm(tour_cost.points[None] - team.places[:, None], axis=2)
+    )
+    rows = (m, count + 2)
+    routes = Routes(
+        order,
+        counts,
+        team.rates * team.gains,
+        np.ascontiguousarray(far + 1.0),
+        limits * team.gains,
+        np.zeros(count, dtype=np.int64),
+        np.zeros(count, dtype=np.int64),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.ones(count, dtype=np.bool_),
+        np.zeros(2 * count + 2, dtype=np.int64),
+    )
+    latency.improve(blocks, routes, _LONGEST, min(_KICKS, 2 * count), _WIDEST)
+    found = []
+    for robot in range(m):
+        items = order[robot, : counts[robot]].tolist()
+        found.append(_joined([_turned(flat[item // 2], item % 2, n) for item in items], n))
+    return found
+
+
+def _cut(run: tuple[int, int, int], size: int, n: int) -> Runs:
+    first, count, step = run
+    return [
+        ((first + step * low) % n, min(size, count - low), step) for low in range(0, count, size)
+    ]
+
+
+def _turned(run: tuple[int, int, int], turned: int, n: int) -> tuple[int, int, int]:
+    first, count, step = run
+    return ((first + step * (count - 1)) % n, count, -step) if turned else run
+
+
+def _joined(runs: Runs, n: int) -> Runs:
+    """Return runs in which those are joined that continue one another along the tour. A run of one
+    cell has no direction.
+    """
+    found: Runs = []
+    for first, count, step in runs:
+        if found:
+            begin, length, way = found[-1]
+            ways = (1, -1) if length == 1 and count == 1 else (way if length > 1 else step,)
+            for along in ways:
+                fits = (length == 1 or way == along) and (count == 1 or step == along)
+                if fits and (begin + along * length) % n == first:
+                    found[-1] = (begin, length + count, along)
+                    break
+            else:
+                found.append((first, count, step))
+        else:
+            found.append((first, count, step))
+    return found
+
+
+def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
+    from scipy.spatial import cKDTree
+
+    assert tour_cost.odds is not None
+    n, costs = len(tour_cost), tour_cost.costs
+    odds = tour_cost.odds + _UNLIKELY / n
+    ends = np.zeros((len(runs), 2), dtype=np.int64)
+    times, weights, latencies = (np.zeros(len(runs)) for _ in range(3))
+    for block, (first, count, step) in enumerate(runs):
+        numbers = (first + step * np.arange(count)) % n
+        ends[block] = numbers[0], numbers[-1]
+        steps = costs[numbers[1:]] if step > 0 else costs[numbers[:-1]]
+        since = np.concatenate([[0.0], np.cumsum(steps)])
+        times[block], weights[block] = since[-1], odds[numbers].sum()
+        latencies[block] = odds[numbers] @ since
+    points = np.ascontiguousarray(tour_cost.points)
+    position = tour_cost.tour.position
+    free = position >= 0
+    cells = tour_cost.tour.cells.astype(np.int64)
+    if cells.shape[1] == 2:
+        cells, free = np.column_stack([np.zeros(n, dtype=np.int64), cells]), free[None]
+    return Blocks(
+        ends,
+        times,
+        weights,
+        latencies,
+        _neighbours(cKDTree, points[ends]),
+        points,
+        costs,
+        np.ascontiguousarray(cells),
+        np.ascontiguousarray(free),
+        tour_cost.turn_cost + tour_cost.break_cost,
+    )
+
+
+def _neighbours(tree: type, ends: Floats) -> NDArray[np.int64]:
+    """Return the blocks nearest to either end of each block, the nearest first, or -1; int64,
+    shape (B, k).
+    """
+    count, _, dimensions = ends.shape
+    near = min(2 * _NEAR + 2, 2 * count)
+    _, found = tree(ends.reshape(-1, dimensions)).query(ends, near)
+    both = np.asarray(found).transpose(0, 2, 1).reshape(count, -1) // 2
+    rows = np.full((count, _NEAR), -1, dtype=np.int64)
+    for block, others in enumerate(both.tolist()):
+        kept = list(dict.fromkeys(other for other in others if other != block))[:_NEAR]
+        rows[block, : len(kept)] = kept
+    return rows

@@ -1,0 +1,519 @@
+"""Local search for the order in which robots search blocks of a tour, so that likely cells come
+early.
+
+Let w be the probability of a cell and t the time at which a robot has searched it. The sum of w t
+over all cells is the weighted latency of the robots' routes: the expected time until a single target
+is found. The problem with one robot is the minimum latency problem, or travelling repairman problem,
+which is hard; the moves of this search are those of its literature.
+
+A sequence of cells that a robot searches has a duration T from its first cell to its last, a weight
+W and a latency C, counted from the time at which its first cell is searched. For two sequences one
+after the other, with a step of length l between them:
+
+    T = T1 + l + T2, W = W1 + W2, C = C1 + C2 + W2 (T1 + l)
+
+In the reverse order, a sequence has the latency W T - C. Each change of routes therefore takes a
+few operations, whatever the lengths of the sequences that it moves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import in_place_kernel, kernel
+
+_LEAST = 1e-9  # of the present latency: smaller gains may be rounding errors
+
+
+class Blocks(NamedTuple):
+    """Blocks of consecutive cells of a tour, which robots search whole, forwards or backwards.
+
+    Parameters
+    ----------
+    ends : ndarray of int64, shape (B, 2)
+        Tour indices of the first and the last cell of each block.
+    times : ndarray of float64, shape (B,)
+        Time in cells from the search of the first cell until the search of the last cell.
+    weights : ndarray of float64, shape (B,)
+        Probability of each block.
+    latencies : ndarray of float64, shape (B,)
+        Sum over the cells of a block of the probability times the time since the first cell.
+    near : ndarray of int64, shape (B, k)
+        Blocks near each block, or -1.
+    points : ndarray of float64, shape (N, d)
+        Viewpoint of each cell, in cell sides.
+    costs : ndarray of float64, shape (N,)
+        Time in cells of the step to each cell from the cell before it on the tour, with its search.
+    cells : ndarray of int64, shape (N, 3)
+        Layer, row and column of each cell.
+    free : ndarray of bool, shape (layers, rows, columns)
+        Where there are cells.
+    leaving : float
+        Cost in cells of leaving the tour, beyond the way to the next block.
+    """
+
+    ends: NDArray[np.int64]
+    times: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    latencies: NDArray[np.float64]
+    near: NDArray[np.int64]
+    points: NDArray[np.float64]
+    costs: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    free: NDArray[np.bool_]
+    leaving: float
+
+
+class Routes(NamedTuple):
+    """The routes of m robots, as blocks in the order of the search, and sums along them.
+
+    Parameters
+    ----------
+    order : ndarray of int64, shape (m, B + 1)
+        For each place of a route, 2 b if the robot searches block b forwards, or 2 b + 1 backwards.
+    counts : ndarray of int64, shape (m,)
+        Number of blocks of each route.
+    rates : ndarray of float64, shape (m,)
+        Speed of each robot.
+    first : ndarray of float64, shape (m, N)
+        Time in cells until each robot has searched each cell if it begins there.
+    limits : ndarray of float64, shape (m,)
+        Longest time of each route in cells.
+    route, place : ndarray of int64, shape (B,)
+        The robot that searches each block, and the place of the block on its route.
+    begins, finishes : ndarray of float64, shape (m, B + 1)
+        When the first and the last cell of the block at each place is searched, in cells.
+    weights, latencies : ndarray of float64, shape (m, B + 2)
+        Sums of the weights and latencies of the blocks before each place.
+    awake : ndarray of bool, shape (B,)
+        Blocks around which something changed.
+    moved : ndarray of int64, shape (2 B + 2,)
+        Working memory.
+    """
+
+    order: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    first: NDArray[np.float64]
+    limits: NDArray[np.float64]
+    route: NDArray[np.int64]
+    place: NDArray[np.int64]
+    begins: NDArray[np.float64]
+    finishes: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    latencies: NDArray[np.float64]
+    awake: NDArray[np.bool_]
+    moved: NDArray[np.int64]
+
+
+@kernel
+def _is_open(blocks, one, other):
+    """Return whether the straight line between two cells of one layer passes only over cells."""
+    here, there = blocks.cells[one], blocks.cells[other]
+    if here[0] != there[0]:
+        return True
+    rows, columns = there[1] - here[1], there[2] - here[2]
+    steps = 2 * max(abs(rows), abs(columns))
+    for k in range(1, steps):
+        row = here[1] + int(np.floor(rows * k / steps + 0.5))
+        column = here[2] + int(np.floor(columns * k / steps + 0.5))
+        if not blocks.free[here[0], row, column]:
+            return False
+    return True
+
+
+@kernel
+def step_time(blocks, one, other):
+    """Return the time in cells from the search of one cell to the search of another.
+
+    Where something lies between them, the way counts as longer than any that the search should
+    choose.
+    """
+    n = blocks.costs.shape[0]
+    if other == (one + 1) % n:
+        return blocks.costs[other]
+    if one == (other + 1) % n:
+        return blocks.costs[one]
+    total = 0.0
+    for k in range(blocks.points.shape[1]):
+        gap = blocks.points[one, k] - blocks.points[other, k]
+        total += gap * gap
+    way = np.sqrt(total)
+    if way > 1.5 and not _is_open(blocks, one, other):
+        way = 3.0 * way + np.sqrt(n)
+    return max(way, 1.0) + blocks.leaving
+
+
+@kernel
+def _begin(blocks, item):
+    """Return the cell that a robot searches first in a block."""
+    return blocks.ends[item // 2, item % 2]
+
+
+@kernel
+def _end(blocks, item):
+    """Return the cell that a robot searches last in a block."""
+    return blocks.ends[item // 2, 1 - item % 2]
+
+
+@kernel
+def _between(blocks, one, other):
+    """Return the time from the last cell of one block to the first cell of the next."""
+    return step_time(blocks, _end(blocks, one), _begin(blocks, other))
+
+
+@kernel
+def _arrival(blocks, routes, r, i, item):
+    """Return when robot r has searched the first cell of a block that comes after i others."""
+    if i == 0:
+        return routes.first[r, _begin(blocks, item)]
+    return routes.finishes[r, i - 1] + _between(blocks, routes.order[r, i - 1], item)
+
+
+@in_place_kernel
+def _sum_up(blocks, routes, r, since):
+    """Compute the sums along a route from a place on."""
+    for i in range(since, routes.counts[r]):
+        item = routes.order[r, i]
+        block = item // 2
+        begin = _arrival(blocks, routes, r, i, item)
+        weight, latency = blocks.weights[block], blocks.latencies[block]
+        if item % 2:
+            latency = weight * blocks.times[block] - latency
+        routes.begins[r, i] = begin
+        routes.finishes[r, i] = begin + blocks.times[block]
+        routes.weights[r, i + 1] = routes.weights[r, i] + weight
+        routes.latencies[r, i + 1] = routes.latencies[r, i] + latency + weight * begin
+        routes.route[block] = r
+        routes.place[block] = i
+
+
+@kernel
+def _stretch(routes, r, i, j):
+    """Return the duration, the weight and the latency of the blocks at the places i to j."""
+    begin = routes.begins[r, i]
+    weight = routes.weights[r, j + 1] - routes.weights[r, i]
+    latency = routes.latencies[r, j + 1] - routes.latencies[r, i] - weight * begin
+    return routes.finishes[r, j] - begin, weight, latency
+
+
+@kernel
+def _last(routes, r):
+    """Return when a robot has searched all its blocks."""
+    return routes.finishes[r, routes.counts[r] - 1] if routes.counts[r] else 0.0
+
+
+@kernel
+def _is_in_time(routes, r, later):
+    """Return whether a route keeps its limit if it ends later by a time, or at least ends no
+    later.
+    """
+    return later <= 1e-9 or _last(routes, r) + later <= routes.limits[r]
+
+
+@kernel
+def _gain_of_turning(blocks, routes, r, i, j):
+    """Return by how much the latency falls if a robot searches the blocks at the places i to j in
+    reverse order, or a negative number if its route becomes too long.
+    """
+    order, count = routes.order, routes.counts[r]
+    duration, weight, latency = _stretch(routes, r, i, j)
+    begin = _arrival(blocks, routes, r, i, order[r, j] ^ 1)
+    later = begin - routes.begins[r, i]
+    change = weight * later + (weight * duration - latency) - latency
+    if j + 1 < count:
+        later += _between(blocks, order[r, i] ^ 1, order[r, j + 1]) - _between(
+            blocks, order[r, j], order[r, j + 1]
+        )
+        change += (routes.weights[r, count] - routes.weights[r, j + 1]) * later
+    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+
+
+@in_place_kernel
+def _turn(routes, r, i, j):
+    while i < j:
+        routes.order[r, i], routes.order[r, j] = routes.order[r, j] ^ 1, routes.order[r, i] ^ 1
+        i, j = i + 1, j - 1
+    if i == j:
+        routes.order[r, i] ^= 1
+
+
+@kernel
+def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
+    """Return by how much the latency falls if a robot searches the blocks at the places low to high
+    after the one at place i, or a negative number if its route becomes too long.
+    """
+    order, count = routes.order, routes.counts[r]
+    duration, weight, latency = _stretch(routes, r, low, high)
+    head, tail = order[r, low], order[r, high]
+    before = latency + weight * routes.begins[r, low]
+    if turned:
+        head, tail, latency = tail ^ 1, head ^ 1, weight * duration - latency
+    if low > i:
+        begin = _arrival(blocks, routes, r, i + 1, head)
+        change = latency + weight * begin - before
+        end, last, rest = begin + duration, tail, high + 1
+        if low > i + 1:
+            skipped, moved, _ = _stretch(routes, r, i + 1, low - 1)
+            begin = end + _between(blocks, tail, order[r, i + 1])
+            change += moved * (begin - routes.begins[r, i + 1])
+            end, last = begin + skipped, order[r, low - 1]
+    else:
+        skipped, moved, _ = _stretch(routes, r, high + 1, i)
+        begin = _arrival(blocks, routes, r, low, order[r, high + 1])
+        change = moved * (begin - routes.begins[r, high + 1])
+        begin += skipped + _between(blocks, order[r, i], head)
+        change += latency + weight * begin - before
+        end, last, rest = begin + duration, tail, i + 1
+    if rest < count:
+        later = end + _between(blocks, last, order[r, rest]) - routes.begins[r, rest]
+        change += (routes.weights[r, count] - routes.weights[r, rest]) * later
+    else:
+        later = end - _last(routes, r)
+    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+
+
+@in_place_kernel
+def _take_out(routes, r, low, high, turned):
+    """Copy the blocks at the places low to high to the working memory, and close the gap."""
+    count = high - low + 1
+    for k in range(count):
+        routes.moved[k] = routes.order[r, high - k] ^ 1 if turned else routes.order[r, low + k]
+    for k in range(high + 1, routes.counts[r]):
+        routes.order[r, k - count] = routes.order[r, k]
+    routes.counts[r] -= count
+    return count
+
+
+@in_place_kernel
+def _put_in(routes, r, i, count):
+    """Insert the first blocks of the working memory at place i."""
+    for k in range(routes.counts[r] - 1, i - 1, -1):
+        routes.order[r, k + count] = routes.order[r, k]
+    for k in range(count):
+        routes.order[r, i + k] = routes.moved[k]
+    routes.counts[r] += count
+
+
+@kernel
+def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
+    """Return by how much the latency falls if robot r searches the blocks at the places low to high
+    of robot s after its own at place i, or a negative number if a route becomes too long.
+    """
+    order = routes.order
+    count, other = routes.counts[r], routes.counts[s]
+    duration, weight, latency = _stretch(routes, s, low, high)
+    less = latency + weight * routes.begins[s, low]
+    head, tail = order[s, low], order[s, high]
+    if turned:
+        head, tail, latency = tail ^ 1, head ^ 1, weight * duration - latency
+    begin = _arrival(blocks, routes, r, i + 1, head)
+    more = latency + weight * begin
+    end = begin + duration
+    if i + 1 < count:
+        later = end + _between(blocks, tail, order[r, i + 1]) - routes.begins[r, i + 1]
+        more += (routes.weights[r, count] - routes.weights[r, i + 1]) * later
+    else:
+        later = end - _last(routes, r)
+    if not _is_in_time(routes, r, later):
+        return -1.0
+    if high + 1 < other:
+        later = _arrival(blocks, routes, s, low, order[s, high + 1]) - routes.begins[s, high + 1]
+        less -= (routes.weights[s, other] - routes.weights[s, high + 1]) * later
+        if not _is_in_time(routes, s, later):
+            return -1.0
+    return less / routes.rates[s] - more / routes.rates[r]
+
+
+@kernel
+def _gain_of_exchanging(blocks, routes, r, i, s, j):
+    """Return by how much the latency falls if robot r continues after place i with the blocks of
+    robot s from place j on, and robot s with those of robot r, or a negative number if a route
+    becomes too long.
+    """
+    order = routes.order
+    count, other = routes.counts[r], routes.counts[s]
+    duration, weight, latency = _stretch(routes, s, j, other - 1)
+    begin = _arrival(blocks, routes, r, i + 1, order[s, j])
+    if not _is_in_time(routes, r, begin + duration - _last(routes, r)):
+        return -1.0
+    gain = (latency + weight * routes.begins[s, j]) / routes.rates[s]
+    gain -= (latency + weight * begin) / routes.rates[r]
+    if i + 1 < count:
+        duration, weight, latency = _stretch(routes, r, i + 1, count - 1)
+        begin = _arrival(blocks, routes, s, j, order[r, i + 1])
+        if not _is_in_time(routes, s, begin + duration - _last(routes, s)):
+            return -1.0
+        gain += (latency + weight * routes.begins[r, i + 1]) / routes.rates[r]
+        gain -= (latency + weight * begin) / routes.rates[s]
+    return gain
+
+
+@in_place_kernel
+def _exchange(routes, r, i, s, j):
+    order = routes.order
+    mine, theirs = routes.counts[r] - i - 1, routes.counts[s] - j
+    for k in range(mine):
+        routes.moved[k] = order[r, i + 1 + k]
+    for k in range(theirs):
+        order[r, i + 1 + k] = order[s, j + k]
+    for k in range(mine):
+        order[s, j + k] = routes.moved[k]
+    routes.counts[r] = i + 1 + theirs
+    routes.counts[s] = j + mine
+
+
+@in_place_kernel
+def _wake(routes, r, i):
+    """Let the blocks around a place of a route be tried again."""
+    for k in range(max(i - 1, 0), min(i + 2, routes.counts[r])):
+        routes.awake[routes.order[r, k] // 2] = True
+
+
+@in_place_kernel
+def _improve_beside(blocks, routes, a, b, longest, least):
+    """Let block b follow block a, by the first change that lowers the latency by more than
+    ``least``. Return whether there was one.
+    """
+    r, i, s, j = routes.route[a], routes.place[a], routes.route[b], routes.place[b]
+    if r == s:
+        low, high = (i + 1, j) if j > i else (j + 1, i)
+        if low <= high and _gain_of_turning(blocks, routes, r, low, high) > least:
+            _turn(routes, r, low, high)
+            _sum_up(blocks, routes, r, low)
+            _wake(routes, r, low)
+            _wake(routes, r, high)
+            return True
+    elif _gain_of_exchanging(blocks, routes, r, i, s, j) > least:
+        _exchange(routes, r, i, s, j)
+        _sum_up(blocks, routes, r, i + 1)
+        _sum_up(blocks, routes, s, j)
+        _wake(routes, r, i)
+        _wake(routes, s, j)
+        return True
+    for count in range(1, longest + 1):
+        for turned in range(2):
+            low = j - count + 1 if turned else j
+            high = low + count - 1
+            if low < 0 or high >= routes.counts[s]:
+                continue
+            if r != s:
+                if _gain_of_giving(blocks, routes, r, i, s, low, high, turned) > least:
+                    _take_out(routes, s, low, high, turned)
+                    _put_in(routes, r, i + 1, count)
+                    _sum_up(blocks, routes, r, i + 1)
+                    _sum_up(blocks, routes, s, low)
+                    _wake(routes, r, i)
+                    _wake(routes, r, i + count)
+                    _wake(routes, s, low)
+                    return True
+            elif not (low <= i <= high or (low == i + 1 and not turned)):
+                if _gain_of_shifting(blocks, routes, r, i, low, high, turned) > least:
+                    begin = i + 1 if low > i else i + 1 - count
+                    _take_out(routes, r, low, high, turned)
+                    _put_in(routes, r, begin, count)
+                    _sum_up(blocks, routes, r, min(i + 1, low))
+                    _wake(routes, r, begin)
+                    _wake(routes, r, begin + count)
+                    _wake(routes, r, low if low < i else high + 1)
+                    return True
+    return False
+
+
+@in_place_kernel
+def _descend(blocks, routes, longest, least):
+    """Make changes until none of those around awake blocks lowers the latency."""
+    changed = True
+    while changed:
+        changed = False
+        for a in range(blocks.near.shape[0]):
+            while routes.awake[a]:
+                routes.awake[a] = False
+                for k in range(blocks.near.shape[1]):
+                    b = blocks.near[a, k]
+                    if b >= 0 and _improve_beside(blocks, routes, a, b, longest, least):
+                        routes.awake[a] = changed = True
+                        break
+
+
+@kernel
+def _latency(routes):
+    """Return the weighted latency of all routes."""
+    total = 0.0
+    for r in range(routes.counts.shape[0]):
+        total += routes.latencies[r, routes.counts[r]] / routes.rates[r]
+    return total
+
+
+@in_place_kernel
+def _draw(state, below):
+    """Return a pseudo-random number from 0 to below - 1 (a linear congruential generator)."""
+    state[0] = state[0] * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+    return np.int64((state[0] >> np.uint64(33)) % np.uint64(below))
+
+
+@in_place_kernel
+def _kick(blocks, routes, state, widest):
+    """Exchange two neighbouring stretches of a route at random. Return whether the route is long
+    enough.
+    """
+    block = _draw(state, blocks.near.shape[0])
+    r, i = routes.route[block], routes.place[block]
+    room = min(routes.counts[r] - i, widest)
+    if room < 2:
+        return False
+    one = 1 + _draw(state, room - 1)
+    count = _take_out(routes, r, i, i + one - 1, 0)
+    other = 1 + _draw(state, room - one)
+    _put_in(routes, r, i + other, count)
+    _sum_up(blocks, routes, r, i)
+    for place in (i, i + other, i + other + one):
+        _wake(routes, r, place)
+    return True
+
+
+@kernel
+def improve(blocks, routes, longest, kicks, widest):
+    """Change routes so that their weighted latency falls, and return it.
+
+    The changes: to turn a stretch round, to move up to ``longest`` blocks elsewhere on their route
+    or to another robot, and to exchange the rest of two routes. In each, a block comes to follow
+    one that is near it. Where none of these lowers the latency, two neighbouring stretches of up to
+    ``widest`` blocks are exchanged, and what follows is taken back unless it ends below: an iterated
+    local search of so many ``kicks``.
+    """
+    m = routes.counts.shape[0]
+    for r in range(m):
+        _sum_up(blocks, routes, r, 0)
+    routes.awake[:] = True
+    best = _latency(routes)
+    least = _LEAST * best
+    _descend(blocks, routes, longest, least)
+    best = _latency(routes)
+    order, counts = routes.order.copy(), routes.counts.copy()
+    ends = np.zeros(m)
+    for r in range(m):
+        ends[r] = max(routes.limits[r], _last(routes, r))
+    state = np.full(1, 1, dtype=np.uint64)
+    for _ in range(kicks):
+        if not _kick(blocks, routes, state, widest):
+            continue
+        _descend(blocks, routes, longest, least)
+        found = _latency(routes)
+        kept = found < best - least
+        for r in range(m):
+            kept = kept and _last(routes, r) <= ends[r] + 1e-9
+        if kept:
+            best = found
+            order[:] = routes.order
+            counts[:] = routes.counts
+        else:
+            for r in range(m):
+                if counts[r] != routes.counts[r] or not np.array_equal(order[r], routes.order[r]):
+                    routes.order[r] = order[r]
+                    routes.counts[r] = counts[r]
+                    _sum_up(blocks, routes, r, 0)
+    return best

@@ -1,0 +1,308 @@
+"""Shortest paths whose steps lead from a cell to a neighbouring cell, around closed cells.
+
+Counterparts: `shoal.search.cells.distances.CellDistances`, and the ways of `TourCost` along steps.
+Sets of closed cells are kept with a number each, and with the connected parts that they leave; the
+distances from a cell around such a set are a row, kept until there is no room for another one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import in_place_kernel
+from shoal.search.kernels.protocol.bits import ONE, ZERO
+
+SETS, ROWS, VERSION, HEAP = range(4)  # counters of a table of paths
+OPEN = 0  # number of the empty set
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)
+_SHIFT = np.uint64(29)
+
+
+@in_place_kernel
+def contains(bits, cell):
+    """Return whether a bitset contains a cell."""
+    return (bits[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
+
+
+@in_place_kernel
+def number_of_set(tour, bits):
+    """Return the number of a set of closed cells. The numbers before are void if the set is new and
+    there is no room for it; then the version of the table changes.
+    """
+    code = ZERO
+    for k in range(bits.shape[0]):
+        code = (code ^ bits[k]) * _FACTOR
+        code ^= code >> _SHIFT
+    for k in range(tour.counters[SETS]):
+        if tour.codes[k] == code:
+            same = True
+            for word in range(bits.shape[0]):
+                same = same and tour.sets[k, word] == bits[word]
+            if same:
+                return k
+    if tour.counters[SETS] == tour.sets.shape[0]:
+        tour.counters[SETS] = 1
+        tour.counters[VERSION] += 1
+        forget_rows(tour)
+    k = tour.counters[SETS]
+    tour.counters[SETS] += 1
+    tour.codes[k] = code
+    for word in range(bits.shape[0]):
+        tour.sets[k, word] = bits[word]
+    label_parts(tour, bits, tour.labels[k])
+    return k
+
+
+@in_place_kernel
+def forget_rows(tour):
+    """Forget all distances."""
+    tour.counters[ROWS] = 0
+    tour.row_keys[:] = -1
+
+
+@in_place_kernel
+def is_usable(tour, edge, one, closed, here):
+    """Return whether a step is possible around closed cells. The cell ``here`` counts as open."""
+    other, cell, beside = tour.ends[edge], tour.beside[edge, 0], tour.beside[edge, 1]
+    if (contains(closed, one) and one != here) or (contains(closed, other) and other != here):
+        return False
+    return cell < 0 or (
+        (cell == here or not contains(closed, cell))
+        and (beside == here or not contains(closed, beside))
+    )
+
+
+@in_place_kernel
+def label_parts(tour, closed, labels):
+    """Write the number of each cell's connected part. A closed cell is a part of its own."""
+    labels[:] = -1
+    part, stack = 0, tour.nodes
+    for first in range(labels.shape[0]):
+        if labels[first] >= 0:
+            continue
+        labels[first] = part
+        stack[0], size = first, 1
+        while size:
+            size -= 1
+            cell = stack[size]
+            for edge in range(tour.edges[cell], tour.edges[cell + 1]):
+                other = tour.ends[edge]
+                if labels[other] < 0 and is_usable(tour, edge, cell, closed, -1):
+                    labels[other] = part
+                    stack[size] = other
+                    size += 1
+        part += 1
+
+
+@in_place_kernel
+def write_distances(tour, here, closed, row):
+    """Write the distance from a cell to each cell, around closed cells; infinity if there is no
+    path.
+    """
+    row[:] = np.inf
+    row[here] = 0.0
+    keys, nodes, size = tour.heap, tour.nodes, 1
+    keys[0], nodes[0] = 0.0, here
+    while size:
+        away, cell = keys[0], nodes[0]
+        size -= 1
+        sink(keys, nodes, size, keys[size], nodes[size])
+        if away > row[cell]:
+            continue
+        for edge in range(tour.edges[cell], tour.edges[cell + 1]):
+            other = tour.ends[edge]
+            length = away + tour.weights[edge]
+            if length < row[other] and is_usable(tour, edge, cell, closed, here):
+                row[other] = length
+                at = size
+                size += 1
+                while at > 0 and keys[(at - 1) >> 1] > length:
+                    keys[at], nodes[at] = keys[(at - 1) >> 1], nodes[(at - 1) >> 1]
+                    at = (at - 1) >> 1
+                keys[at], nodes[at] = length, other
+
+
+@in_place_kernel
+def sink(keys, nodes, size, key, node):
+    """Put an entry in place of the first of a heap."""
+    at = 0
+    while True:
+        child = 2 * at + 1
+        if child >= size:
+            break
+        if child + 1 < size and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[at], nodes[at] = keys[child], nodes[child]
+        at = child
+    keys[at], nodes[at] = key, node
+
+
+@in_place_kernel
+def row_of(tour, here, closed):
+    """Return the number of the row of distances from a cell around a set of closed cells."""
+    key, size = closed * tour.cells + here, tour.row_keys.shape[0]
+    at = np.int64((np.uint64(key) * _FACTOR) >> _SHIFT) & (size - 1)
+    while tour.row_keys[at] != key:
+        if tour.row_keys[at] < 0:
+            if tour.counters[ROWS] == tour.rows.shape[0]:
+                forget_rows(tour)
+                at = np.int64((np.uint64(key) * _FACTOR) >> _SHIFT) & (size - 1)
+            row = tour.counters[ROWS]
+            tour.counters[ROWS] += 1
+            tour.row_keys[at], tour.row_numbers[at] = key, row
+            write_distances(tour, here, tour.sets[closed], tour.rows[row])
+            return row
+        at = (at + 1) & (size - 1)
+    return np.int64(tour.row_numbers[at])
+
+
+@in_place_kernel
+def length_around(tour, here, cell, closed):
+    """Return the length of the shortest path around a set of closed cells."""
+    return tour.rows[row_of(tour, here, closed), cell]
+
+
+@in_place_kernel
+def follows(tour, one, other, step, closed):
+    """Return whether the path between two consecutive cells of the tour keeps its length despite
+    closed cells.
+    """
+    longest = tour.steps[one if step > 0 else other] + 1e-9
+    for edge in range(tour.edges[one], tour.edges[one + 1]):
+        if tour.ends[edge] == other:
+            if tour.weights[edge] <= longest and is_usable(tour, edge, one, tour.sets[closed], one):
+                return True
+    return length_around(tour, one, other, closed) <= longest
+
+
+@in_place_kernel
+def stepwise_way(tour, here, cell, free, closed):
+    """Return the cost of the cheapest path between two cells, and how it follows the tour: forwards
+    (1), backwards (-1), or not at all (0); see `TourCost._stepwise_way`.
+    """
+    n = tour.cells
+    direct = max(length_around(tour, here, cell, closed) - free, 0.0) + tour.turn_cost
+    if direct == np.inf:
+        return np.inf, 0
+    ahead, behind = (cell - here) % n, (here - cell) % n
+    onwards = tour.ahead[here + ahead + 1] - tour.ahead[here + 1] - free
+    backwards = tour.ahead[cell + behind + 1] - tour.ahead[cell + 1] - free
+    forwards = onwards < backwards or (onwards == backwards and ahead < behind)
+    if onwards == backwards and ahead == behind:
+        forwards = False  # -1 comes before 1
+    for turn in range(2):
+        step = 1 if forwards == (turn == 0) else -1
+        cost, count = (onwards, ahead) if step > 0 else (backwards, behind)
+        if cost > direct:
+            break
+        good = True
+        for k in range(count):
+            one = (here + step * k) % n
+            if not follows(tour, one, (one + step) % n, step, closed):
+                good = False
+                break
+        if good:
+            return cost, step
+    return direct, 0
+
+
+@in_place_kernel
+def write_path(tour, here, cell, closed, row, out, count):
+    """Append the cells of the shortest path between two cells to ``out``, which holds ``count``
+    cells, and return the new number of cells: more than ``out`` can hold if it is too short.
+
+    Of several shortest paths it is the one that comes from the cell with the lowest number, seen
+    from its end. ``row`` has the distances from the cell ``here``.
+    """
+    if row[cell] == np.inf:
+        return count
+    length, at = 0, cell
+    while at != here:
+        if count + length < out.shape[0]:
+            out[count + length] = at
+        length += 1
+        at = cell_before(tour, here, at, closed, row)
+    last = count + length
+    if last <= out.shape[0]:
+        for k in range(length >> 1):
+            out[count + k], out[last - 1 - k] = out[last - 1 - k], out[count + k]
+    return last
+
+
+@in_place_kernel
+def cell_before(tour, here, cell, closed, row):
+    """Return the cell before a cell on the path from the cell ``here``."""
+    best = tour.cells
+    for edge in range(tour.edges[cell], tour.edges[cell + 1]):
+        other = tour.ends[edge]
+        if (
+            other < best
+            and row[other] + tour.weights[edge] == row[cell]
+            and is_usable(tour, edge, cell, closed, here)
+        ):
+            best = other
+    return best
+
+
+@in_place_kernel
+def write_way(tour, here, cell, free, closed, out):
+    """Write the cells of the path whose cost `stepwise_way` returns, and return their number."""
+    if here == cell:
+        return 0
+    n = tour.cells
+    step, count = stepwise_way(tour, here, cell, free, closed)[1], 0
+    while here != cell:
+        other = cell if step == 0 else (here + step) % n
+        row = row_of(tour, here, closed)
+        count = write_path(tour, here, other, tour.sets[closed], tour.rows[row], out, count)
+        here = other
+    return count
+
+
+@in_place_kernel
+def edge_between(tour, one, other):
+    """Return the step from a cell to a neighbouring cell."""
+    for edge in range(tour.edges[one], tour.edges[one + 1]):
+        if tour.ends[edge] == other:
+            return edge
+    return -1
+
+
+@in_place_kernel
+def length_through(tour, here, path, count):
+    """Return the length of a path from a cell through so many cells."""
+    total = 0.0
+    for k in range(count):
+        total += length_around(tour, here, path[k], OPEN)
+        here = path[k]
+    return total
+
+
+@in_place_kernel
+def add_crossed(tour, here, path, count, passed):
+    """Add the cells that must be open for a path to a bitset."""
+    for k in range(count):
+        edge = edge_between(tour, here, path[k])
+        here = path[k]
+        passed[here >> 6] |= ONE << np.uint64(here & 63)
+        for side in range(2):
+            cell = tour.beside[edge, side]
+            if cell >= 0:
+                passed[cell >> 6] |= ONE << np.uint64(cell & 63)
+
+
+@in_place_kernel
+def obstacle_on(tour, here, path, count, blocked):
+    """Return the first obstacle on a path from a cell, or -1, and the number of cells before it."""
+    for k in range(count):
+        if contains(blocked, path[k]):
+            return path[k], k
+        edge = edge_between(tour, here, path[k])
+        for side in range(2):
+            cell = tour.beside[edge, side]
+            if cell >= 0 and contains(blocked, cell):
+                return cell, k
+        here = path[k]
+    return np.int64(-1), count

@@ -1,0 +1,538 @@
+"""Priors: where a target is how likely, before anything was searched."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf, tau
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import (
+    check_file,
+    check_number,
+    check_text,
+    parse_json,
+    read_text,
+    shortened,
+)
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.search.cells.layers import Grid, layers_of
+from shoal.search.regions.builder import list_of
+from shoal.search.regions.outline import Points
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import Tour
+
+Floats = NDArray[np.float64]
+
+LARGEST_PRIOR = 256 * 2**20
+"""Maximum size of a prior file in bytes."""
+
+_MOST_NUMBERS = 100_000_000 // 4  # of an array
+_FINE, _COARSE = 4, 2  # samples along the side of a cell, in small and in large searches
+_SMALL = 200_000  # cells
+_AT_ONCE = 200_000  # samples
+_SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
+_RING = re.compile(r"ring:(?P<x>[^,:]+),(?P<y>[^,:]+):(?P<quantiles>.+)")
+_WEIGHTED = re.compile(r"(?P<weight>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\*(?P<what>.+)")
+_FILES = (".npy", ".tif", ".tiff", ".asc", ".geojson", ".json")
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """A density on a grid.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (rows, columns)
+        Probability of each pixel, with rows from north to south. Together, they are 1.
+    west, north : float
+        North-west corner in metres.
+    sides : tuple of float
+        Width and height of a pixel in metres.
+    """
+
+    values: Floats
+    west: float
+    north: float
+    sides: tuple[float, float]
+
+    def density(self, points: Points) -> Floats:
+        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+        columns = np.floor((points[:, 0] - self.west) / self.sides[0]).astype(np.int64)
+        rows = np.floor((self.north - points[:, 1]) / self.sides[1]).astype(np.int64)
+        return _picked(self.values, rows, columns) / (self.sides[0] * self.sides[1])
+
+
+@dataclass(frozen=True, eq=False)
+class GeoRaster:
+    """A density in a file with its own coordinates on Earth.
+
+    Parameters
+    ----------
+    grid : Terrain
+        The file, whose numbers stand for probabilities.
+    region : SearchRegion
+    """
+
+    grid: Any
+    region: SearchRegion
+
+    def density(self, points: Points) -> Floats:
+        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+        values = np.nan_to_num(self.grid.heights, nan=0.0)
+        places = self.grid.grid_points(points, self.region.frame)
+        found = _picked(
+            values,
+            np.floor(places[:, 1] + 0.5).astype(np.int64),
+            np.floor(places[:, 0] + 0.5).astype(np.int64),
+        )
+        # metres of the frame to pixels, in the middle of the points
+        middle = points.mean(axis=0)
+        corners = self.grid.grid_points(
+            middle + np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]), self.region.frame
+        )
+        (a, b), (c, d) = corners[1:] - corners[0]
+        return np.asarray(found * abs(a * d - b * c) / values.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceRing:
+    """A density around a last known point, whose distribution of distances has given quantiles.
+
+    Between two quantiles, the distribution function of the distance is a straight line. Beyond the
+    last one, it approaches 1 exponentially, at first as fast as before.
+
+    Parameters
+    ----------
+    middle : ndarray of float64, shape (2,)
+        The last known point in metres.
+    shares : ndarray of float64, shape (k,)
+        Increasing probabilities above 0 and below or equal to 1.
+    distances : ndarray of float64, shape (k,)
+        For each probability, the distance within which the target is, in metres.
+    """
+
+    middle: Floats
+    shares: Floats
+    distances: Floats
+
+    def density(self, points: Points) -> Floats:
+        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+        away = np.maximum(np.linalg.norm(points - self.middle, axis=1), 1e-9)
+        shares, distances = np.append(0.0, self.shares), np.append(0.0, self.distances)
+        slopes = np.diff(shares) / np.diff(distances)
+        piece = np.searchsorted(self.distances, away, side="right")
+        rest, last = 1.0 - shares[-1], slopes[-1]
+        beyond = last * np.exp(-(away - distances[-1]) * last / rest) if rest > 0 else 0.0
+        slope = np.where(piece < len(slopes), slopes[np.minimum(piece, len(slopes) - 1)], beyond)
+        return np.asarray(slope / (tau * away))
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Normal distributions around points.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2)
+        Positions in metres.
+    spreads : ndarray of float64, shape (k,)
+        Standard deviation of the distance along each axis, in metres.
+    weights : ndarray of float64, shape (k,)
+        Probability of each point. Together, they are 1.
+    """
+
+    points: Points
+    spreads: Floats
+    weights: Floats
+
+    def density(self, points: Points) -> Floats:
+        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+        total = np.zeros(len(points))
+        for place, spread, weight in zip(self.points, self.spreads, self.weights, strict=True):
+            near = ((points - place) ** 2).sum(axis=1) / spread**2
+            inside = near <= _SPREADS**2
+            total[inside] += weight * np.exp(-near[inside] / 2) / (tau * spread**2)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Areas with a probability each, which is the same everywhere in an area.
+
+    Parameters
+    ----------
+    shapes : tuple of shapely Polygon or MultiPolygon
+        Areas in metres.
+    weights : ndarray of float64, shape (k,)
+        Probability of each area. Together, they are 1.
+    """
+
+    shapes: tuple[Any, ...]
+    weights: Floats
+
+    def density(self, points: Points) -> Floats:
+        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+        import shapely
+
+        total = np.zeros(len(points))
+        for shape, weight in zip(self.shapes, self.weights, strict=True):
+            shapely.prepare(shape)
+            total[shapely.contains_xy(shape, *points.T)] += weight / shape.area
+        return total
+
+
+Density = Raster | GeoRaster | DistanceRing | Spread | Segments
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """The probability that a single target is at each place.
+
+    Parameters
+    ----------
+    parts : tuple of (float, density)
+        Weights and densities. Together, the weights and ``elsewhere`` are 1.
+    elsewhere : float
+        Share of the probability that is the same everywhere in the region.
+    """
+
+    parts: tuple[tuple[float, Density], ...]
+    elsewhere: float = 0.0
+
+    def odds(self, grid: Grid, tour: Tour) -> tuple[Floats, float]:
+        """Return the probability of each cell along a tour, together 1, and the probability that
+        the target is in the area of the region at all.
+
+        The probability of a place belongs to the cell whose footprint contains the place. In a
+        search of several layers, the target is in each layer with a probability in proportion to
+        the number of the layer's cells.
+
+        Raises
+        ------
+        InvalidInputError
+            If the target is in no cell.
+        """
+        layers = layers_of(grid)
+        odds, inside = np.zeros(len(tour)), 0.0
+        known: dict[Any, tuple[Floats, float]] = {}
+        for up, layer in enumerate(layers):
+            if layer not in known:
+                known[layer] = self._masses(layer)
+            masses, whole = known[layer]
+            cells = layer.cells
+            columns = () if cells.shape[1] == tour.cells.shape[1] else (np.full(len(cells), up),)
+            share = layer.n_cells / sum(one.n_cells for one in layers)
+            odds[tour.position[(*columns, *cells.T)]] += share * masses[tuple(cells.T)]
+            inside += share * whole
+        total = float(odds.sum())
+        if not total > 0:
+            raise InvalidInputError(
+                f"prior: expected some probability in the region {grid.region.name!r}, got none"
+            )
+        return odds / total, inside
+
+    def _masses(self, grid: Any) -> tuple[Floats, float]:
+        """Return the probability of each place of a lattice of cells, and of all together; float64,
+        shape (rows, columns).
+        """
+        import shapely
+
+        fine = _FINE if grid.n_cells <= _SMALL else _COARSE
+        area, step = grid.region.area, grid.size / fine
+        shapely.prepare(area)
+        west, south, east, north = area.bounds
+        across = np.arange(west + step / 2, east, step)
+        along = np.arange(south + step / 2, north, step)
+        masses, total = np.zeros(grid.shape), 0.0
+        strip = max(1, _AT_ONCE // len(across))
+        for low in range(0, len(along), strip):
+            x, y = np.meshgrid(across, along[low : low + strip])
+            points = np.column_stack([x.ravel(), y.ravel()])
+            points = points[shapely.contains_xy(area, *points.T)]
+            if not len(points):
+                continue
+            weights = np.full(len(points), self.elsewhere * step**2 / area.area)
+            for weight, density in self.parts:
+                weights += weight * step**2 * density.density(points)
+            total += float(weights.sum())
+            np.add.at(masses, tuple(grid.cell_of(points).T), weights)
+        return masses, min(total, 1.0)
+
+
+def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
+    """Return the values at rows and columns, and 0 outside."""
+    height, width = values.shape
+    there = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    return np.where(
+        there, values[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)], 0.0
+    )
+
+
+def check_priors(value: Any) -> tuple[Any, ...]:
+    """Check the parts of a prior without opening files, and return them as texts, or as mappings
+    with the contents of files.
+    """
+    found: list[Any] = []
+    for part in list_of(value):
+        if isinstance(part, dict) and set(part) == {"weight", "name", "data"}:
+            check_number(part["weight"], what="prior: weight", above=0)
+            check_text(part["name"], what="prior: name")
+            check_text(part["data"], what="prior: data")
+            found.append(part)
+            continue
+        text = check_text(str(part) if isinstance(part, Path) else part, what="prior")
+        _weight, what = _split(text)
+        if what.startswith("ring:"):
+            _quantiles(what)
+        elif Path(what).suffix.lower() not in _FILES:
+            raise InvalidInputError(
+                f"prior: expected ring:X,Y:SHARE=METRES,... or a file {', '.join(_FILES)}, got"
+                f" {shortened(what)}"
+            )
+        found.append(text)
+    return tuple(found)
+
+
+def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> Prior:
+    """Return the prior that the fields ``prior`` and ``elsewhere`` of a problem describe.
+
+    Raises
+    ------
+    InvalidInputError
+        If a file is missing, damaged, or holds no probabilities.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> ring = open_prior(["ring:50,50:0.5=20,0.9=40"], 0.1, open_region("square:100"))
+    >>> [round(weight, 2) for weight, _ in ring.parts], ring.elsewhere
+    ([0.9], 0.1)
+    """
+    found: list[tuple[float, Density]] = []
+    for part in parts:
+        if isinstance(part, dict):
+            from base64 import b64decode
+            from binascii import Error
+
+            try:
+                content = b64decode(part["data"], validate=True)
+            except (Error, ValueError):
+                raise InvalidInputError("prior: expected contents in base 64, got others") from None
+            found.append(
+                (float(part["weight"]), _read(Path(part["name"]), io.BytesIO(content), region))
+            )
+            continue
+        weight, what = _split(part)
+        if what.startswith("ring:"):
+            found.append((weight, _ring(what, region)))
+            continue
+        source = Path(what)
+        check_file(source, what="prior", most=LARGEST_PRIOR)
+        found.append((weight, _read(source, source, region)))
+    total = sum(weight for weight, _ in found)
+    return Prior(
+        tuple((weight / total * (1.0 - elsewhere), density) for weight, density in found), elsewhere
+    )
+
+
+def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the parts of a prior with the contents of files in place of their names."""
+    from base64 import b64encode
+
+    found: list[Any] = []
+    for part in parts:
+        if isinstance(part, dict) or _split(part)[1].startswith("ring:"):
+            found.append(part)
+            continue
+        weight, what = _split(part)
+        content = b64encode(Path(what).read_bytes()).decode()
+        found.append({"weight": weight, "name": Path(what).name, "data": content})
+    return tuple(found)
+
+
+def prior_files(parts: Sequence[Any]) -> tuple[str, ...]:
+    """Return the names of the files among the parts of a prior."""
+    texts = [_split(part)[1] for part in parts if isinstance(part, str)]
+    return tuple(text for text in texts if not text.startswith("ring:"))
+
+
+def _split(text: str) -> tuple[float, str]:
+    """Return the weight and the rest of a part such as ``2*ring:0,0:0.5=100``."""
+    match = _WEIGHTED.fullmatch(text)
+    if match is None:
+        return 1.0, text
+    weight = check_number(float(match["weight"]), what="prior: weight", above=0)
+    return weight, match["what"]
+
+
+def _quantiles(text: str) -> tuple[Floats, Floats, Floats]:
+    """Return the last known point as it is given, and the shares and distances of a ring."""
+    expected = (
+        "ring:X,Y:SHARE=METRES,... with increasing shares above 0 and up to 1, and increasing"
+        " distances above 0"
+    )
+    match = _RING.fullmatch(text)
+    try:
+        assert match is not None
+        place = np.array([float(match["x"]), float(match["y"])])
+        pairs = [
+            [float(number) for number in pair.split("=")] for pair in match["quantiles"].split(",")
+        ]
+        quantiles = np.array(pairs)
+        assert quantiles.shape[1] == 2
+        assert np.isfinite(quantiles).all()
+        assert np.isfinite(place).all()
+        assert (np.diff(quantiles, axis=0, prepend=0.0) > 0).all()
+        assert quantiles[-1, 0] <= 1
+    except (AssertionError, ValueError, IndexError):
+        raise InvalidInputError(f"prior: expected {expected}, got {shortened(text)}") from None
+    return place, quantiles[:, 0], quantiles[:, 1]
+
+
+def _ring(text: str, region: SearchRegion) -> DistanceRing:
+    place, shares, distances = _quantiles(text)
+    if region.frame is not None:
+        place = region.frame.to_metres(place[None])[0]
+    return DistanceRing(place, shares, distances)
+
+
+def _read(source: Path, file: Any, region: SearchRegion) -> Density:
+    suffix = source.suffix.lower()
+    if suffix == ".npy":
+        return _array(source, file, region)
+    if suffix in (".geojson", ".json"):
+        text = (
+            file.read().decode() if isinstance(file, io.BytesIO) else read_text(file, what="prior")
+        )
+        return _features(source, parse_json(text, where=str(source)), region)
+    return _georaster(source, file, region)
+
+
+def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
+    """Return the numbers of an array as probabilities. The array spans the bounding box of the
+    region, with row 0 in the north.
+    """
+    try:
+        values = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InvalidInputError(
+            f"{source}: expected an array of numbers as NumPy saves it, got {shortened(str(error))}"
+        ) from None
+    if (
+        not isinstance(values, np.ndarray)
+        or values.ndim != 2
+        or values.dtype.kind not in "fiub"
+        or not 0 < values.size <= _MOST_NUMBERS
+    ):
+        shape = getattr(values, "shape", None)
+        raise InvalidInputError(
+            f"{source}: expected numbers in rows and columns, at most {_MOST_NUMBERS}, got the shape"
+            f" {shape} of {getattr(values, 'dtype', type(values).__name__)}"
+        )
+    west, south, east, north = region.outline.bounds
+    rows, columns = values.shape
+    return Raster(
+        _normalised(source, values.astype(np.float64)),
+        west,
+        north,
+        ((east - west) / columns, (north - south) / rows),
+    )
+
+
+def _normalised(source: Path, values: Floats) -> Floats:
+    if not np.isfinite(values).all() or (values < 0).any() or not values.sum() > 0:
+        wrong = values[~(values >= 0) | ~np.isfinite(values)]
+        got = f"{wrong.flat[0]:g}" if wrong.size else "zeros only"
+        raise InvalidInputError(
+            f"{source}: expected probabilities, 0 or more and not all 0, got {got}"
+        )
+    total = float(values.sum())
+    if total == inf:
+        values = values / values.max()
+        total = float(values.sum())
+    return np.asarray(values / total)
+
+
+def _georaster(source: Path, file: Any, region: SearchRegion) -> GeoRaster:
+    from shoal.search.flight.terrain import open_grid
+
+    if isinstance(file, io.BytesIO):
+        import tempfile
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / source.name
+            path.write_bytes(file.getvalue())
+            grid = open_grid(path, what="probabilities")
+    else:
+        grid = open_grid(source, what="probabilities")
+    values = np.nan_to_num(grid.heights, nan=0.0)
+    return GeoRaster(replace(grid, heights=_normalised(source, values)), region)
+
+
+def _features(source: Path, data: Any, region: SearchRegion) -> Density:
+    """Return the density of a GeoJSON file: of polygons with a property ``probability``, or of
+    points with a property ``spread_m`` and, if they differ, ``probability``.
+    """
+    import shapely
+
+    features = data.get("features") if isinstance(data, dict) else None
+    if not isinstance(features, list) or not features:
+        raise InvalidInputError(
+            f"{source}: expected a FeatureCollection of GeoJSON with one feature or more, got"
+            f" {shortened(data)}"
+        )
+    shapes, spreads, weights = [], [], []
+    for number, feature in enumerate(features, start=1):
+        where = f"{source}: feature {number}"
+        try:
+            shape = shapely.from_geojson(_json(feature["geometry"]))
+            properties = dict(feature.get("properties") or {})
+        except (KeyError, TypeError, ValueError, AttributeError, shapely.errors.GEOSException):
+            raise InvalidInputError(
+                f"{where}: expected a geometry and properties, got {shortened(feature)}"
+            ) from None
+        if shape is None or shape.is_empty:
+            raise InvalidInputError(f"{where}: expected a geometry, got an empty one")
+        if region.frame is not None:
+            frame = region.frame
+            shape = shapely.transform(shape, frame.to_metres)
+        kind = shape.geom_type
+        if kind in ("Polygon", "MultiPolygon"):
+            if not shape.is_valid or not shape.area > 0:
+                raise InvalidInputError(
+                    f"{where}: expected a valid polygon, got {kind} that is not"
+                )
+            if "probability" not in properties:
+                raise InvalidInputError(f"{where}: expected a property probability, got none")
+            spreads.append(0.0)
+        elif kind == "Point":
+            if "spread_m" not in properties:
+                raise InvalidInputError(f"{where}: expected a property spread_m, got none")
+            spreads.append(check_number(properties["spread_m"], what=f"{where}: spread_m", above=0))
+        else:
+            raise InvalidInputError(f"{where}: expected a Polygon or a Point, got a {kind}")
+        shapes.append(shape)
+        weight = properties.get("probability", 1.0)
+        weights.append(check_number(weight, what=f"{where}: probability", least=0))
+    points = [shape.geom_type == "Point" for shape in shapes]
+    if any(points) and not all(points):
+        raise InvalidInputError(
+            f"{source}: expected polygons or points, got both; give two files, each with its weight"
+        )
+    shares = _normalised(source, np.array(weights))
+    if all(points):
+        return Spread(shapely.get_coordinates(shapes), np.array(spreads), shares)
+    return Segments(tuple(shapes), shares)
+
+
+def _json(geometry: Any) -> str:
+    return json.dumps(geometry)

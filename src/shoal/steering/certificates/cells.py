@@ -1,0 +1,313 @@
+"""Workspaces as convex cells with doors between them, and the routes that particles can take."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.steering.workspaces.convex import ConvexWorkspace, Points
+from shoal.steering.workspaces.region import Region
+
+_MOST_CORNERS = 2000  # of a region with a certificate
+_ON = 1e-9  # relative to the size: how far outside a cell, behind a wall, a start may lie
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A wall of a cell: all points ``origin + fractions @ axes`` with fractions between 0 and 1
+    that are inside the half-spaces ``inside``, rows (normal, offset).
+    """
+
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    inside: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """A workspace as convex cells.
+
+    Parameters
+    ----------
+    walls : list of Wall
+    doors : ndarray of float64, shape (doors, 2, 2)
+        End points of the edges that two cells share.
+    walls_of, doors_of : list of list of int
+        Walls and doors of each cell.
+    outer : ndarray of float64, shape (n, dimensions + 1)
+        Half-spaces that contain the workspace: rows (inward normal, offset).
+    corners : list of Points
+        Corners of each cell; none if the whole workspace is convex.
+    insides : list of ndarray of float64, each of shape (n, dimensions + 1)
+        Half-spaces whose intersection is a cell, for each cell.
+    stated : dict
+        The cells as a certificate states them.
+    """
+
+    walls: list[Wall]
+    doors: NDArray[np.float64]
+    walls_of: list[list[int]]
+    doors_of: list[list[int]]
+    outer: NDArray[np.float64]
+    corners: list[Points]
+    insides: list[NDArray[np.float64]]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    stated: dict[str, Any]
+
+    @property
+    def dimensions(self) -> int:
+        """Number of dimensions of the workspace, 2 or 3."""
+        return len(self.low)
+
+    def neighbor(self, cell: int, door: int) -> int:
+        """Return the cell on the other side of a door."""
+        return next(k for k, doors in enumerate(self.doors_of) if door in doors and k != cell)
+
+    def cell_of(self, point: NDArray[np.float64]) -> int | None:
+        """Return a cell that contains a point."""
+        if not self.corners:
+            return 0
+        for cell, corners in enumerate(self.corners):
+            sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+            if all(_left(a, b, point) >= -self._slack(a, b) for a, b in sides):
+                return cell
+        return None
+
+    def _slack(self, one: Points, other: Points) -> Fraction:
+        """Return how far outside this edge of a cell a start may lie: nothing at a door."""
+        is_door = any(
+            np.array_equal(door, (one, other)) or np.array_equal(door, (other, one))
+            for door in self.doors
+        )
+        size = float((self.high - self.low).max())
+        return (
+            Fraction(0)
+            if is_door
+            else Fraction(_ON * size) * Fraction(np.ptp((one, other), axis=0).max())
+        )
+
+    def may_end(self, cell: int, goal: NDArray[np.float64], tolerance: float) -> bool:
+        """Return whether no edge of a cell separates it from the box around a goal."""
+        if not self.corners:
+            return True
+        corners = self.corners[cell]
+        signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+        box = [
+            tuple(
+                Fraction(x) + int(s) * Fraction(tolerance)
+                for x, s in zip(goal.tolist(), sign, strict=True)
+            )
+            for sign in signs
+        ]
+        return all(
+            any(_left(a, b, spot) >= 0 for spot in box)
+            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        )
+
+
+def _left(one: Any, other: Any, point: Any) -> Fraction:
+    """Return twice the signed area of a triangle, exactly."""
+    (a, b), (c, d), (x, y) = ([Fraction(value) for value in spot] for spot in (one, other, point))
+    return (c - a) * (y - b) - (d - b) * (x - a)
+
+
+def cells_of_place(place: Any) -> Cells | None:
+    """Return the cells of a prism with end caps or of a region; None for other workspaces, and for
+    a region that has no exact division into convex cells, such as one whose obstacles touch.
+    """
+    if isinstance(place, Region):
+        return _region(place)
+    if place.kind == "prism" and not place.open_ends:
+        return _prism(place)
+    return None
+
+
+def _prism(place: ConvexWorkspace) -> Cells:
+    base = place.vertices
+    along = np.roll(base, -1, axis=0) - base
+    spaces = _half_planes(base)
+    normals = spaces[:, :2]
+    low, high = base.min(axis=0), base.max(axis=0)
+    sides = np.insert(spaces, 2, 0.0, axis=1)
+    up = np.array([0.0, 0.0, place.height])
+    walls = [
+        Wall(
+            np.append(corner, 0.0),
+            np.array([[*side, 0.0], up]),
+            np.append(normal, 0.0),
+            np.zeros((0, 4)),
+        )
+        for corner, side, normal in zip(base, along, normals, strict=True)
+    ]
+    axes = np.array([[high[0] - low[0], 0.0, 0.0], [0.0, high[1] - low[1], 0.0]])
+    walls.append(Wall(np.append(low, 0.0), axes, up, sides))
+    walls.append(Wall(np.append(low, place.height), axes, -up, sides))
+    outer = np.vstack([sides, [*up, 0.0], [*-up, -(place.height**2)]])
+    low, high = np.append(low, 0.0), np.append(high, place.height)
+    every = list(range(len(walls)))
+    doors = np.zeros((0, 2, 2))
+    return Cells(walls, doors, [every], [[]], outer, [], [outer], low, high, {})
+
+
+def _region(place: Region) -> Cells | None:
+    vertices = np.concatenate(place.rings)
+    polygons = _convex_parts(place, vertices)
+    if polygons is None:
+        return None
+    first = np.cumsum([0, *(len(ring) for ring in place.rings)])
+    edges: dict[tuple[int, int], int] = {}
+    for begin, end in pairwise(first):
+        count = end - begin
+        for k in range(count):
+            edges[int(begin + k), int(begin + (k + 1) % count)] = len(edges)
+    walls = []
+    for a, b in edges:
+        along = vertices[b] - vertices[a]
+        walls.append(
+            Wall(vertices[a], along[None], np.array([-along[1], along[0]]), np.zeros((0, 3)))
+        )
+    doors: dict[tuple[int, int], int] = {}
+    walls_of: list[list[int]] = []
+    doors_of: list[list[int]] = []
+    for polygon in polygons:
+        sides = _sides(polygon)
+        walls_of.append([edges[side] for side in sides if side in edges])
+        doors_of.append(
+            [
+                doors.setdefault((min(side), max(side)), len(doors))
+                for side in sides
+                if side not in edges
+            ]
+        )
+    import shapely
+
+    corners = np.asarray(shapely.MultiPoint(place.outline).convex_hull.exterior.coords)[:-1]
+    index = {tuple(vertex): k for k, vertex in enumerate(vertices.tolist())}
+    around = [index[tuple(corner)] for corner in corners[::-1].tolist()]  # counter-clockwise
+    hull, outer = [], np.zeros((0, 3))
+    for a, b in zip(around, around[1:] + around[:1], strict=True):
+        # a side that is not exact is left out
+        if all(_left(vertices[a], vertices[b], spot) >= 0 for spot in place.outline):
+            hull.append([a, b])
+            outer = np.vstack([outer, _half_planes(vertices[[a, b]])[:1]])
+    low, high = place.bounds
+    return Cells(
+        walls,
+        vertices[np.array(list(doors), dtype=np.int64).reshape(-1, 2)],
+        walls_of,
+        doors_of,
+        outer,
+        [vertices[polygon] for polygon in polygons],
+        [_half_planes(vertices[polygon]) for polygon in polygons],
+        low,
+        high,
+        {"cells": polygons, "hull": hull},
+    )
+
+
+def _touch(place: Region, vertices: Points) -> bool:
+    """Return whether a corner lies on an edge that does not begin or end there."""
+    begins, ends = place.edges[:, None, :2], place.edges[:, None, 2:]
+    along, away = ends - begins, vertices[None] - begins
+    squared = np.sum(along**2, axis=2)
+    share = np.sum(along * away, axis=2) / squared
+    off = np.abs(along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]) / squared
+    near = (off < _ON) & (share > 0) & (share < 1)
+    near &= np.any(begins != vertices, axis=2) & np.any(ends != vertices, axis=2)
+    return any(
+        _left(begins[edge, 0], ends[edge, 0], vertices[corner]) == 0
+        for edge, corner in np.argwhere(near)
+    )
+
+
+def _half_planes(corners: Points) -> NDArray[np.float64]:
+    """Return rows (normal, offset) for the sides of a counter-clockwise polygon."""
+    along = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    return np.column_stack([normals, np.sum(normals * corners, axis=1)])
+
+
+def _convex_parts(place: Region, vertices: Points) -> list[list[int]] | None:
+    """Return convex polygons, as indices of their corners, that divide a region.
+
+    The triangles of a triangulation grow together as long as they stay convex.
+    """
+    import shapely
+
+    index = {tuple(vertex): k for k, vertex in enumerate(vertices.tolist())}
+    if len(vertices) > _MOST_CORNERS or len(index) < len(vertices) or _touch(place, vertices):
+        return None
+    parts: list[list[int]] = []
+    for triangle in shapely.constrained_delaunay_triangles(place.shape).geoms:
+        corners = [tuple(spot) for spot in np.asarray(triangle.exterior.coords)[:-1].tolist()]
+        if not all(corner in index for corner in corners):
+            return None
+        part = [index[corner] for corner in corners]
+        area = _left(*vertices[part])
+        if area == 0:
+            return None
+        parts.append(part if area > 0 else part[::-1])
+
+    owner = {side: k for k, part in enumerate(parts) for side in _sides(part)}
+    for a, b in list(owner):
+        one, other = owner[a, b], owner.get((b, a))
+        if other is None or a > b or one == other:
+            continue
+        first, second = parts[one], parts[other]
+        at, to = first.index(b), second.index(a)
+        whole = first[at:] + first[:at] + (second[to:] + second[:to])[1:-1]
+        count = len(whole)
+        if all(
+            _left(*(vertices[whole[(k + step) % count]] for step in (0, 1, 2))) >= 0
+            for k in range(count)
+        ):
+            parts[one], parts[other] = whole, []
+            owner.update((side, one) for side in _sides(whole))
+    return [part for part in parts if part]
+
+
+def _sides(polygon: list[int]) -> list[tuple[int, int]]:
+    return list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
+
+
+@dataclass(frozen=False, eq=False)
+class Cover:
+    """The cells that one particle can reach, once for each way to reach them: a tree.
+
+    Two ways that differ by a turn around an obstacle are different. The first node is the cell of
+    the start. A door that is not followed is in ``closed``, with the multipliers that prove that
+    plans through it are longer than the limit.
+    """
+
+    cells: list[int]
+    parents: list[int]
+    entries: list[int]
+    closed: list[dict[str, Any]]
+
+    def doors_from_start(self, node: int) -> list[int]:
+        """Return the doors between the start and a node."""
+        found = []
+        while node:
+            found.append(self.entries[node])
+            node = self.parents[node]
+        return found[::-1]
+
+    def doors_between(self, one: int, other: int) -> list[int]:
+        """Return the doors that a particle must pass on its way from a node to another."""
+        first, second = self.doors_from_start(one), self.doors_from_start(other)
+        shared = 0
+        while shared < min(len(first), len(second)) and first[shared] == second[shared]:
+            shared += 1
+        return first[shared:][::-1] + second[shared:]
+
+    def stated(self) -> dict[str, Any]:
+        """Return the tree as a certificate states it."""
+        nodes = [[entry, parent] for entry, parent in zip(self.entries, self.parents, strict=True)]
+        return {"cell": self.cells[0], "nodes": nodes[1:], "closed": self.closed}

@@ -1,0 +1,562 @@
+"""Lower bounds by second-order cones in workspaces of convex cells: prisms, and any region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+from math import frexp
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import import_extra
+from shoal.steering.certificates.cells import Cells, Cover, Wall
+from shoal.steering.certificates.relaxation import STEP
+
+Hold = tuple[int, ...]
+"""A wall in the cover of a particle, and this particle, 0 or 1; then, if they are known, the cells
+in the cover of the other particle where this is at the first contact and at the last, else -1."""
+
+
+@dataclass(frozen=True)
+class HoldsBetween:
+    """A place of a pattern where any number of holds may be: of ``holds``, each without cells, or of
+    all holds if it is None.
+    """
+
+    holds: frozenset[Hold] | None = None
+
+
+Item = Hold | HoldsBetween
+Pattern = tuple[Item, ...]
+"""All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
+Between two gaps is a hold."""
+
+Expression = NDArray[np.float64]  # (dimensions, variables + 1); the last column is the constant
+_SWEEPS = 12
+MOST_CELLS = 150  # of a cover; with more, a certificate is for a smaller limit
+
+
+@dataclass(frozen=True)
+class RouteBound:
+    """A lower bound of a pattern, with the multipliers that prove it: of norms, float64 (n,
+    dimensions), of constraints, float64 (m,), and of legs, float64 (l,); the length of the inputs
+    in each gap, and the variables.
+    """
+
+    value: float
+    norms: NDArray[np.float64]
+    slacks: NDArray[np.float64]
+    legs: NDArray[np.float64]
+    loads: dict[int, float]
+    solution: NDArray[np.float64]
+
+    def proof(self) -> dict[str, Any]:
+        """Return the multipliers as JSON."""
+        return {
+            "norms": self.norms.tolist(),
+            "slacks": [[int(k), float(self.slacks[k])] for k in np.flatnonzero(self.slacks)],
+            "legs": self.legs.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RouteLeg:
+    """A way of one particle through doors: the norms of the inputs that move the particle, which
+    are together at least as long as the norms from door to door.
+    """
+
+    inputs: list[int]
+    steps: list[int]
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """A contact of the hold at ``place`` where the cell of the other particle is not known, the
+    place of this particle, and its known nodes and places before and after, with the norms of the
+    inputs between them.
+    """
+
+    place: int
+    last: bool
+    particle: int
+    spot: Expression
+    nodes: tuple[int, int]
+    ends: tuple[Expression, Expression]
+    inputs: tuple[list[int], list[int]]
+
+
+@dataclass(frozen=True, eq=False)
+class RouteProgram:
+    """Least sum of the first ``size`` norms, float64 (n, dimensions, variables + 1), subject to
+    rows (m, variables + 1) that are at least 0, to legs, and to the bounds of the variables.
+    """
+
+    norms: NDArray[np.float64]
+    size: int
+    rows: NDArray[np.float64]
+    legs: list[RouteLeg]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    gaps: dict[int, list[int]]
+    sights: list[Sight]
+
+
+class RouteRelaxation:
+    """The convex programs of all patterns of one task, in which each particle starts in the first
+    cell of its cover and ends in a given one.
+
+    The programs are those of docs/concepts/steering/certificates.md.
+
+    Parameters
+    ----------
+    cells : Cells
+    start, goal : ndarray of float64, shape (2, dimensions)
+    tolerance : float
+        Largest error of each coordinate at the end.
+    limit : float
+        Plans that are longer than this length are not considered.
+
+    Attributes
+    ----------
+    covers : tuple of Cover
+        For each particle.
+    ends : tuple of int
+        The nodes of the covers in which the particles end; the first nodes until they are set.
+
+    Raises
+    ------
+    MissingExtraError
+        If Clarabel is not installed.
+    """
+
+    def __init__(
+        self,
+        cells: Cells,
+        start: NDArray[np.float64],
+        goal: NDArray[np.float64],
+        tolerance: float,
+        limit: float,
+    ) -> None:
+        self._clarabel = import_extra("clarabel", "certificates need Clarabel", extra="certify")
+        self.cells = cells
+        scale = self.scale = 2.0 ** frexp(float((cells.high - cells.low).max()))[1]
+        origin = start[0]
+        self.start, self.goal = (start - origin) / scale, (goal - origin) / scale
+        self.tolerance, self.limit = tolerance / scale, limit / scale
+        self.low, self.high = (cells.low - origin) / scale, (cells.high - origin) / scale
+        self.extent = self.high - self.low
+
+        def moved(spaces: NDArray[np.float64]) -> NDArray[np.float64]:
+            normals = spaces[:, :-1]
+            offsets = (spaces[:, -1] - normals @ origin) / scale**2
+            return np.column_stack([normals / scale, offsets])
+
+        self._walls = [
+            Wall(
+                (wall.origin - origin) / scale,
+                wall.axes / scale,
+                wall.normal / scale,
+                moved(wall.inside),
+            )
+            for wall in cells.walls
+        ]
+        self._outer = moved(cells.outer)
+        self._insides = [moved(inside) for inside in cells.insides]
+        self._doors = (cells.doors - origin[: cells.doors.shape[2]]) / scale
+        self._settings = settings = self._clarabel.DefaultSettings()
+        settings.verbose, settings.presolve_enable = False, False
+        settings.chordal_decomposition_enable, settings.max_threads = False, 1
+        self.covers: tuple[Cover, ...] = ()
+        self.ends = (0, 0)
+        self._places: tuple[list[tuple[int, int]], ...] = ([], [])
+        self.holds: list[Hold] = []
+
+    def explore(self, first: Sequence[int]) -> bool:
+        """Find all cells that each particle can reach from its first one; False if they are too
+        many.
+        """
+        covers = []
+        for particle in (0, 1):
+            cover = self._cover(particle, first[particle])
+            if cover is None:
+                return False
+            covers.append(cover)
+        self.covers = tuple(covers)
+        self._places = tuple(
+            [
+                (node, wall)
+                for node, cell in enumerate(cover.cells)
+                for wall in self.cells.walls_of[cell]
+            ]
+            for cover in covers
+        )
+        self.holds = [
+            (place, particle)
+            for particle, places in enumerate(self._places)
+            for place in range(len(places))
+        ]
+        return True
+
+    def _cover(self, particle: int, first: int) -> Cover | None:
+        cover = Cover([first], [0], [-1], [])
+        for node in range(MOST_CELLS):
+            if node == len(cover.cells):
+                return cover
+            cell = cover.cells[node]
+            for door in self.cells.doors_of[cell]:
+                if door == cover.entries[node]:
+                    continue
+                through = [*cover.doors_from_start(node), door]
+                bound = self._solved(self.program((HoldsBetween(),), (particle, through)))
+                if bound.value >= self.limit * self.scale * (1 + 1e-9):
+                    cover.closed.append({"node": node, "door": door, **bound.proof()})
+                    continue
+                cover.cells.append(self.cells.neighbor(cell, door))
+                cover.parents.append(node)
+                cover.entries.append(door)
+        return None
+
+    def ending(self, ends: Sequence[int]) -> RouteRelaxation:
+        """Return a relaxation of the plans that end in these nodes of the covers."""
+        other = copy(self)
+        other.ends = ends[0], ends[1]
+        return other
+
+    def follows(self, first: Hold, second: Hold) -> bool:
+        """Return whether ``second`` can come directly after ``first``, and change the difference
+        of the particles.
+        """
+        if first[:2] == second[:2]:
+            return False
+        if self.cells.corners:
+            return True
+        one, other = self.cells.walls[first[0]].normal, self.cells.walls[second[0]].normal
+        sign = 1.0 if first[1] == second[1] else -1.0
+        # in a convex workspace: with opposite normals times signs, the second finds both particles
+        # on its wall, and so holds both
+        return not are_opposite(one, sign * other)
+
+    def allows(self, hold: Hold, change: NDArray[np.float64]) -> bool:
+        """Return whether a hold can change the difference of the particles in a direction."""
+        normal = self._walls[self._places[hold[1]][hold[0]][1]].normal
+        return float(normal @ change) < -1e-6 * float(np.linalg.norm(normal))
+
+    def bound(self, pattern: Pattern) -> RouteBound:
+        """Return the lower bound of all plans of a pattern, at most the limit."""
+        bound = self._solved(self.program(pattern))
+        return replace(bound, value=min(bound.value, self.limit * self.scale))
+
+    def _solved(self, program: RouteProgram) -> RouteBound:
+        from scipy.sparse import csc_matrix
+
+        clarabel = self._clarabel
+        norms, size, rows, legs = program.norms, program.size, program.rows, program.legs
+        low, high, gaps = program.low, program.high, program.gaps
+        count, number, dimensions = len(low), len(norms), norms.shape[1]
+        # the variables of the program, then the length of each norm
+        heights = len(rows), len(legs), count, count, (1 + dimensions) * number
+        system = np.zeros((sum(heights), count + number + 1))
+        parts = np.split(system, np.cumsum(heights)[:-1])
+        parts[0][:, :count], parts[0][:, -1] = rows[:, :-1], rows[:, -1]
+        for row, leg in zip(parts[1], legs, strict=True):
+            row[[count + k for k in leg.inputs]] = 1
+            row[[count + k for k in leg.steps]] = -1
+        parts[2][:, :count], parts[2][:, -1] = np.eye(count), -low
+        parts[3][:, :count], parts[3][:, -1] = -np.eye(count), high
+        cones = parts[4].reshape(number, 1 + dimensions, -1)
+        cones[:, 0, count:-1] = np.eye(number)
+        cones[:, 1:, :count], cones[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
+        cost = np.zeros(count + number)
+        cost[count : count + size] = 1
+        solution = clarabel.DefaultSolver(
+            csc_matrix((count + number, count + number)),
+            cost,
+            csc_matrix(-system[:, :-1]),
+            system[:, -1],
+            [
+                clarabel.NonnegativeConeT(sum(heights[:4])),
+                *(clarabel.SecondOrderConeT(1 + dimensions) for _ in range(number)),
+            ],
+            self._settings,
+        ).solve()
+        dual = np.array(solution.z)
+        slacks = np.maximum(dual[: len(rows)], 0.0)
+        weights = np.maximum(dual[len(rows) : len(rows) + len(legs)], 0.0)
+        vectors = -dual[sum(heights[:4]) :].reshape(number, 1 + dimensions)[:, 1:]
+        if not np.isfinite(dual).all():
+            vectors, slacks, weights = vectors * 0, slacks * 0, weights * 0
+            vectors, slacks, weights = map(np.nan_to_num, (vectors, slacks, weights))
+        if "Infeasible" in str(solution.status):
+            vectors, weights = np.zeros_like(vectors), np.zeros_like(weights)
+            worth = _worth(norms, rows, low, high, vectors, slacks)
+            slacks *= 2 * self.limit / worth if worth > 0 else 0.0
+        # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds its cap
+        weights = np.trunc(weights / STEP) * STEP
+        caps = caps_of(size, legs, weights, number)
+        if (caps < 0).any():
+            weights = np.trunc(weights / (1 - caps.min()) * (1 - 1e-9) / STEP) * STEP
+            caps = np.maximum(caps_of(size, legs, weights, number), 0.0)
+        lengths = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
+        vectors = vectors * np.minimum(1.0, caps / lengths)[:, None]
+        vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
+        slacks = np.round(slacks / STEP) * STEP
+        value = _worth(norms, rows, low, high, vectors, slacks)
+        used = np.array(solution.x)[count:]
+        loads = {place: float(np.sum(used[inside])) for place, inside in gaps.items()}
+        return RouteBound(
+            max(value, 0.0) * self.scale,
+            vectors,
+            slacks,
+            weights,
+            loads,
+            np.array(solution.x)[:count],
+        )
+
+    def lacking(self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]) -> float:
+        """Return how much longer the inputs before and after a contact must be for the ways of the
+        other particle; infinite if this is in no cell.
+        """
+        values = np.append(solution, 1.0)
+        spot, here, there = (one @ values for one in (sight.spot, *sight.ends))
+        before, after = (
+            float(np.linalg.norm(program.norms[part] @ values, axis=1).sum())
+            for part in sight.inputs
+        )
+        cover = self.covers[sight.particle]
+        least = np.inf
+        for node, cell in enumerate(cover.cells):
+            inside = self._insides[cell]
+            if np.all(inside[:, :-1] @ spot >= inside[:, -1] - 1e-7):
+                first, second = (cover.doors_between(node, known) for known in sight.nodes)
+                lacks = max(self._way(first[::-1], here, spot) - before, 0.0)
+                lacks += max(self._way(second, spot, there) - after, 0.0)
+                least = min(least, lacks)
+        return least
+
+    def _way(self, doors: list[int], here: Expression, there: Expression) -> float:
+        """Return about the length of the shortest way through doors."""
+        ends = self._doors[doors]
+        spots = np.array([here, *ends.mean(axis=1), there])
+        for _ in range(_SWEEPS):
+            for k, (one, other) in enumerate(ends, start=1):
+                away = spots[k + 1] - spots[k - 1]
+                along = other - one
+                turn = away[0] * along[1] - away[1] * along[0]
+                off = one - spots[k - 1]
+                share = (off[0] * away[1] - off[1] * away[0]) / turn if turn else 0.5
+                spots[k] = one + np.clip(share, 0.0, 1.0) * along
+        return float(np.linalg.norm(np.diff(spots, axis=0), axis=1).sum())
+
+    def _most_variables(self, pattern: Pattern, through: tuple[int, Sequence[int]] | None) -> int:
+        size = self.start.shape[1]
+        count, ways = 2 * size, 2
+        for item in pattern:
+            if isinstance(item, HoldsBetween):
+                count += size * (2 + (2 if item.holds is None else len(item.holds)))
+            else:
+                count, ways = count + 4 + size, ways + 3
+        deepest = max((len(c.doors_from_start(len(c.cells) - 1)) for c in self.covers), default=0)
+        return int(count + (len(through[1]) if through is not None else 2 * ways * deepest))
+
+    def program(
+        self, pattern: Pattern, through: tuple[int, Sequence[int]] | None = None
+    ) -> RouteProgram:
+        """Return the program of a pattern.
+
+        With ``through``, a particle, from 0, and doors, this particle passes the doors on its way to
+        its goal, and no particle needs to end in a given cell.
+        """
+        size = self.start.shape[1]
+        far = self._most_variables(pattern, through)
+        low, high = np.zeros(far), np.zeros(far)
+        used = 0
+
+        def vector(least: NDArray[np.float64], most: NDArray[np.float64]) -> Expression:
+            nonlocal used
+            new = np.zeros((size, far + 1))
+            new[range(size), range(used, used + size)] = 1
+            low[used : used + size], high[used : used + size] = least, most
+            used += size
+            return new
+
+        def constant(value: NDArray[np.float64]) -> Expression:
+            new = np.zeros((size, far + 1))
+            new[:, -1] = value
+            return new
+
+        def spot(origin: NDArray[np.float64], axes: NDArray[np.float64]) -> Expression:
+            nonlocal used
+            new = constant(origin)
+            new[:, used : used + len(axes)] = axes.T
+            high[used : used + len(axes)] = 1
+            used += len(axes)
+            return new
+
+        def within(point: Expression, spaces: NDArray[np.float64]) -> None:
+            inside = spaces[:, :-1] @ point
+            inside[:, -1] -= spaces[:, -1]
+            rows.append(inside)
+
+        reach = np.full(size, self.limit)
+        goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
+        places = [constant(one) for one in self.start]
+        norms: list[Expression] = []
+        rows: list[NDArray[np.float64]] = []
+        gaps: dict[int, list[int]] = {}
+        # for each particle: the node and the place that are known last, and the norms since then
+        nodes, last_places = [0, 0], list(places)
+        inputs: list[list[int]] = [[], []]
+        waiting: list[list[tuple[int, bool, Expression, int]]] = [[], []]
+        sights: list[Sight] = []
+        ways: list[tuple[list[int], list[int], Expression, Expression]] = []
+
+        def move(norm: Expression, *particles: int) -> None:
+            for particle in particles:
+                inputs[particle].append(len(norms))
+            norms.append(norm)
+
+        def arrive(particle: int, place: Expression, node: int) -> None:
+            before = last_places[particle]
+            for number, last, spot, done in waiting[particle]:
+                both = list(inputs[particle][:done]), list(inputs[particle][done:])
+                known = nodes[particle], node
+                sights.append(Sight(number, last, particle, spot, known, (before, place), both))
+            if doors := self.covers[particle].doors_between(nodes[particle], node):
+                ways.append((list(inputs[particle]), doors, before, place))
+            nodes[particle], last_places[particle] = node, place
+            inputs[particle], waiting[particle] = [], []
+
+        def visit(particle: int, place: Expression, site: int, last: bool) -> None:
+            if site >= 0:
+                arrive(particle, place, site)
+                within(place, self._insides[self.covers[particle].cells[site]])
+            else:
+                waiting[particle].append((number, last, place, len(inputs[particle])))
+
+        if not pattern:
+            apart = (goals[1] - goals[0]) - (places[1] - places[0])
+            move(goals[0] - places[0], 0, 1)
+            rows = [apart, -apart]
+        gap: list[Expression] | None = None
+        for number, item in enumerate(pattern):
+            if isinstance(item, HoldsBetween):
+                begun = len(norms)
+                free = vector(-reach, reach)
+                if number < len(pattern) - 1:
+                    before = vector(-self.extent, self.extent)
+                move(free, 0, 1)
+                gap = [places[0] + free, places[1] + free]
+                for hold in [(-1, 0), (-1, 1)] if item.holds is None else sorted(item.holds):
+                    change = vector(-reach, reach)
+                    move(change, 1 - hold[1])
+                    gap[1 - hold[1]] = gap[1 - hold[1]] + change
+                    if item.holds is not None:
+                        wall = self._walls[self._places[hold[1]][hold[0]][1]]
+                        rows.append(-(wall.normal[None] @ change))
+                gaps[number] = list(range(begun, len(norms)))
+                continue
+            place, particle, *sites = (*item, -1, -1)[:4]
+            node, index = self._places[particle][place]
+            wall = self._walls[index]
+            sign = 1.0 if particle == 0 else -1.0
+            first, last = spot(wall.origin, wall.axes), spot(wall.origin, wall.axes)
+            if gap is None:
+                before = places[1] - places[0]
+                move(first - places[particle], 0, 1)
+            else:
+                now = [first, first + before] if particle == 0 else [first - before, first]
+                rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
+                gap = None
+            arrive(particle, first, node)
+            visit(1 - particle, first + sign * before, sites[0], last=False)
+            last_places[particle] = last
+            after = (
+                goals[1] - goals[0]
+                if number == len(pattern) - 1
+                else vector(-self.extent, self.extent)
+            )
+            move(last - first, 1 - particle)
+            move(after - before, 1 - particle)
+            for contact, apart in ((first, before), (last, after)):
+                within(contact, wall.inside)
+                within(contact + sign * apart, self._outer)
+            rows.append(sign * (wall.normal[None] @ (before - after)))
+            places = [last, last + after] if particle == 0 else [last - after, last]
+            visit(1 - particle, places[1 - particle], sites[1], last=True)
+            if number == len(pattern) - 1:
+                move(goals[particle] - last, 0, 1)
+        if gap is not None:
+            rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
+        if through is None:
+            for particle in (0, 1):
+                arrive(particle, goals[particle], self.ends[particle])
+        else:
+            particle, doors = through
+            ways.append((inputs[particle], list(doors), places[particle], goals[particle]))
+        legs, count = [], len(norms)
+        for moving, doors, here, there in ways:
+            crossed = [spot(one, (other - one)[None]) for one, other in self._doors[doors]]
+            steps = [place - before for before, place in pairwise([here, *crossed, there])]
+            legs.append(RouteLeg(moving, list(range(len(norms), len(norms) + len(steps)))))
+            norms += steps
+        keep = [*range(used), far]
+        whole = np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1))
+        return RouteProgram(
+            np.stack(norms)[:, :, keep],
+            count,
+            whole,
+            legs,
+            low[:used],
+            high[:used],
+            gaps,
+            [
+                replace(
+                    sight,
+                    spot=sight.spot[:, keep],
+                    ends=(sight.ends[0][:, keep], sight.ends[1][:, keep]),
+                )
+                for sight in sights
+            ],
+        )
+
+
+def caps_of(
+    size: int, legs: Sequence[RouteLeg], weights: NDArray[np.float64], number: int
+) -> NDArray[np.float64]:
+    """Return how long the multiplier of each norm may be; float64, shape (number,)."""
+    caps = np.zeros(number)
+    caps[:size] = 1
+    for leg, weight in zip(legs, weights, strict=True):
+        caps[leg.inputs] -= weight
+        caps[leg.steps] += weight
+    return caps
+
+
+def are_opposite(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Return whether two vectors have opposite directions, in exact arithmetic."""
+    first, second = ([Fraction(x) for x in vector.tolist()] for vector in (one, other))
+    count = len(first)
+    parallel = all(
+        first[j] * second[k] == first[k] * second[j] for j in range(count) for k in range(j)
+    )
+    return parallel and sum(a * b for a, b in zip(first, second, strict=True)) < 0
+
+
+def _worth(
+    norms: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    vectors: NDArray[np.float64],
+    slacks: NDArray[np.float64],
+) -> float:
+    total: Any = np.einsum("ni,nij->j", vectors, norms) - slacks @ rows
+    rest = total[:-1]
+    value = float(total[-1] + np.minimum(rest * low, rest * high).sum())
+    return value if np.isfinite(value) else -np.inf

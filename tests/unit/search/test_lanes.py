@@ -1,0 +1,186 @@
+"""Rows along a line: cells, plans, missions and pictures of long regions."""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+import shoal
+from shoal.core.errors import InvalidInputError
+from shoal.missions import MissionSet, check_missions
+from shoal.search import SearchProblem, coverage_check, open_region, plan_search, region_of
+from shoal.search.cells.lanes import cells_along, center_line
+from shoal.search.flight.timing import turns_of
+from shoal.search.regions.places import line_of
+from shoal.search.regions.projection import LocalFrame
+from shoal.views.search.page import page_data
+
+LINE = shapely.LineString([(0, 0), (300, 40), (500, 250), (900, 300), (1000, 600), (1500, 650)])
+
+
+def strip(width, **kind):
+    return region_of(LINE.buffer(width / 2, cap_style="flat"), frame=None, **kind)
+
+
+def ways_of(plan):
+    robots = range(len(plan.places))
+    return [plan.route(one, plan.stops(one)).points for one in robots if len(plan.stops(one))]
+
+
+def test_cells_divide_the_region_and_each_is_seen_from_the_line():
+    region = strip(13)
+    grid = cells_along(region, 15, np.array(LINE.coords))
+    assert grid.shape[0] == 1
+    assert LINE.length / 15 <= grid.n_cells <= LINE.length / 15 + 7
+    pieces = shapely.transform(grid.clipped.pieces, grid.lattice.to_region)
+    assert shapely.area(pieces).sum() == pytest.approx(region.area_m2, rel=1e-9)
+    assert shapely.union_all(pieces).symmetric_difference(region.area).area < 1e-3
+    assert shapely.distance(shapely.points(grid.viewpoints), LINE).max() < 0.02 * 15 + 1e-9
+    assert (grid.cell_of(grid.waypoints()) == grid.cells).all()
+    assert len(grid.portals.pairs) == grid.n_cells - 1
+    assert grid.doors_east.all()
+
+
+@pytest.mark.parametrize("footprint", [10, 15])
+def test_two_robots_share_a_corridor_by_its_length(footprint):
+    problem = SearchProblem(
+        "rectangle:1543x13", robots=2, footprint=footprint, along="centre", vehicle="ideal"
+    )
+    plan = plan_search(problem, seed=1)
+    assert plan.planned_seconds <= 1.05 * plan.least_seconds
+    seen = coverage_check(plan.grid.region, ways_of(plan), footprint, image=plan.image)
+    assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("robots", [1, 2, 3])
+def test_a_bent_strip_is_flown_one_way_along_its_line(robots):
+    fields = {"robots": robots, "footprint": 15, "vehicle": "ideal"}
+    along = plan_search(SearchProblem(strip(13), along=tuple(LINE.coords), **fields), seed=1)
+    plain = plan_search(SearchProblem(strip(13), angle="auto", **fields), seed=1)
+    ways = ways_of(along)
+    seen = coverage_check(along.grid.region, ways, 15, angle=along.grid.angle, image=along.image)
+    assert seen.covered_fraction > 1 - 1e-5
+    assert seen.outside_m == 0
+    turns, others = (sum(int(turns_of(way).sum()) for way in one) for one in (ways, ways_of(plain)))
+    assert turns <= 4 + 3 * robots < others / 3
+    assert along.planned_seconds < plain.planned_seconds
+    length = sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways)
+    assert length < 2.1 * LINE.length
+
+
+def test_wider_stretches_have_more_lanes():
+    wide = shapely.union_all([shapely.box(0, -6, 1000, 6), shapely.box(400, -20, 700, 20)])
+    region = region_of(wide, frame=None)
+    grid = cells_along(region, 15, np.array([(0.0, 0.0), (1000.0, 0.0)]))
+    assert grid.mask.sum(axis=0).max() == 3
+    assert (grid.mask[:, :20].sum(axis=0) == 1).all()
+    plan = plan_search(
+        SearchProblem(region, robots=1, footprint=15, along=((0, 0), (1000, 0)), vehicle="ideal"),
+        seed=1,
+    )
+    seen = coverage_check(region, ways_of(plan), 15, image=plan.image)
+    assert seen.covered_fraction > 1 - 1e-5
+    assert sum(np.hypot(*np.diff(way, axis=0).T).sum() for way in ways_of(plan)) < 2700
+
+
+def test_the_middle_of_a_river_is_found():
+    region = strip(13)
+    line = center_line(region, 15)
+    assert shapely.LineString(line).hausdorff_distance(LINE) < 40  # to the ends
+    assert shapely.distance(shapely.points(line), LINE).max() < 3
+    assert len(line) <= 12
+    ring = center_line(open_region("ring:60x50"), 12)
+    assert shapely.LineString(ring).length > 150
+
+
+def test_a_line_is_read_from_all_its_forms(tmp_path):
+    frame = LocalFrame(8.5, 47.4)
+    degrees = frame.to_degrees(np.array(LINE.coords))
+    text = "LINESTRING (" + ", ".join(f"{x:.8f} {y:.8f}" for x, y in degrees) + ")"
+    region = region_of(LINE.buffer(7), frame=frame)
+    files = {
+        "a.wkt": text,
+        "a.geojson": json.dumps({"type": "LineString", "coordinates": degrees.tolist()}),
+        "a.gpx": "<gpx><trk><trkseg>"
+        + "".join(f'<trkpt lon="{x}" lat="{y}"/>' for x, y in degrees)
+        + "</trkseg></trk></gpx>",
+        "a.csv": "longitude,latitude\n" + "\n".join(f"{x},{y}" for x, y in degrees),
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+        found = line_of(str(tmp_path / name), region, what="along")
+        np.testing.assert_allclose(found, LINE.coords, atol=0.01)
+    np.testing.assert_allclose(line_of(text, region, what="along"), LINE.coords, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "word"),
+    [
+        ("a.gpx", "<gpx/>", "expected one track or route, got 0"),
+        ("a.gpx", "<gpx><rte><rtept lon='x' lat='2'/></rte></gpx>", "expected lon and lat"),
+        ("a.gpx", "<kml/>", "expected <gpx>"),
+        ("a.wkt", "POINT (1 2)", "expected a LINESTRING, got a Point"),
+        ("a.wkt", "LINE", "expected a LINESTRING, got no geometry"),
+        ("a.csv", "x,y\n1,1\n", "expected a line of two points or more, got 1"),
+    ],
+)
+def test_a_wrong_line_is_refused(tmp_path, name, content, word):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InvalidInputError, match=word):
+        line_of(
+            str(tmp_path / name),
+            region_of(shapely.box(0, 0, 9, 9), frame=LocalFrame(8, 47))
+            if name == "a.gpx"
+            else open_region("square:9"),
+            what="along",
+        )
+
+
+def test_what_contradicts_a_line_is_refused():
+    with pytest.raises(InvalidInputError, match="along: expected no angle"):
+        SearchProblem("square:90", along="centre", angle=30)
+    with pytest.raises(InvalidInputError, match="along: expected one altitude and one pass, got 2"):
+        SearchProblem("square:90", along="centre", passes=2)
+    with pytest.raises(InvalidInputError, match="along: expected one altitude and one pass, got a"):
+        SearchProblem("box:90x90x20", along="centre")
+    short = SearchProblem("square:90", along=((0, 0), (3, 0)), footprint=10)
+    with pytest.raises(InvalidInputError, match="along: expected a line of at least one footprint"):
+        plan_search(short)
+    closed = SearchProblem("square:90", along=((0, 0), (30, 0), (30, 30), (0, 0)), footprint=10)
+    with pytest.raises(InvalidInputError, match="along: expected a line with two ends"):
+        plan_search(closed)
+
+
+def test_missions_along_a_line_are_checked_with_footprints_that_turn(tmp_path):
+    region = region_of(LINE.buffer(6.5, cap_style="flat"), frame=LocalFrame(8.5, 47.4))
+    problem = SearchProblem(
+        region, robots=2, footprint=20, along=tuple(LINE.coords), vehicle="multirotor", margin=0.5
+    )
+    missions = MissionSet.from_problem(problem, seed=1)
+    assert missions.check().coverage.covered_fraction > 0.9999
+    missions.write(tmp_path)
+    found = check_missions(tmp_path, region, 20.0)
+    assert found.coverage.covered_fraction > 0.9999
+    narrow = check_missions(tmp_path, region, 13.2)
+    assert narrow.coverage.covered_fraction > 0.98
+    upright = check_missions(tmp_path, region, 13.2, angle=45.0)
+    assert upright.coverage.covered_fraction < narrow.coverage.covered_fraction
+    with pytest.raises(InvalidInputError, match="angle: expected turning or a number"):
+        check_missions(tmp_path, region, 20.0, angle="north")
+
+
+def test_searches_along_a_line_run_are_stored_and_drawn(tmp_path):
+    episode = shoal.run(
+        strip(30), robots=3, footprint=15, along=tuple(LINE.coords), crashes=1, seed=2
+    )
+    assert episode.makespan is not None
+    assert episode.trace.takeovers
+    path = tmp_path / "episode.json"
+    episode.save(path)
+    again = type(episode).load(path)
+    assert again.plan.grid.n_cells == episode.plan.grid.n_cells
+    told = page_data(episode)
+    assert told["cells"] == episode.plan.grid.n_cells
+    panels = shoal.views.search.history.SearchHistory(episode).panels
+    assert {*panels.numbers.ravel().tolist()} - {-1} == {*range(episode.plan.grid.n_cells)}

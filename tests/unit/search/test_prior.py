@@ -1,0 +1,283 @@
+"""Priors: what a user may give, which probabilities cells get from it, and what a search does."""
+
+from __future__ import annotations
+
+import csv
+import json
+from math import exp
+
+import numpy as np
+import pytest
+
+from shoal.cli import run as shoal
+from shoal.core.errors import InvalidInputError
+from shoal.search import SearchProblem, open_region
+from shoal.search.episode import SearchEpisode
+from shoal.search.planning.plan import plan_search
+from shoal.search.problem.prior import DistanceRing, open_prior
+from shoal.search.run import run
+
+SQUARE = {"region": "square:100", "robots": 2, "footprint": 10}
+
+
+def corner(tmp_path, *, rows=10, columns=10):
+    """Save an array whose north-east pixel is likely."""
+    values = np.full((rows, columns), 0.1)
+    values[0, -1] = 90.1
+    np.save(tmp_path / "corner.npy", values)
+    return str(tmp_path / "corner.npy"), values / values.sum()
+
+
+def odds_at(plan):
+    """Return the probability of each cell of a lattice with row 0 in the north."""
+    found = np.zeros(plan.grid.shape)
+    found[tuple(plan.tour.cells.T)] = plan.tour_cost.odds
+    return found
+
+
+def test_an_array_spans_the_region_with_row_0_in_the_north(tmp_path):
+    file, values = corner(tmp_path)
+    plan = plan_search(SearchProblem(**SQUARE, prior=[file]), seed=1)
+    places = plan.positions(np.arange(100))
+    likely = places[np.argmax(plan.tour_cost.odds)]
+    assert likely.tolist() == [95.0, 95.0]
+    rows, columns = ((100 - places[:, 1]) // 10).astype(int), (places[:, 0] // 10).astype(int)
+    np.testing.assert_allclose(plan.tour_cost.odds, values[rows, columns], atol=1e-12)
+
+
+def test_the_odds_of_turned_cells_are_those_of_the_ground_under_them():
+    ring = "ring:50,50:0.5=20,0.9=30"
+    straight, turned = (
+        plan_search(SearchProblem(**SQUARE, prior=[ring], angle=angle), seed=1) for angle in (0, 30)
+    )
+    assert straight.prior_inside == pytest.approx(turned.prior_inside, abs=0.01)
+    for plan in (straight, turned):
+        away = np.linalg.norm(plan.positions(np.arange(len(plan.tour))) - 50, axis=1)
+        assert plan.tour_cost.odds.sum() == pytest.approx(1)
+        inner = plan.tour_cost.odds[away < 20].sum() * plan.prior_inside
+        assert inner == pytest.approx(0.5, abs=0.12)  # cells of 10 m across the ring
+
+
+def test_a_ring_has_its_quantiles():
+    ring = DistanceRing(np.zeros(2), np.array([0.25, 0.5, 0.9]), np.array([100.0, 300.0, 900.0]))
+    step = 4.0
+    axis = np.arange(-3000, 3000, step) + step / 2
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    masses = ring.density(points) * step**2
+    away = np.linalg.norm(points, axis=1)
+    for share, distance in ((0.25, 100), (0.5, 300), (0.9, 900)):
+        assert masses[away <= distance].sum() == pytest.approx(share, abs=0.01)
+    slope = 0.4 / 600
+    assert masses[away > 1500].sum() == pytest.approx(0.1 * exp(-600 * slope / 0.1), abs=0.003)
+
+
+def test_segments_points_and_mixtures(tmp_path):
+    def feature(kind, coordinates, **properties):
+        geometry = {"type": kind, "coordinates": coordinates}
+        return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+    def file(name, *features):
+        path = tmp_path / name
+        path.write_text(json.dumps({"type": "FeatureCollection", "features": list(features)}))
+        return str(path)
+
+    left = [[[0, 0], [50, 0], [50, 100], [0, 100], [0, 0]]]
+    right = [[[50, 0], [100, 0], [100, 100], [50, 100], [50, 0]]]
+    halves = file(
+        "halves.geojson",
+        feature("Polygon", left, probability=30),
+        feature("Polygon", right, probability=10),
+    )
+    spots = file("spots.json", feature("Point", [80, 80], spread_m=3))
+    plan = plan_search(SearchProblem(**SQUARE, prior=[f"3*{halves}", spots], elsewhere=0.2), seed=1)
+    west = plan.positions(np.arange(100))[:, 0] < 50
+    # of .8, three quarters are halves, and the rest is one spot in the east
+    assert plan.tour_cost.odds[west].sum() == pytest.approx(0.2 * 0.5 + 0.6 * 0.75, abs=0.01)
+    assert plan.prior_inside == pytest.approx(1, abs=0.01)
+
+
+def test_a_raster_with_its_own_place(tmp_path):
+    head = "ncols 4\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 50\nNODATA_value -1\n"
+    (tmp_path / "grid.asc").write_text(head + "0 3 9 9\n1 0 9 -1\n")
+    plan = plan_search(SearchProblem(**SQUARE, prior=[str(tmp_path / "grid.asc")]), seed=1)
+    places = plan.positions(np.arange(100))
+    north, east = places[:, 1] > 50, places[:, 0] > 50
+    odds = plan.tour_cost.odds
+    assert odds[north & east].sum() == pytest.approx(0.75)
+    assert odds[~north & ~east].sum() == pytest.approx(0.25)
+    assert plan.prior_inside == pytest.approx(4 / 31)
+
+
+def test_a_likely_corner_is_searched_early_and_all_the_rest_in_time(tmp_path):
+    file, values = corner(tmp_path)
+    plain = run(SearchProblem(**SQUARE), seed=1)
+    for at_most in (1.0, 1.1, 1.25):
+        likely = run(SearchProblem(**SQUARE, prior=[file], at_most=at_most), seed=1)
+        assert likely.status == "complete"
+        assert likely.plan.planned_seconds <= at_most * plain.plan.planned_seconds * (1 + 1e-9)
+        places = plain.plan.positions(np.arange(100))
+        rows, columns = ((100 - places[:, 1]) // 10).astype(int), (places[:, 0] // 10).astype(int)
+        before = values[rows, columns] @ plain.visits.times
+        assert likely.expected_find < before
+        assert likely.visits.times.max() == likely.makespan
+        again = values[rows, columns] @ likely.visits.times[_same(plain, likely)]
+        assert again == pytest.approx(likely.expected_find)
+
+
+def _same(one, other):
+    """Return the tour index in another plan of each cell of a plan."""
+    return other.plan.tour.position[tuple(one.plan.tour.cells.T)]
+
+
+def test_vehicles_keep_the_limit_of_their_flights(tmp_path):
+    file, _ = corner(tmp_path)
+    field = {**SQUARE, "vehicle": "multirotor", "launch": ((-5.0, -5.0),)}
+    plain = plan_search(SearchProblem(**field), seed=1)
+    likely = plan_search(SearchProblem(**field, prior=[file], at_most=1.2), seed=1)
+    assert likely.plain_seconds == plain.planned_seconds
+    assert likely.planned_seconds <= 1.2 * plain.planned_seconds
+    first = [likely.positions(likely.stops(robot))[:8] for robot in range(2)]
+    assert any((abs(stops - 95) < 1).all(axis=1).any() for stops in first)
+
+
+def test_an_episode_holds_its_prior(tmp_path):
+    file, _ = corner(tmp_path)
+    prior = [file, "2*ring:20,20:0.5=10"]
+    episode = run(SearchProblem(**SQUARE, prior=prior, elsewhere=0.1), seed=1)
+    episode.save(tmp_path / "episode.json")
+    (tmp_path / "corner.npy").unlink()
+    loaded = SearchEpisode.load(tmp_path / "episode.json")
+    assert loaded.verify()
+    assert loaded.expected_find == episode.expected_find
+    np.testing.assert_array_equal(loaded.plan.tour_cost.odds, episode.plan.tour_cost.odds)
+
+
+def test_the_command_writes_first_visits(tmp_path, capsys):
+    file, values = corner(tmp_path)
+    out = tmp_path / "out"
+    words = ["search", "square:100", "--robots", "2", "--footprint", "10", "--seed", "1", "--json"]
+    for more in ([], ["--prior", file, "--at-most", "1.1"]):
+        assert shoal([*words, *more, "--out", str(out)]) == 0
+        result = json.loads(capsys.readouterr().out)
+        rows = list(csv.DictReader((out / "visits.csv").read_text().splitlines()))
+        assert list(rows[0]) == ["x_m", "y_m", "robot", "time_s"]
+        assert len(rows) == 100
+        assert max(float(row["time_s"]) for row in rows) == pytest.approx(result["makespan_s"])
+        expected = sum(
+            values[int((100 - float(row["y_m"])) // 10), int(float(row["x_m"]) // 10)]
+            * float(row["time_s"])
+            for row in rows
+        )
+        assert result["expected_find_s"] == (pytest.approx(expected) if more else None)
+    assert shoal([word for word in words if word != "--json"] + ["--prior", file]) == 0
+    assert "found after" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        ("nothing.npy", "nothing.npy"),
+        ("picture.png", r"expected ring:X,Y:SHARE=METRES,... or a file .npy"),
+        ("ring:0,0:0.5=10,0.4=20", "increasing shares"),
+        ("ring:0,0:1.5=10", "increasing shares"),
+        ("ring:0:0.5=10", "increasing shares"),
+        ("ring:nan,0:0.5=10", "increasing shares"),
+        ("0*ring:0,0:0.5=10", "weight"),
+    ],
+)
+def test_what_is_no_prior_is_refused(prior, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInputError, match=message):
+        plan_search(SearchProblem(**SQUARE, prior=[prior]), seed=1)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.zeros((3, 3)), "zeros only"),
+        (np.array([[1.0, -1.0]]), "-1"),
+        (np.array([[1.0, np.nan]]), "nan"),
+        (np.ones(3), "rows and columns"),
+        (np.array([["a"]]), "rows and columns"),
+        (np.array([[object()]]), "allow_pickle|Object arrays"),
+    ],
+)
+def test_arrays_that_hold_no_probabilities_are_refused(values, message, tmp_path):
+    np.save(tmp_path / "wrong.npy", values, allow_pickle=True)
+    with pytest.raises(InvalidInputError, match=message):
+        open_prior([str(tmp_path / "wrong.npy")], 0.0, open_region("square:100"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "FeatureCollection"),
+        ('{"features": [1]}', "expected a geometry"),
+        ('{"features": [{"geometry": {"type": "Point", "coordinates": [1, 1]}}]}', "spread_m"),
+        (
+            '{"features": [{"geometry": {"type": "Polygon", "coordinates":'
+            ' [[[0, 0], [1, 0], [1, 1], [0, 0]]]}, "properties": {}}]}',
+            "probability",
+        ),
+        (
+            '{"features": [{"geometry": {"type": "LineString", "coordinates": [[0, 0], [1, 0]]},'
+            ' "properties": {"spread_m": 1}}]}',
+            "Polygon or a Point",
+        ),
+    ],
+)
+def test_features_that_are_no_prior_are_refused(text, message, tmp_path):
+    (tmp_path / "wrong.geojson").write_text(text)
+    with pytest.raises(InvalidInputError, match=message):
+        open_prior([str(tmp_path / "wrong.geojson")], 0.0, open_region("square:100"))
+
+
+def test_a_target_that_is_nowhere_in_the_region_is_refused():
+    with pytest.raises(InvalidInputError, match="expected some probability"):
+        plan_search(SearchProblem(**SQUARE, prior=["ring:5000,5000:1=10"]), seed=1)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"at_most": 1.1}, "at_most: expected a prior"),
+        ({"elsewhere": 0.1}, "elsewhere: expected a prior"),
+        ({"prior": ["ring:0,0:0.5=9"], "passes": 2}, "one pass at one altitude"),
+        ({"prior": ["ring:0,0:0.5=9"], "at_most": 0.9}, "at_most: expected"),
+    ],
+)
+def test_fields_that_contradict_each_other_are_refused(fields, message):
+    with pytest.raises(InvalidInputError, match=message):
+        SearchProblem(**SQUARE, **fields)
+
+
+def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path):
+    file, _values = corner(tmp_path)
+    problem = SearchProblem(
+        **SQUARE, prior=[file], elsewhere=0.5, detection=0.7, faults="crash:1@30", loss=0.5
+    )
+    episode = run(problem, seed=3)
+    rng = np.random.default_rng(1)
+    looks = [[] for _ in range(100)]
+    for robot, log in enumerate(episode.trace.robots):
+        for cell, moment in zip(log.cells, episode.clock(log.times, robot), strict=True):
+            looks[cell].append(moment)
+    assert max(map(len, looks)) > 1  # messages were lost: some cells were searched again
+    times = []
+    for cell in rng.choice(100, size=20_000, p=episode.plan.tour_cost.odds):
+        found = [moment for moment in sorted(looks[cell]) if rng.random() < 0.7]
+        times += found[:1]
+    assert len(times) / 20_000 == pytest.approx(episode.success.probability, abs=0.02)
+    assert np.mean(times) == pytest.approx(episode.expected_find, rel=0.02)
+
+
+def test_random_targets_are_where_the_prior_says(tmp_path):
+    values = np.zeros((10, 10))
+    values[0, :3] = 1.0
+    np.save(tmp_path / "row.npy", values)
+    problem = SearchProblem(**SQUARE, prior=[str(tmp_path / "row.npy")], targets=3)
+    episode = run(problem, seed=1)
+    places = episode.plan.positions(list(episode.scenario.targets))
+    assert sorted(places.tolist()) == [[5.0, 95.0], [15.0, 95.0], [25.0, 95.0]]
+    with pytest.raises(InvalidInputError, match="at most 3"):
+        run(problem.replaced(targets=4), seed=1)
