@@ -138,6 +138,13 @@ def strips_at(area: Any, size: float, angle: float) -> np.ndarray:
     return np.asarray(lines @ matrix)
 
 
+def least_turns(area: Any, size: float) -> int:
+    """Return two turns for each strip at the angle with the fewest strips: what strips of one angle
+    need at least, if no border is slanted to them.
+    """
+    return 2 * min(len(strips_at(area, size, angle)) for angle in range(180))
+
+
 def in_turn(lines: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return the lines in the order of the nearest end, from a point."""
     rest, here, order = list(range(len(lines))), start, []
@@ -267,19 +274,22 @@ def main() -> None:
     options = parser.parse_args()
     fields = {} if options.prefer is None else {"prefer": options.prefer}
     print(
-        "| region | robots | tour | grid | time | turns | of strips | length | short legs | seen |"
+        "| region | robots | tour | grid | time | turns | of strips | two a strip | length | short legs"
+        " | seen |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    found_ratios = []
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    found_ratios, of_least = [], []
     for name, area, size in outlines(options.regions)[options.first :]:
         for robots in (int(word) for word in options.robots.split(",")):
             found, ours, theirs, region = compare(name, area, size, robots, options.turn, **fields)
             (our, their), seen, outside, plan = found
             ratio = np.array(our[:3]) / np.array(their[:3])
             found_ratios.append(ratio)
+            least = least_turns(area, size)
+            of_least.append([our[1] / least, their[1] / least])
             print(
                 f"| {name} | {robots} | {plan.tour.name} | {plan.grid.angle:.1f} | {ratio[0]:.3f} |"
-                f" {our[1]} | {their[1]} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
+                f" {our[1]} | {their[1]} | {least} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
                 f" {100 * seen:.4f} %, {outside:.1f} m outside |",
                 flush=True,
             )
@@ -294,6 +304,8 @@ def main() -> None:
         f" {mean[1]:.3f} times the turns (worst {ratios[:, 1].max():.3f}), {mean[2]:.3f} times the"
         " length"
     )
+    own, strips = np.exp(np.log(of_least).mean(axis=0))
+    print(f"turns beside two a strip: {own:.3f} times, of the strip planner {strips:.3f} times")
 
 
 if __name__ == "__main__":

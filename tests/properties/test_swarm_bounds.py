@@ -59,7 +59,7 @@ def test_dual_prices_prune_no_optimum(monkeypatch, rule):
 
 @pytest.mark.parametrize("rule", ["block", "merge"])
 def test_mappings_of_twelve_cells_are_solved(rule):
-    for workspace, start in connected_cases(2, 12, 49):
+    for workspace, start in connected_cases(1, 12, 49):
         best = optimum(workspace, start, rule=rule, task="mapping")
         policy = f"manual:{best.commands}"
         played = run(workspace, task="mapping", start=start, rule=rule, policy=policy)

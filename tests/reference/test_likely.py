@@ -12,6 +12,8 @@ from tests.properties.search_scenarios import random_scenario
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.allocate import numbers_of
 from shoal.search.allocation.likely import _joined
+from shoal.search.protocol.helping import Run, _best_run
+from shoal.search.protocol.state import Brief, Robot
 
 
 def searched_at(tour_cost, allocation, places, rates):
@@ -105,3 +107,14 @@ def test_runs_are_joined():
 
 def test_scenarios_have_priors():
     assert any(random_scenario(seed).brief.tour_cost.odds is not None for seed in range(20))
+
+
+def test_a_helper_begins_where_it_finds_the_target_most_probably():
+    odds = np.full(40, 0.2 / 36)
+    odds[30:34] = 0.2
+    tour = make_tour("boustrophedon", np.ones((4, 10), dtype=bool))
+    robot = Robot(1, Brief(TourCost(tour, odds=odds / odds.sum())), start=0)
+    runs = [Run(2, 6, 1), Run(36, 8, -1), Run(20, 4, 1)]
+    assert _best_run(robot, (1.0, 1.0), 0, runs) == (runs[1], 0)
+    plain = Robot(1, Brief(TourCost(tour)), start=0)
+    assert _best_run(plain, (1.0, 1.0), 0, runs) == (runs[2], 0)

@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 from tests.properties import search_scenarios
+from tests.properties.search_invariants import check_outcome
 from tests.properties.search_scenarios import random_scenario
 from tests.without_compiler import printed
 
@@ -68,6 +69,16 @@ def test_random_searches_are_equal():
     assert sum(outcome.takeovers for outcome in outcomes) > 10
     assert sum(len(found) for outcome in outcomes for found in outcome.obstructed) > 30
     assert sum(outcome.lost for outcome in outcomes) > 1000
+
+
+@pytest.mark.parametrize("number", [2118, 2312])
+def test_robots_that_depart_late_do_not_wait_forever_for_cells_that_some_cannot_reach(number):
+    scenario = random_scenario(number)
+    outcome = assert_equal_outcomes(scenario)
+    assert scenario.brief.delays
+    assert scenario.brief.tour_cost.stepwise
+    assert outcome.declared
+    check_outcome(scenario, SearchWorld(scenario).run(until=horizon(scenario)))
 
 
 def test_searches_are_equal_without_room_for_distances(monkeypatch):

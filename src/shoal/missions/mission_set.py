@@ -124,8 +124,9 @@ class MissionSet:
         if problem.vehicle is None:
             problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
         options.check_for(problem)
-        if problem.cross_track is None:
-            reserve = problem.default_cross_track
+        bare = problem.replaced(cross_track=0.0).at_place(problem.place)
+        reserve = problem.default_cross_track if problem.cross_track is None else 0.0
+        if reserve:
             problem = problem.replaced(cross_track=reserve).at_place(problem.place)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _fenced_problem(problem, options)
@@ -148,7 +149,14 @@ class MissionSet:
                 refusal = refusal if turned else error
         else:
             assert refusal is not None
-            raise refusal
+            if not (reserve and isinstance(refusal, NoRoomError)):
+                raise refusal
+            made = cls.from_problem(bare, options, seed=seed)
+            tell_once(
+                f"cross_track: 0 m in place of {reserve:.3g} m, because with narrower rows a vehicle has"
+                " no room for its turns or its path: with errors of positions, gaps may remain"
+            )
+            return made
         if options.kept_apart is not None and plan.image is None:
             made = made._fastest(plan.alternatives, terrain)
         if not fenced.margin:

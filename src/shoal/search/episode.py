@@ -68,6 +68,27 @@ class Visits:
     times: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Success:
+    """The probability that a target is found, over time.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (k,)
+        Increasing times of searches of cells, in seconds.
+    probabilities : ndarray of float64, shape (k,)
+        Probability that the target is found until each time.
+    """
+
+    times: NDArray[np.float64]
+    probabilities: NDArray[np.float64]
+
+    @property
+    def probability(self) -> float:
+        """Probability that the whole search finds the target."""
+        return float(self.probabilities[-1]) if len(self.probabilities) else 0.0
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchEpisode(Episode):
     """The result of a search. ``bool(episode)`` is true if its `status` is ``complete``.
@@ -322,20 +343,44 @@ class SearchEpisode(Episode):
                 robots[earlier], times[earlier] = robot, moment
         return Visits(robots, times)
 
-    @property
-    def expected_find(self) -> float | None:
-        """Expected time in seconds until a robot searches the cell of a single target, by the prior
-        of the problem: the sum of each cell's probability times its first search.
+    @cached_property
+    def success(self) -> Success | None:
+        """The probability that a single target is found, over time, by the prior of the problem and
+        its probability of detection; None for a problem without a prior.
 
-        None for a problem without a prior, and if a cell that may hold the target was never
-        searched.
+        Each search of a cell finds a target in it with the probability of detection, if no search
+        before did. Robots that do not report the truth find nothing.
         """
-        odds = self.plan.tour_cost.odds
+        odds, detection = self.plan.tour_cost.odds, self.problem.detection
         if odds is None:
             return None
-        there = odds > 0
-        total = float(odds[there] @ self.visits.times[there])
-        return total if total < inf else None
+        cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for robot, log in enumerate(self.trace.robots):
+            if robot + 1 not in self.liars and log.cells.size:
+                seen = self.seen[robot]
+                cells += seen
+                times.append(np.repeat(self.clock(log.times, robot), [len(one) for one in seen]))
+        looked, moments = np.concatenate(cells), np.concatenate(times)
+        order = np.lexsort((moments, looked))
+        looked, moments = looked[order], moments[order]
+        earlier = np.arange(len(looked)) - np.searchsorted(looked, looked)
+        found = odds[looked] * detection * (1.0 - detection) ** earlier
+        order = np.argsort(moments, kind="stable")
+        return Success(moments[order], np.cumsum(found[order]))
+
+    @property
+    def expected_find(self) -> float | None:
+        """Expected time in seconds until a single target is found, if the search finds it, by the
+        prior of the problem. If each search of a cell finds a target in it, this is the sum of each
+        cell's probability times its first search.
+
+        None for a problem without a prior, and if nothing can be found.
+        """
+        success = self.success
+        if success is None or not success.probability > 0:
+            return None
+        gains = np.diff(success.probabilities, prepend=0.0)
+        return float(gains @ success.times) / success.probability
 
     def _prior_report(self) -> dict[str, Any] | None:
         tour_cost = self.plan.tour_cost
@@ -343,6 +388,7 @@ class SearchEpisode(Episode):
             return None
         return {
             "inside": self.plan.prior_inside,
+            "success": 0.0 if self.success is None else self.success.probability,
             "at_most": self.problem.at_most,
             "plain_s": self.plan.plain_seconds,
         }

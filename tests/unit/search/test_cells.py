@@ -14,11 +14,13 @@ from shoal.search import (
     RegionPaths,
     cells_of,
     coverage_check,
+    make_tour,
     merge_collinear,
     open_region,
     region_of,
 )
 from shoal.search.cells import routing
+from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.visibility_graph import VisibilityGraph
 from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.margin import with_margin
@@ -297,3 +299,14 @@ def test_a_sweep_sees_everything():
     seen = coverage_check(grid.region, [route.points], 12)
     assert seen.covered_fraction == pytest.approx(1, abs=1e-9)
     assert seen.legs_outside == 0
+
+
+def test_a_path_between_two_parts_is_as_long_as_given():
+    mask = np.array([[True, True, False, False, True]])
+    tour = make_tour("comb", mask)
+    here, cell = int(tour.position[0, 1]), int(tour.position[0, 4])
+    assert (cell - here) % len(tour) == 1
+    distances = CellDistances(tour, steps=np.full(len(tour), 3.5))
+    assert distances.length(here, cell) == 3.5
+    assert distances.length(cell, here) == 3.5
+    assert distances.length(here, cell, closed=1 << cell) == np.inf

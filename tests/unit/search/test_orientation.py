@@ -141,15 +141,25 @@ def test_a_way_of_few_links_crosses_all_windows():
     boxes = np.array(
         [(0.0, 0, 0, 0), *((float(x), -0.4, float(x), 0.4) for x in range(1, 6)), (6.0, 0, 6, 0)]
     )
-    before = np.empty(len(points), dtype=np.int64)
     none = np.zeros(0, dtype=np.int64)
-    fewest_links(points, starts, boxes, 1.0, 24, none, before)
-    assert before[-1] == 0
+
+    def links(banned, boxes, points):
+        # a second chain of the same windows is not asked
+        twice = np.concatenate([points, points]), np.append(starts, starts[1:] + starts[-1])
+        boxes = np.concatenate([boxes, boxes])
+        nodes, counts = np.full(14, -1), np.array([-1, -1])
+        chains, asked = np.array([0, 7, 14]), np.array([0])
+        fewest_links(*twice, boxes, chains, asked, 1.0, 24, banned, nodes, counts)
+        assert (nodes[7:] == -1).all()
+        assert counts[1] == -1
+        return nodes[: counts[0]].tolist()
+
+    assert links(none, boxes, points) == [0, 16]
     boxes[3], points[7:10, 1] = (3.0, 0.3, 3.0, 0.4), (0.3, 0.35, 0.4)
-    fewest_links(points, starts, boxes, 1.0, 24, none, before)
-    assert (before[-1], before[7]) == (7, 0)
-    fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
-    assert (before[-1], before[8]) == (8, 0)
+    assert links(none, boxes, points) == [0, 7, 16]
+    assert links(np.array([7 * 34 + 16]), boxes, points) == [0, 8, 16]
+    every = (np.arange(17)[:, None] * 34 + np.arange(17)).ravel()
+    assert links(every, boxes, points) == []
 
 
 def test_the_allocation_is_the_one_done_first_flights_home_included():
@@ -309,7 +319,7 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
         region_of(field, frame=None, name="field"),
     )
     chosen = plan_search(SearchProblem(earth, robots=2, footprint=20), seed=1)
-    assert chosen.grid.angle == pytest.approx(38.0)
+    assert chosen.row_angle == pytest.approx(38.0)
     assert {one.tour for one in chosen.compared if one.allocation is None} == {*AUTO_TOURS}
     level = [
         SearchProblem(plane, robots=2, footprint=20),
@@ -322,7 +332,7 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
     assert [plan_search(one, seed=1).grid.angle for one in level] == [0.0, 0.0]
     assert turns_of(chosen.route(0, chosen.stops(0)).points).sum() < min(turns) / 1.5
     episode = shoal.run(SearchProblem(earth, robots=2, footprint=20), seed=1)
-    assert episode.report()["region"]["angle_degrees"] == chosen.grid.angle
+    assert episode.report()["region"]["angle_degrees"] == pytest.approx(chosen.row_angle)
     episode.save(tmp_path / "field.json")
     assert shoal.load(tmp_path / "field.json").verify()
 
@@ -552,7 +562,12 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
 def test_missions_are_those_of_the_plan_that_is_fastest_once_vehicles_are_kept_apart(tmp_path):
     """With one launch point, the fastest flights would wait the longest for one another."""
     problem = SearchProblem(
-        "rectangle:200x150", robots=3, vehicle="multirotor", footprint=30.0, launch=[(-20.0, -20.0)]
+        "rectangle:200x150",
+        robots=3,
+        vehicle="multirotor",
+        footprint=30.0,
+        cross_track=0.0,
+        launch=[(-20.0, -20.0)],
     )
     missions = MissionSet.from_problem(problem)
     ends = {

@@ -249,3 +249,35 @@ def test_a_target_that_is_nowhere_in_the_region_is_refused():
 def test_fields_that_contradict_each_other_are_refused(fields, message):
     with pytest.raises(InvalidInputError, match=message):
         SearchProblem(**SQUARE, **fields)
+
+
+def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path):
+    file, _values = corner(tmp_path)
+    problem = SearchProblem(
+        **SQUARE, prior=[file], elsewhere=0.5, detection=0.7, faults="crash:1@30", loss=0.5
+    )
+    episode = run(problem, seed=3)
+    rng = np.random.default_rng(1)
+    looks = [[] for _ in range(100)]
+    for robot, log in enumerate(episode.trace.robots):
+        for cell, moment in zip(log.cells, episode.clock(log.times, robot), strict=True):
+            looks[cell].append(moment)
+    assert max(map(len, looks)) > 1  # messages were lost: some cells were searched again
+    times = []
+    for cell in rng.choice(100, size=20_000, p=episode.plan.tour_cost.odds):
+        found = [moment for moment in sorted(looks[cell]) if rng.random() < 0.7]
+        times += found[:1]
+    assert len(times) / 20_000 == pytest.approx(episode.success.probability, abs=0.02)
+    assert np.mean(times) == pytest.approx(episode.expected_find, rel=0.02)
+
+
+def test_random_targets_are_where_the_prior_says(tmp_path):
+    values = np.zeros((10, 10))
+    values[0, :3] = 1.0
+    np.save(tmp_path / "row.npy", values)
+    problem = SearchProblem(**SQUARE, prior=[str(tmp_path / "row.npy")], targets=3)
+    episode = run(problem, seed=1)
+    places = episode.plan.positions(list(episode.scenario.targets))
+    assert sorted(places.tolist()) == [[5.0, 95.0], [15.0, 95.0], [25.0, 95.0]]
+    with pytest.raises(InvalidInputError, match="at most 3"):
+        run(problem.replaced(targets=4), seed=1)

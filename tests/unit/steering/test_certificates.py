@@ -13,7 +13,7 @@ import pytest
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.steering import SteeringProblem, certify, check_certificate, cylinder, polygon
-from shoal.steering.certificates.check import _BITS, _angle
+from shoal.steering.certificates.check import _BITS, _angle, _RoundWalls
 from shoal.steering.run import run
 
 pytest.importorskip("clarabel")
@@ -185,6 +185,26 @@ def test_angles_are_rounded_outward(cosine):
     assert low <= angle + Fraction(1, 10**15)
     assert high >= angle - Fraction(1, 10**15)
     assert low <= high
+
+
+def test_adjustments_turn_only_as_far_as_contacts_are_from_an_arc():
+    relaxation = pytest.importorskip("shoal.steering.certificates.relaxation")
+    rng = np.random.default_rng(0)
+    radius, tightest = 2**30, 0.0
+    directions = [(int(x * radius), int(y * radius)) for x, y in relaxation.round_directions(64)]
+    walls = _RoundWalls(radius, directions)
+    for _ in range(400):
+        first, end = sorted(rng.choice(22, size=2, replace=False).tolist())
+        near = 2 * np.pi * (first + rng.choice([0, 0.5, 1]) * (end - first)) / 64
+        angle = near + rng.normal() * rng.choice([0.1, 2])
+        contacts = np.stack([np.cos([near, angle]), np.sin([near, angle])], axis=1)
+        turned = angle + rng.choice([-1, -0.5, 0.5, 1]) * np.pi / 2  # from the outward normal
+        (x, y), sine = walls.axis(first, end)
+        pushed = x * np.cos(turned) + y * np.sin(turned)
+        most = sine + walls.turn(first, end) * np.hypot(*(contacts[1] - contacts[0]))
+        assert pushed <= most * (1 + 1e-9)
+        tightest = max(tightest, pushed / most)
+    assert tightest > 0.95
 
 
 def test_the_search_finds_a_shorter_plan():

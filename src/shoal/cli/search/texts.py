@@ -109,7 +109,7 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> prior = {"inside": 0.9, "at_most": 1.25, "plain_s": 900.0}
+    >>> prior = {"inside": 0.9, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
     >>> prior_rows({"prior": prior, "expected_find_s": 300.0})
     [('target', 'found after 0:05:00 on average, if it is in the region (90 % by the prior)')]
     """
@@ -118,10 +118,13 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
     if result["prior"] is None:
         return []
     if result["expected_find_s"] is None:
-        return [("target", "may be where nobody searched")]
+        return [("target", "cannot be found: nobody searched where it may be")]
+    prior = result["prior"]
+    sure = prior["success"] > 1 - 1e-9
+    detected = "" if sure else f" with a probability of {100 * prior['success']:.3g} %,"
     told = (
-        f"found after {duration_text(result['expected_find_s'])} on average, if it is in the region"
-        f" ({100 * result['prior']['inside']:.3g} % by the prior)"
+        f"found{detected} after {duration_text(result['expected_find_s'])} on average, if it is in"
+        f" the region ({100 * prior['inside']:.3g} % by the prior)"
     )
     return [("target", told)]
 

@@ -160,6 +160,14 @@ class TourCost:
         return partial_sums(np.tile(self.costs, 4))
 
     @cached_property
+    def odds_ahead(self) -> Floats:
+        """Sum of the probabilities of the first k cells of two rounds of the tour, for k from 0 to
+        2 N; float64, shape (2 N + 1,).
+        """
+        assert self.odds is not None
+        return partial_sums(np.tile(self.odds, 2))
+
+    @cached_property
     def arrays(self) -> TourArrays:
         """The costs and viewpoints of the tour as arrays for compiled functions."""
         return TourArrays(self.ahead, self.points)

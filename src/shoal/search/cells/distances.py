@@ -20,6 +20,7 @@ from shoal.search.tours.masks import array_to_bits, bits_to_array, bitset_of
 
 _KEPT = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
+_SHORTEST = 1e-9  # cell sides: length of a path between parts that touch
 
 
 class Distances(Protocol):
@@ -170,7 +171,7 @@ class CellDistances:
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
-            self._links[cell, other] = self._links[other, cell] = float(steps[cell])
+            self._links[cell, other] = self._links[other, cell] = float(steps[cell]) or _SHORTEST
         self._remember()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -279,7 +280,7 @@ class CellDistances:
         links = [
             (*ends, away)
             for ends, away in self._links.items()
-            if not any(closed >> end & 1 for end in ends)
+            if ends[0] < ends[1] and not any(closed >> end & 1 for end in ends)
         ]
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))

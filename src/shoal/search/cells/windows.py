@@ -44,18 +44,28 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
     moved = grid.viewpoints.copy()
     entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
-    free = np.flatnonzero(np.isin(index, np.array(list(windows))))
-    for chain in _chains(free, n):
-        ends = (chain[0] - 2) % n, (chain[0] - 1) % n, (chain[-1] + 1) % n, (chain[-1] + 2) % n
-        fixed = lattice.from_region(
-            np.stack([left[ends[0]], left[ends[1]], entered[ends[2]], entered[ends[3]]])
+    chains = _chains(np.flatnonzero(np.isin(index, np.array(list(windows)))), n)
+    first, last = (np.array([chain[end] for chain in chains]) for end in (0, -1))
+    fixed = lattice.from_region(
+        np.stack(
+            [
+                left[(first - 2) % n],
+                left[(first - 1) % n],
+                entered[(last + 1) % n],
+                entered[(last + 2) % n],
+            ],
+            axis=1,
         )
-        numbers = index[chain].tolist()
-        crossed, stages = [windows[k] for k in numbers], [tried[k] for k in numbers]
-        known = lattice.from_region(entered[chain])
-        moved[starts[index[chain]]] = lattice.to_region(
-            _way(grid, fixed, crossed, stages, known, turn * grid.size)
-        )
+    )
+    along = np.concatenate(chains)
+    numbers = index[along].tolist()
+    crossed = np.array([windows[k] for k in numbers], dtype=object)
+    lengths = np.array([len(chain) for chain in chains])
+    places = [tried[k] for k in numbers]
+    known = lattice.from_region(entered[along])
+    moved[starts[index[along]]] = lattice.to_region(
+        _points_of(grid, fixed, lengths, crossed, places, known, turn * grid.size)
+    )
     return replace(grid, viewpoints=moved)
 
 
@@ -180,68 +190,99 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
     return np.split(found[kept], np.searchsorted(owner[kept], np.arange(1, len(windows))))
 
 
-def _way(
+def _points_of(
     grid: CellGrid,
     fixed: Points,
-    shapes: list[Any],
+    lengths: Numbers,
+    shapes: Any,
     places: list[Points],
     known: Points,
     turn: float,
 ) -> Points:
-    """Return one point in each window, so that the path through the fixed points ``fixed`` and all
-    windows has few bends.
+    """Return one point in each window, so that the path through the fixed points and all windows of
+    each chain has few bends; float64, shape (n, 2).
 
-    If the function finds no path through all windows, it returns the points ``known``.
+    Parameters
+    ----------
+    grid : CellGrid
+    fixed : ndarray of float64, shape (c, 4, 2)
+        The two points before each chain, and the two points behind it.
+    lengths : ndarray of int64, shape (c,)
+        Number of windows of each chain.
+    shapes : ndarray of Shapely polygons, shape (n,)
+        The windows of all chains, one chain after another.
+    places : list of ndarray of float64, each of shape (k, 2)
+        Points of each window that a path may use.
+    known : ndarray of float64, shape (n, 2)
+        The points of a chain without a path through all of its windows.
+    turn : float
+        Cost of a turn in metres.
     """
     import shapely
 
     from shoal.search.kernels.windows import fewest_links
 
-    stages = [fixed[:1], fixed[1:2], *places, fixed[2:3], fixed[3:]]
-    points, starts = (
-        np.concatenate(stages),
-        partial_sums([len(stage) for stage in stages]),
-    )
-    boxes = np.array([(*stage.min(axis=0), *stage.max(axis=0)) for stage in stages])
-    boxes[2:-2] = shapely.bounds(np.array(shapes, dtype=object))
-    stage_of = np.repeat(np.arange(len(stages)), np.diff(starts))
+    chains = partial_sums(lengths + 4)
+    chain_of = np.repeat(np.arange(len(lengths)), lengths + 4)
+    stage = np.arange(chains[-1]) - chains[chain_of]
+    inner = (stage >= 2) & (stage < lengths[chain_of] + 2)
+    stages: list[Points] = [*fixed.reshape(-1, 1, 2)]
+    order = np.empty(len(inner), dtype=np.int64)
+    order[~inner] = np.arange(len(stages))
+    order[inner] = len(stages) + np.arange(len(places))
+    stages += places
+    stages = [stages[k] for k in order.tolist()]
+    points, starts = np.concatenate(stages), partial_sums([len(one) for one in stages])
+    boxes = np.empty((len(stages), 4))
+    boxes[inner] = shapely.bounds(shapes)
+    boxes[~inner] = np.tile(fixed.reshape(-1, 2), 2)
+    stage_of = np.repeat(stage, np.diff(starts))
+    far = np.repeat(lengths[chain_of] + 2, np.diff(starts))
     region, to_region = grid.region, grid.lattice.to_region
-    banned, before = np.zeros(0, dtype=np.int64), np.empty(len(points), dtype=np.int64)
+    asked, banned = np.arange(len(lengths)), np.zeros(0, dtype=np.int64)
+    nodes, counts = np.empty(len(stages), dtype=np.int64), np.zeros(len(lengths), dtype=np.int64)
     for _ in range(_ROUNDS):
-        fewest_links(points, starts, boxes, turn, _REACH, banned, before)
-        links = [len(points) - 1]
-        while links[-1] > 0:
-            links.append(int(before[links[-1]]))
-        if links[-1] < 0:
-            return known
-        way = points[links[::-1]]
-        nodes = np.array(links[::-1])
-        # The links between the two fixed points at each end are given.
-        asked = np.flatnonzero((stage_of[nodes[1:]] > 1) & (stage_of[nodes[:-1]] < len(stages) - 2))
-        good = inside(region, to_region(way[asked]), to_region(way[asked + 1]))
-        if good.all():
+        fewest_links(points, starts, boxes, chains, asked, turn, _REACH, banned, nodes, counts)
+        there = stage < counts[chain_of]
+        there &= np.isin(chain_of, asked)
+        of, path = chain_of[there], nodes[there]
+        one, other = path[:-1], path[1:]
+        # the links between the two fixed points at each end are given
+        links = np.flatnonzero(
+            (of[1:] == of[:-1]) & (stage_of[other] > 1) & (stage_of[one] < far[one])
+        )
+        one, other = one[links], other[links]
+        blocked = ~inside(region, to_region(points[one]), to_region(points[other]))
+        if not blocked.any():
             break
-        banned = np.union1d(banned, nodes[asked[~good]] * len(points) + nodes[asked[~good] + 1])
-    return _crossed(way, stage_of[nodes], shapes, known)
+        asked = np.unique(of[links[blocked]])
+        banned = np.union1d(banned, one[blocked] * len(points) + other[blocked])
+    found, at = known.copy(), partial_sums(lengths)
+    for c in np.flatnonzero(counts).tolist():
+        path, cells = nodes[chains[c] : chains[c] + counts[c]], slice(at[c], at[c + 1])
+        found[cells] = _crossed(points[path], stage_of[path], shapes[cells], known[cells])
+    return found
 
 
-def _crossed(way: Points, stage_of: Numbers, shapes: list[Any], known: Points) -> Points:
+def _crossed(way: Points, stage_of: Numbers, shapes: Any, known: Points) -> Points:
     """Return one point of each window: on the path where the path crosses the window, or else
     nearest to the path.
     """
     import shapely
 
     found = known.copy()
-    for k, shape in enumerate(shapes):
-        link = int(np.searchsorted(stage_of, k + 2))
-        if stage_of[link] == k + 2:
-            found[k] = way[link]
-            continue
-        cut = shapely.intersection(shapely.linestrings(way[link - 1 : link + 1]), shape)
+    links = np.searchsorted(stage_of, np.arange(len(shapes)) + 2)
+    hit = stage_of[links] == np.arange(len(shapes)) + 2
+    found[hit] = way[links[hit]]
+    if hit.all():
+        return found
+    rest = np.flatnonzero(~hit)
+    ahead = links[rest]
+    lines = shapely.linestrings(np.stack([way[ahead - 1], way[ahead]], axis=1))
+    cuts = shapely.intersection(lines, shapes[rest])
+    for k, link, line, cut in zip(rest.tolist(), ahead.tolist(), lines, cuts, strict=True):
         if cut.is_empty:
-            found[k] = shapely.get_coordinates(
-                shapely.shortest_line(shape, shapely.linestrings(way[link - 1 : link + 1]))
-            )[0]
+            found[k] = shapely.get_coordinates(shapely.shortest_line(shapes[k], line))[0]
             continue
         # Backwards from the last point, so that the path never turns back.
         ends = shapely.get_coordinates(cut)

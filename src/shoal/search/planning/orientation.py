@@ -19,7 +19,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.clipping import rotated
+from shoal.search.cells.clipping import lattice_over, rotated, rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.lanes import LineLattice, cells_along
 from shoal.search.cells.layers import (
@@ -31,8 +31,9 @@ from shoal.search.cells.layers import (
     with_climb_cost,
 )
 from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.cells.windows import along_tour
-from shoal.search.flight.timing import turn_shares
+from shoal.search.flight.timing import turn_shares, turns_of
 from shoal.search.planning.choosing import one_by_one
 from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
@@ -175,6 +176,9 @@ _STEP = 10.0  # degrees between compared angles, besides the angles of the outli
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
+_ROUGH = 12  # number of orientations, the best estimated ones, for which rough tours are made
+_ROUGH_DISTURBANCES = 20
+_ROUGH_WORK = 4_000  # total number of cells of rough tours, which larger regions do without
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
@@ -401,8 +405,9 @@ def best_grid_tour(
     angles and shifts of the rows.
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
-    number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions or along borders of many corners for fewer pairs.
+    number and the lengths of the rows. In regions of up to 800 cells, it makes rough tours for up
+    to twelve pairs with the lowest estimated cost. It computes complete tours only for the four best
+    pairs, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -434,9 +439,12 @@ def best_grid_tour(
         angle = 0.0
     known = {} if known is None else known
     if "orientations" not in known:
-        known["orientations"] = (
-            [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-        )
+        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
+        if angle is None and looked_at > tried:
+            ranked = found[:looked_at]
+            found = _ranked_by_tours(region.area, size, tours, turn_cost, ranked, tried)
+        known["orientations"] = found
     orientations = known["orientations"]
     priced = []
     choices = list(product(orientations[:tried], tours))
@@ -481,6 +489,54 @@ def best_grid_tour(
     chosen: GridTour = replace(best, compared=tuple(chosen_among))
     vars(chosen)["route"] = best.route  # known already
     return chosen
+
+
+def _ranked_by_tours(
+    area: Any,
+    size: float,
+    tours: Sequence[str],
+    turn: float,
+    orientations: list[tuple[float, float]],
+    count: int,
+) -> list[tuple[float, float]]:
+    """Return ``count`` orientations to plan in full: the best estimated one, and those of the next
+    ones with the best rough tours, from centre to centre of the cells.
+
+    The number and the length of rows do not tell how far it is from one arm of a region to another.
+    """
+    import shapely
+
+    makers = [_STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _STRAIGHT]
+    if not makers or count < 2:
+        return orientations
+    simple = shapely.simplify(area, size / 4)
+    if not simple.is_valid or simple.is_empty:
+        return orientations
+    costs = []
+    for angle, shift in orientations:
+        flat = rotated_shape(simple, -angle)
+        lattice = lattice_over(flat, size, angle, (0.0, shift))
+        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
+        shapely.prepare(flat)
+        # less than a fiftieth of a cell is not worth a row
+        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+        if not mask.any():
+            return orientations
+        costs.append(
+            (
+                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
+                angle,
+                shift,
+            )
+        )
+    ranked = [(angle, shift) for _, angle, shift in sorted(costs)]
+    return list(dict.fromkeys([orientations[0], *ranked]))[:count]
+
+
+def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
+    cells = make_tour(maker, mask).cells
+    way = np.concatenate([cells, cells[:2]]).astype(np.float64)
+    return float(leg_lengths(way[:-1]).sum()) + turn * float(turns_of(way).sum())
 
 
 def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[float]:

@@ -43,7 +43,7 @@ from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import line_of, places_of, read_points, seen_along
+from shoal.search.regions.places import places_of, read_line, read_points, seen_along
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -436,7 +436,10 @@ class SearchProblem(Problem):
     )
     targets: Any = option(
         0,
-        help="Targets that robots must find: a number of random cells, or a CSV file of points.",
+        help=(
+            "Targets that robots must find: a number of random cells (by --prior, if it is given), or"
+            " a CSV file of points."
+        ),
         metavar="N|FILE",
         parse=parse_count_or_path,
         check=check_places("targets", "a file", count=True),
@@ -558,9 +561,10 @@ class SearchProblem(Problem):
                 "starts: expected no starts together with launch points, got"
                 f" {shortened(self.starts)}"
             )
-        if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
+        if "detection" in self.given and not self.given & {"targets", "false_alarm", "prior"}:
             raise InvalidInputError(
-                "detection: expected targets, which robots detect, got none and a detection of"
+                "detection: expected targets or a prior of one, which robots detect, got none and a"
+                " detection of"
                 f" {self.detection:g}"
             )
         for name in ("elsewhere", "at_most"):
@@ -621,7 +625,7 @@ class SearchProblem(Problem):
             from shoal.search.cells.lanes import center_line
 
             return center_line(self.place, float(np.min(self.chosen_footprint)))
-        return line_of(self.along, self.place, what="along")
+        return read_line(self.along, self.place, what="along")
 
     @property
     def chosen_angle(self) -> float | None:

@@ -9,6 +9,7 @@ from math import ceil
 
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Arc
+from shoal.search.allocation.costs import TourCost
 from shoal.search.kernels.protocol.numbers import WORTH
 from shoal.search.protocol.state import Robot, can_come, is_late, is_live, speed_of
 
@@ -164,21 +165,34 @@ def _best_run(
     """Return the run in which a helper saves the most time, and the number of cells that the helper
     skips at the front of the run.
 
-    If the helper saves no time in any run, the result is None.
+    In a search with probabilities, it is the run in which the helper finds the target most probably
+    in each unit of time. If the helper saves no time in any run, the result is None.
     """
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
-    best, most = None, WORTH / pace
+    best, most, least = None, -1.0, WORTH / pace
     for run in runs:
         way = tour_cost.length(at, run.first) / rate
         alone = min(run.late + run.count / run.pace, longest) if run.pace else 2 * longest
         ahead = _cells_to_skip(run, way, pace)
         # the time without the helper, minus the time until the helper has searched its cells
-        gain = alone - way - (run.count - ahead) / pace
-        if ahead < run.count and gain > most:
-            best, most = (run, ahead), gain
+        work = (run.count - ahead) / pace
+        gain = alone - way - work
+        if ahead >= run.count or gain <= least:
+            continue
+        likely = tour_cost.odds is not None
+        value = _likelihood(tour_cost, run, ahead) / (way + work) if likely else gain
+        if value > most:
+            best, most = (run, ahead), value
     return best
+
+
+def _likelihood(tour_cost: TourCost, run: Run, ahead: int) -> float:
+    """Return the probability that the target is in a run behind its first ``ahead`` cells."""
+    count = run.count - ahead
+    low = (run.first + ahead if run.step > 0 else run.first - run.count + 1) % len(tour_cost)
+    return float(tour_cost.odds_ahead[low + count] - tour_cost.odds_ahead[low])
 
 
 def _cells_to_skip(run: Run, way: float, pace: float) -> int:

@@ -69,6 +69,7 @@ from shoal.search.protocol.state import (
     WakeAt,
     known_free,
     obstacles,
+    own_reach,
     reachable,
     settled,
     silence_limit,
@@ -608,8 +609,8 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
     without planned departures.
 
     A robot that waits for its planned departure is not dead: nobody searches its part for it as
-    long as it may be on time. The mapping ``known`` gives the start, the rate and the width of each
-    robot.
+    long as it may be on time. Cells that a robot cannot reach do not count. The mapping ``known``
+    gives the start, the rate and the width of each robot.
     """
     brief, n, end, theirs = robot.brief, len(robot.brief.tour_cost), 0.0, 0
     for own, part in enumerate(robot.parts if brief.delays else ()):
@@ -623,7 +624,7 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
             at_launch=True,
             fresh=True,
         )
-        bits = _cells_in(_arcs_to_search(other), n)
+        bits = _cells_in(_arcs_to_search(other), n) & own_reach(other)
         if bits and own != robot.own:
             cost = _cost_alone(other, bits, start, True)
             end = max(
@@ -632,12 +633,15 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
             theirs |= bits
     if not theirs:
         return 0.0
-    mine = _arcs_to_search(robot)
-    here = (mine[-1].first + mine[-1].step * (mine[-1].count - 1)) % n if mine else robot.cell
-    after = robot.but(at_launch=robot.at_launch and not mine)
+    reach, here, fresh = own_reach(robot), robot.cell, True
+    for arc in _arcs_to_search(robot)[-1:]:
+        last = (arc.first + arc.step * (arc.count - 1)) % n
+        if reach >> last & 1:
+            here, fresh = last, False
+    after = robot.but(at_launch=robot.at_launch and fresh)
     cost = max(
-        _cost_alone(robot, brief.everything, robot.cell, robot.fresh),
-        _cost_alone(after, theirs, here, not mine),
+        _cost_alone(robot, reach, robot.cell, robot.fresh),
+        _cost_alone(after, theirs & reach, here, fresh),
     )
     return end + ARRIVAL * brief.beat + cost / robot.rate
 

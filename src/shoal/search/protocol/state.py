@@ -402,6 +402,14 @@ def obstacles(robot: Robot) -> int:
     )
 
 
+def own_reach(robot: Robot) -> int:
+    """Return the bitset of cells that this robot can reach."""
+    distances = robot.brief.tour_cost.distances
+    if not isinstance(distances, CellDistances):
+        return robot.brief.everything
+    return distances.reach(robot.cell, obstacles(robot))
+
+
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
     """Return two bitsets: the cells that this robot can reach, and the cells that at least one live
     robot can reach.
@@ -413,7 +421,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
     closed = obstacles(robot)
-    own = anyone = distances.reach(robot.cell, closed)
+    own = anyone = own_reach(robot)
     if not _waits_for_others(robot, time):
         return own, own
     for number, peer in robot.peers.items():

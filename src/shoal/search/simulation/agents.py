@@ -176,7 +176,9 @@ class SearchBatch:
         self.terminated[chosen] = self.truncated[chosen] = False
         views = self._views
         views.planes[chosen], views.shown[chosen] = 0, 0
-        views.planes[np.ix_(chosen, np.arange(self.problem.robots), [0], self._lattice.flat)] = 1
+        region = np.zeros(views.planes.shape[3], dtype=np.uint8)
+        region[self._lattice.flat] = 1
+        views.planes[chosen, :, 0] = region
         agents.look(self._lattice, self._searches.worlds, state, views, chosen, self._length)
 
     def _scenario(self, seed: int) -> Scenario:

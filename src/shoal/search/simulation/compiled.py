@@ -212,6 +212,7 @@ class CompiledSearches:
             int(self.brief.ways_out is not None),
             cost.ahead,
             np.ascontiguousarray(cost.points),
+            np.zeros(0) if cost.odds is None else cost.odds_ahead,
             np.full(16, -1, dtype=np.int64),
             np.zeros(16),
             *self._steps(),
@@ -227,9 +228,12 @@ class CompiledSearches:
         """Return the table of steps between cells, which is empty if robots go straight."""
         cost, n = self.brief.tour_cost, self.n
         distances = cost.distances
-        stepwise = isinstance(distances, CellDistances)
-        none = np.zeros(0, dtype=np.int64)
-        edges = distances.steps() if stepwise else (none, none, none * 0.0, none.reshape(0, 2))
+        none, stepwise = np.zeros(0, dtype=np.int64), isinstance(distances, CellDistances)
+        edges = (
+            distances.steps()
+            if isinstance(distances, CellDistances)
+            else (none, none, none * 0.0, none.reshape(0, 2))
+        )
         sets, rows = (_SETS, max(_ROWS // n, 2)) if stepwise else (1, 0)
         rows = min(rows, sets * n)
         room = len(edges[1]) + n + 2 if stepwise else 0
@@ -332,6 +336,7 @@ class CompiledSearches:
             ids=np.zeros((b, n + m + 1), dtype=np.int64),
             chain=np.zeros((b, facts), dtype=np.int64),
             section=np.zeros((b, facts), dtype=np.uint64),
+            gathered=np.zeros((b, 64 * facts), dtype=np.int32),
             row=np.zeros((b, n)),
             offered=np.zeros((b, m), dtype=np.int64),
             others=np.zeros((b, m), dtype=np.int64),
@@ -565,7 +570,15 @@ class CompiledSearches:
         fit(1, slots + max(messages - int(control.slots), 0), *_SLOTS)
         words = int(control.words) + 1
         fit(1, words, "owner", "linked", "span", "chain", "section")
-        fit(1, 64 * len(changes.get("owner", w.owner)[world]), "cells", "next", "after", "ahead")
+        fit(
+            1,
+            64 * len(changes.get("owner", w.owner)[world]),
+            "cells",
+            "next",
+            "after",
+            "ahead",
+            "gathered",
+        )
         fit(2, len(changes.get("owner", w.owner)[world]), "known", "word", "bits")
         fit(3, len(changes.get("owner", w.owner)[world]), "before")
         findings = (int(control.findings) + 64) >> 6

@@ -269,7 +269,13 @@ def _cells_of(
             raise InvalidInputError(
                 f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}"
             )
-        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
+        odds = plan.tour_cost.odds if what == "targets" else None
+        if odds is not None and given > np.count_nonzero(odds):
+            raise InvalidInputError(
+                f"targets: expected at most {np.count_nonzero(odds)}, the cells that may hold one by"
+                f" the prior, got {given}"
+            )
+        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False, p=odds)
         if not columns:
             return tuple(sorted(int(cell) for cell in chosen))
         inside = plan.positions(chosen)[:, :2]

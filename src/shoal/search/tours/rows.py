@@ -18,7 +18,7 @@ A tour with more runs keeps the order of the boustrophedon decomposition.
 
 
 DISTURBANCES = 300
-"""Number of random exchanges of runs. After each of them, the order is improved again."""
+"""Default number of random exchanges of runs. After each of them, the order is improved again."""
 
 
 @TOURS.register("boustrophedon")
@@ -36,14 +36,18 @@ class BoustrophedonTour(TourByOrder):
     ----------
     turn : float
         Cost of a change of direction between two runs, in cells.
+    disturbances : int
+        Number of random exchanges of runs, after each of which the order is improved again.
     """
 
     name = "boustrophedon"
 
-    turn: float = 0.0  # the default for subclasses whose initializer does not set it
+    # the defaults for subclasses whose initializer does not set them
+    turn: float = 0.0
+    disturbances: int = DISTURBANCES
 
-    def __init__(self, turn: float = 0.0) -> None:
-        self.turn = float(turn)
+    def __init__(self, turn: float = 0.0, disturbances: int = DISTURBANCES) -> None:
+        self.turn, self.disturbances = float(turn), disturbances
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         from shoal.search.kernels.runs import runs_of, shorten, sweep_all
@@ -64,7 +68,7 @@ class BoustrophedonTour(TourByOrder):
         backwards = np.empty(len(runs), dtype=np.int64)
         backwards[order] = cells[begins, 1] != runs[order, 1]
         ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-        shorten(ends, order, backwards, self.turn, DISTURBANCES)
+        shorten(ends, order, backwards, self.turn, self.disturbances)
         rows = [
             np.arange(begin, end)[:: -1 if back else 1]
             for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
@@ -86,14 +90,18 @@ class StripsTour(TourByOrder):
     ----------
     turn : float
         Cost of a change of direction between two strips, in cells.
+    disturbances : int
+        Number of random exchanges of strips, after each of which the order is improved again.
     """
 
     name = "strips"
 
-    turn: float = 1.0  # the default for subclasses whose initializer does not set it
+    # the defaults for subclasses whose initializer does not set them
+    turn: float = 1.0
+    disturbances: int = DISTURBANCES
 
-    def __init__(self, turn: float = 1.0) -> None:
-        self.turn = float(turn)
+    def __init__(self, turn: float = 1.0, disturbances: int = DISTURBANCES) -> None:
+        self.turn, self.disturbances = float(turn), disturbances
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         from shoal.search.kernels.runs import shorten
@@ -101,7 +109,7 @@ class StripsTour(TourByOrder):
         strips = fewest_strips(region)
         order, backwards = _nearest_next(strips)
         if len(strips) <= MOST_RUNS:
-            shorten(strips.astype(np.float64), order, backwards, self.turn, DISTURBANCES)
+            shorten(strips.astype(np.float64), order, backwards, self.turn, self.disturbances)
         ways = []
         for strip, back in zip(strips[order], backwards[order], strict=True):
             (row, col), (last_row, last_col) = strip[::-1] if back else strip

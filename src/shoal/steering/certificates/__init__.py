@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import count, permutations
 from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -23,12 +23,15 @@ from shoal.steering.workspaces.convex import Points
 
 if TYPE_CHECKING:
     from shoal.steering.certificates.search import PatternTree
+    from shoal.steering.planners.task import SteeringTask
 
 KIND = "steering certificate"
 CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
+FOR_PLANS = 0.3
+"""Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
 _SLACK = 1e-9  # relative: what rounding errors may take from a bound
 
@@ -146,7 +149,8 @@ def certify(
         least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
         return Certificate(replace(episode, lower_bound=least), least, None, least_moves)
     begun = told = clock()
-    for_length = seconds * (1 - FOR_MOVES if place.kind == "polygon" else 1)
+    shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
+    for_length = seconds * shares.get(place.kind, 1.0)
     while (now := clock()) - begun < for_length:
         search = min(searches, key=lambda one: one.lower)
         least = search.lower
@@ -189,6 +193,10 @@ def certify(
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
+    if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
+        episode = improved(episode, order, search.shortest or ())
+    if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
+        episode = _planned_again(episode, orders, lambda: seconds - (clock() - begun))
     return Certificate(replace(episode, lower_bound=bound), bound, proof, least_moves)
 
 
@@ -332,21 +340,9 @@ def improved(
     ``episode``; else ``episode``.
     """
     from shoal.steering.planners.chains import Chain, refine_chain
-    from shoal.steering.planners.task import SteeringTask, path_length, plan_chain
-    from shoal.steering.simulation import replay
+    from shoal.steering.planners.task import plan_chain
 
-    problem = episode.problem
-    start, goal = problem.endpoints(episode.seed)
-    task = SteeringTask(
-        problem.world(gain=0.0),
-        start,
-        goal[list(order)],
-        problem.tolerance,
-        problem.max_moves,
-        episode.seed,
-        clearance=problem.clearance,
-        margin=problem.clearance,
-    )
+    task = _task(episode, order, episode.seed)
     plans = []
     for first, query in task.departures():
         for repeats in (1, 2):  # a hold whose contact slides is several
@@ -357,13 +353,68 @@ def improved(
             if length < inf:
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
                 plans += plan_chain(task, first, chain, query)
+    return _with_shortest(episode, task, order, plans)
+
+
+def _planned_again(
+    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], left: Callable[[], float]
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan that the planner `Sampling` finds with other seeds
+    in the seconds that are left, if it is shorter and as sure as the plan of ``episode``.
+    """
+    from shoal.jit import working_time
+    from shoal.steering.planners.clearance import plan_with_clearance
+    from shoal.steering.planners.sampling import Sampling
+
+    for number in count(1):
+        for order in orders:
+            if (seconds := left()) <= 0:
+                return episode
+            deadline = working_time() + seconds
+            task = replace(_task(episode, order, episode.seed + number), deadline=deadline)
+            moves = plan_with_clearance(task, Sampling())
+            plans = [] if moves is None else [moves]
+            episode = _with_shortest(episode, task, order, plans)
+    raise AssertionError
+
+
+def _task(episode: SteeringEpisode, order: tuple[int, ...], seed: int) -> SteeringTask:
+    from shoal.steering.planners.task import SteeringTask
+
+    problem = episode.problem
+    start, goal = problem.endpoints(episode.seed)
+    return SteeringTask(
+        problem.world(gain=0.0),
+        start,
+        goal[list(order)],
+        problem.tolerance,
+        problem.max_moves,
+        seed,
+        clearance=problem.clearance,
+        margin=problem.clearance,
+    )
+
+
+def _with_shortest(
+    episode: SteeringEpisode, task: SteeringTask, order: tuple[int, ...], plans: Sequence[Points]
+) -> SteeringEpisode:
+    """Return an episode with the shortest of some plans that reach the goals for sure, if it is
+    shorter than that of ``episode``, and worth its moves.
+    """
+    from shoal.steering.planners.task import path_length, worthwhile
+    from shoal.steering.simulation import replay
+
+    problem = episode.problem
     sure = [
         plan
         for plan in plans
-        if task.error(task.world.play(start, plan)[-1]) <= task.tolerance and task.is_sure(plan)
+        if task.error(task.world.play(task.start, plan)[-1]) <= task.tolerance
+        and task.is_sure(plan)
     ]
     best = min(sure, key=path_length, default=None)
     if best is None or path_length(best) >= episode.length or len(best) > problem.max_moves:
+        return episode
+    if not worthwhile([(len(one), path_length(one)) for one in (episode.inputs, best)]):
         return episode
     return replace(
         episode,

@@ -140,6 +140,18 @@ class _RoundWalls:
             _ratio(abs(_cross((x, y), one)), isqrt(_dot(one, one))) for one in ends
         )
 
+    def turn(self, first: int, end: int) -> int:
+        """Return t with m . u <= (s + t d / r) |u| for each adjustment u of a contact at most d
+        from a contact with an arc of at most a third of a turn, with m and s of its axis.
+
+        Let the contact be the angle b beyond the end of the arc, so that 2 r sin(b / 2) <= d, and w
+        the angle between m and the normal there. If w + b <= 90 degrees, m . u <= |m| |u| sin(w + b),
+        and sin(w + b) - sin w = 2 sin(b / 2) cos(w + b / 2) <= 2 sin(b / 2) cos w. Otherwise this
+        holds with the lesser angle b = 90 degrees - w. t is |m| cos w, rounded up.
+        """
+        middle, ends, _ = self._cone(first, end)
+        return max(_ratio(_dot(middle, one), isqrt(_dot(one, one))) for one in ends)
+
     def arc(self, first: int, end: int) -> list[tuple[Pair, int]]:
         """As that of flat walls: with M the sum of the directions d at the ends, the contacts have
         M . c >= r M . d / |d| for one of these, rounded down.
@@ -220,32 +232,33 @@ class _Task:
         vectors = leaf["norms"]
         if len(vectors) != len(program.norms):
             raise _WrongError(f"expected {len(program.norms)} norms, got {len(vectors)}")
-        total = dict.fromkeys(program.costs, STEP * self.whole)
+        unit = self.whole * program.share
+        total = dict.fromkeys(program.costs, STEP * unit)
         for vector, norm in zip(vectors, program.norms, strict=True):
             x, y = (_multiple(part) for part in vector)
             if x * x + y * y > STEP * STEP:
                 raise _WrongError("the multiplier of a norm is longer than 1")
             for factor, part in ((x, norm[0]), (y, norm[1])):
-                _add(total, part, factor * self.whole)
+                _add(total, part, factor * unit)
         for index, given in leaf["slacks"]:
             slack = _multiple(given)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
-            _add(total, _numbered(program.rows, index)(), -slack)
+            _add(total, _numbered(program.rows, index)(), -slack * program.share)
         for index, *given in leaf["cones"]:
             factors = [_multiple(part) for part in given]
-            length, vectors = _numbered(program.cones, index)
+            length, vectors, scale = _numbered(program.cones, index)
             # t >= |v| and n >= |z| mean n t - z . v >= 0
             size = _root(sum(factor * factor for factor in factors))
-            _add(total, length, -size * self.whole)
+            _add(total, length, -size * self.whole * scale)
             # fewer parts of z than of v, or more, are 0
             for factor, part in zip(factors, vectors, strict=False):
-                _add(total, part, factor * self.whole)
+                _add(total, part, factor * self.whole * scale)
         value = total.pop(_ONE, 0)
         for key, number in total.items():
             low, high = program.bounds[key]
             value += min(number * low, number * high)
-        proven = Fraction(value, STEP * self.whole * self.whole) * self.unit
+        proven = Fraction(value, STEP * self.whole * unit) * self.unit
         return min(proven, Fraction(self.limit, self.whole) * self.unit)
 
     def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
@@ -355,15 +368,15 @@ class _Program:
         self.bounds: list[Pair] = []
         self.norms: list[Vector] = []
         self.rows: list[Callable[[], dict[int, int]]] = []
-        self.cones: list[tuple[Mapping[int, Any], tuple[Mapping[int, Any], ...]]] = []
+        # with a number by which the cone must still be multiplied: all have the factor ``share``
+        self.cones: list[tuple[Mapping[int, int], tuple[Mapping[int, int], ...], int]] = []
         self.costs: list[int] = []
         (x, y), (other_x, other_y) = task.start
         walls = task.walls
-        # of the law of growth: sqrt(k) / R, and g
-        self.slope = Fraction(_root(walls.ring), walls.far) if task.runs else Fraction(0)
-        self.grown: dict[int, Fraction] = {
-            _ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) + Fraction(walls.ring, walls.far)
-        }
+        # of the law of growth, times R: sqrt(k), and g
+        self.share = walls.far if task.runs else 1
+        self.slope = _root(walls.ring) if task.runs else 0
+        self.grown = {_ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) * walls.far + walls.ring}
         self._build(pattern)
 
     def _vector(self, low: Pair, high: Pair) -> Vector:
@@ -398,7 +411,7 @@ class _Program:
         for normal, offset in self.task.walls.sides:
             self._above(normal, point, offset)
         if self.task.walls.radius:
-            self.cones.append(({_ONE: self.task.walls.radius}, point))
+            self.cones.append(({_ONE: self.task.walls.radius}, point, self.share))
 
     def _contact(self, between: Pair) -> Vector:
         walls = self.task.walls
@@ -413,7 +426,7 @@ class _Program:
         for normal, offset in walls.arc(*between):
             self._above(normal, point, offset)
         if walls.radius:
-            self.cones.append(({_ONE: walls.radius}, point))
+            self.cones.append(({_ONE: walls.radius}, point, self.share))
         return point
 
     def _at_least(self, change: Vector) -> int:
@@ -421,15 +434,20 @@ class _Program:
         self.bounds.append((0, self.task.limit))
         length = len(self.bounds) - 1
         self.costs.append(length)
-        self.cones.append(({length: 1}, change))
+        self.cones.append(({length: 1}, change, self.share))
         return length
 
-    def _travel(self, change: Vector) -> None:
-        """Count free translations; with the law of growth, remember the sum of their lengths."""
-        if self.task.runs:
-            self.grown[self._at_least(change)] = 1 + self.slope
-        else:
+    def _travel(self, change: Vector) -> int | None:
+        """Count free translations; with the law of growth, remember the sum of their lengths.
+
+        Return the variable of the length, if there is one.
+        """
+        if not self.task.runs:
             self.norms.append(change)
+            return None
+        length = self._at_least(change)
+        self.grown[length] = self.share + self.slope
+        return length
 
     def _adjust(self, change: Vector) -> None:
         """Count adjustments; with the law of growth, remember the sum of their lengths."""
@@ -443,10 +461,10 @@ class _Program:
         walls, (one, other) = self.task.walls, self.task.start
         sign = 1 - 2 * item.particle
         apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
-        grown: dict[int, Fraction] = {_ONE: Fraction(walls.ring, walls.far)}
+        grown = {_ONE: walls.ring}
         for part, size in zip(contact, apart, strict=True):
             for key, number in part.items():
-                grown[key] = grown.get(key, Fraction(0)) - Fraction(number * size, walls.far)
+                grown[key] = grown.get(key, 0) - number * size
         self.grown = grown
 
     def _spread(self, apart: Vector) -> None:
@@ -468,20 +486,86 @@ class _Program:
         """
         if self.task.runs:
             # |v|² <= a b as |(2 v, a - b)| <= a + b
-            doubled = tuple({key: 2 * number for key, number in part.items()} for part in apart)
+            far = self.share
+            doubled = tuple(
+                {key: 2 * far * number for key, number in part.items()} for part in apart
+            )
             least, most = dict(self.grown), dict(self.grown)
-            least[_ONE] -= 2 * self.task.walls.far
-            most[_ONE] += 2 * self.task.walls.far
-            self.cones.append((most, (*doubled, least)))
+            least[_ONE] -= 2 * far * far
+            most[_ONE] += 2 * far * far
+            self.cones.append((most, (*doubled, least), 1))
 
-    def _adjusts(self, first: int, end: int, change: Vector) -> None:
-        """Count the length of adjustments whose sum is a vector, by a hold of some walls."""
+    def _most(self, hold: _Hold) -> int:
+        """Return the greatest sum of the adjustments of a run at a round wall, in plans within the
+        limit, rounded up.
+
+        The adjustments do not move the held particle. By other inputs, it comes from its start to
+        all contacts, and from there to its goal.
+        """
+        task = self.task
+        (first, end), (last, over) = (
+            [self._away(between, points[hold.particle]) for points in (task.start, task.goal)]
+            for between in (hold.first, hold.last)
+        )
+        path = max(first + end, first + over, last + over) - 2 * task.tolerance
+        return max(task.limit - path, 0)
+
+    def _away(self, between: Pair, point: Pair) -> int:
+        """Return a lower bound on the distance of a point from a contact with a round wall."""
+        walls = self.task.walls
+        return max(
+            0,
+            walls.radius - _root(_dot(point, point)),
+            *(
+                (offset - _dot(normal, point)) // _root(_dot(normal, normal))
+                for normal, offset in walls.arc(*between)
+            ),
+        )
+
+    def _stay(self, hold: _Hold, ways: Sequence[int], length: int, change: Vector) -> None:
+        """Add that the adjustments of a run turn only as far as its contacts are from an arc.
+
+        Each contact is at most the travel of the run, T, from its first contact, as well as from
+        its last one, and at most T / 2 from one of them, which counts if both are with one arc.
+        With d the greatest distance, M the greatest sum L of the adjustments, and their sum y,
+        m . y <= (s + t d / r) L <= s L + t d M / r.
+        """
+        walls = self.task.walls
+        if not isinstance(walls, _RoundWalls):
+            return
+        whole = hold.least[0], hold.most[1]
+        part = 2 if hold.first == hold.last else 1
+        for between in dict.fromkeys((hold.first, hold.last)):
+            if between == whole or between[1] - between[0] > walls.count // 3:
+                continue
+            self.rows.append(partial(self._stay_row, hold, between, part, ways, length, change))
+
+    def _stay_row(
+        self,
+        hold: _Hold,
+        between: Pair,
+        part: int,
+        ways: Sequence[int],
+        length: int,
+        change: Vector,
+    ) -> dict[int, int]:
+        walls = self.task.walls
+        assert isinstance(walls, _RoundWalls)
+        axis, sine = walls.axis(*between)
+        turn = _ratio(walls.turn(*between) * self._most(hold), part * walls.radius)
+        return _along(axis, change, -1) | {length: sine} | dict.fromkeys(ways, turn)
+
+    def _adjusts(self, first: int, end: int, change: Vector) -> int | None:
+        """Count the length of adjustments whose sum is a vector, by a hold of some walls.
+
+        Return the variable of the length, or None for one flat wall.
+        """
         walls = self.task.walls
         axis, sine = walls.axis(first, end)
         if isinstance(walls, _FlatWalls) and end - first == 1:
             self._adjust(change)
             self.rows.append(lambda: _along(axis, change, -1))
-            return
+            return None
         length = self._at_least(change)
         if self.slope:
             self.grown[length] = self.slope
@@ -490,6 +574,7 @@ class _Program:
             return _along(axis, change, -1) | {length: sine}
 
         self.rows.append(row)
+        return length
 
     def _build(self, pattern: Sequence[Item]) -> None:
         task, norms = self.task, self.norms
@@ -549,11 +634,12 @@ class _Program:
                 *(self._contact(between) for between in _between(item)),
                 last_contact,
             ]
-            for one, another in pairwise(touched):
-                self._travel(_minus(another, one))
+            ways = [self._travel(_minus(another, one)) for one, another in pairwise(touched)]
             self._spread(after)
             change = other(({}, {}), _minus(after, before))
-            self._adjusts(item.least[0], item.most[1], change)
+            length = self._adjusts(item.least[0], item.most[1], change)
+            if length is not None:
+                self._stay(item, [way for way in ways if way is not None], length, change)
             self._inside(other(first_contact, before))
             self._inside(other(last_contact, after))
             places = [last_contact, other(last_contact, after)][:: 1 - 2 * item.particle]

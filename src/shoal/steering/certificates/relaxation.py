@@ -197,6 +197,12 @@ class Walls(Protocol):
         """Return an inward direction m of an arc, and s: each adjustment u has m @ u <= s |u|."""
         ...
 
+    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
+        """Return arcs of a round wall, each with a number t: with the axis m and s of the arc, an
+        adjustment u of a run with the travel T has m @ u <= (s + t T) |u|.
+        """
+        return []
+
     def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
         """Return the corner and the vector of a flat wall; None for an arc."""
         ...
@@ -310,6 +316,17 @@ class _RoundWalls(Walls):
             return axis, float(np.hypot(*axis))
         x, y = ends.T
         return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / np.hypot(x, y)))
+
+    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
+        found = []
+        for between in dict.fromkeys((hold.first, hold.last)):
+            if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3:
+                ends = self._ends(*between)
+                cosine = float(np.max(ends @ ends.sum(axis=0) / np.hypot(*ends.T)))
+                # a contact is at most T from the first, and T / 2 from the first or the last
+                share = 0.5 if hold.first == hold.last else 1.0
+                found.append((between, share * cosine / self.radius))
+        return found
 
     def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
         if end - first > self.count // 3:
@@ -516,6 +533,26 @@ class Relaxation:
         first, end = hold.range(name)
         return None if end - first == 1 else (total, name, (first + end) // 2)
 
+    def _most(self, hold: Hold) -> float:
+        """Return the greatest sum of the adjustments of a run, in plans within the limit.
+
+        The adjustments do not move the held particle. By other inputs, it comes from its start to
+        all contacts, and from there to its goal.
+        """
+        particle = hold.particle
+        (first, end), (last, over) = (
+            [self._away(between, points[particle]) for points in (self.start, self.goal)]
+            for between in (hold.first, hold.last)
+        )
+        path = max(first + end, first + over, last + over) - 2 * self.tolerance
+        return float(max(self.limit - path, 0.0))
+
+    def _away(self, between: Range, point: Floats) -> float:
+        """Return a lower bound on the distance of a point from a contact with a round wall."""
+        normals, offsets = self.walls.arc_rows(*between)
+        depths = (offsets - normals @ point) / np.hypot(*normals.T)
+        return float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
+
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
         walls = self.walls
@@ -574,12 +611,14 @@ class Relaxation:
             cone(length, change)
             return length
 
-        def travel(change: Floats) -> None:
+        def travel(change: Floats) -> Floats:
             """Count the length of free translations; with a law of growth, remember their sum."""
-            if walls.rings:
-                grown[0] += (1 + slope) * at_least(change)[0]
-            else:
+            if not walls.rings:
                 norms.append(change)
+                return change
+            length = at_least(change)
+            grown[0] += (1 + slope) * length[0]
+            return length
 
         def spread(apart: Floats) -> None:
             """Add the law of growth to a program."""
@@ -587,15 +626,17 @@ class Relaxation:
                 # |v|² <= a b as |(2 v, a - b)| <= a + b
                 cone(grown + around, 2 * apart, grown - around)
 
-        def length_of(arc: WallArc, change: Floats) -> None:
+        def length_of(arc: WallArc, change: Floats) -> Floats:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
             nonlocal used
             axis, sine = walls.axis(arc.first, arc.end)
             if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
                 adjust(change)
                 rows.append(-axis[None] @ change)
-                return
-            rows.append(sine * adjust(change, arc=True) - axis[None] @ change)
+                return change
+            length = adjust(change, arc=True)
+            rows.append(sine * length - axis[None] @ change)
+            return length
 
         def adjust(change: Floats, *, arc: bool = False) -> Floats:
             """Count the length of adjustments; with a law of growth, remember their sum."""
@@ -691,10 +732,13 @@ class Relaxation:
             named = {"first": first, "last": last, "change": sign * (after - before)}
             way = item.way()
             named |= {name: contact(item.range(name)) for name in way[1:-1]}
-            for one, other in pairwise(way):
-                travel(named[other] - named[one])
+            ways = [travel(named[other] - named[one]) for one, other in pairwise(way)]
             spread(after)
-            length_of(item.arc, sign * (after - before))
+            length = length_of(item.arc, named["change"])
+            for between, turn in walls.stays(item):
+                axis, sine = walls.axis(*between)
+                most = turn * self._most(item)
+                rows.append(sine * length + most * sum(ways) - axis[None] @ named["change"])
             inside(first + sign * before)
             inside(last + sign * after)
             contacts.append((number, named))

@@ -25,6 +25,8 @@ from shoal.steering.certificates.routes import (
 )
 
 _LACKING = 1e-5  # relative to the limit: shorter inputs are not short
+_FEW = 4  # holds of a gap: with more, it can be without some of them
+_USEFUL = 0.01  # relative to the limit: a shorter change in a gap is not divided
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -63,13 +65,6 @@ class _Node:
     how: _Siting | _Branching | None = None
     parts: list[_Node] | None = None
 
-    @property
-    def open(self) -> bool:
-        """Whether the pattern has gaps, or contacts where the cell of the other particle is not
-        known.
-        """
-        return any(isinstance(x, HoldsBetween) or -1 in (*x, -1, -1)[:4] for x in self.pattern)
-
 
 class RouteTree:
     """Branch and bound for one assignment of goals to particles, and one pair of cells in which the
@@ -78,20 +73,31 @@ class RouteTree:
     Parameters
     ----------
     routes : RouteRelaxation
+    by_use : bool
+        Whether to prefer to divide a gap by whether it has one of the holds that its longest change
+        needs, rather than by its first hold. For some tasks, this is better, for others worse.
     """
 
-    def __init__(self, routes: RouteRelaxation) -> None:
-        self.routes = routes
+    def __init__(self, routes: RouteRelaxation, *, by_use: bool) -> None:
+        self.routes, self._by_use = routes, by_use
         self._heap: list[tuple[float, int, int, _Node]] = []
         self._made = 0
-        self._least_closed = inf
+        self._closed: _Node | None = None  # that with the least bound
         self._root = self._node((HoldsBetween(),))
         self._push(self._root)
 
     @property
     def upper(self) -> float:
         """Least bound of a pattern that cannot be divided, at most the limit."""
-        return min(self.routes.limit * self.routes.scale, self._least_closed)
+        limit = self.routes.limit * self.routes.scale
+        return limit if self._closed is None else min(limit, self._closed.bound.value)
+
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        if self._closed is None or self._closed.bound.value > self.upper:
+            return None
+        return [item[:2] for item in self._closed.pattern if not isinstance(item, HoldsBetween)]
 
     @property
     def lower(self) -> float:
@@ -129,17 +135,29 @@ class RouteTree:
         return _Node(pattern, self.routes.bound(pattern))
 
     def _push(self, node: _Node) -> None:
-        if node.open:
+        if self._is_open(node.pattern):
             self._made += 1
             heapq.heappush(self._heap, (node.bound.value, -len(node.pattern), self._made, node))
-        else:
-            self._least_closed = min(self._least_closed, node.bound.value)
+        elif self._closed is None or node.bound.value < self._closed.bound.value:
+            self._closed = node
+
+    def _is_open(self, pattern: Pattern) -> bool:
+        """Return whether a pattern has gaps, or contacts where the cell of the other particle is
+        not known. A convex workspace is one cell.
+        """
+        sited = not self.routes.cells.corners
+        return any(
+            isinstance(item, HoldsBetween) or not (sited or -1 not in (*item, -1, -1)[:4])
+            for item in pattern
+        )
 
     def _siting(self, node: _Node) -> _Siting | None:
         """Return the contact whose inputs before and after are the most too short for the ways of
         the other particle; None if there is none, and the pattern has gaps.
         """
         routes = self.routes
+        if not routes.cells.corners:
+            return None
         program = routes.program(node.pattern)
         lacking = [routes.lacking(one, program, node.bound.solution) for one in program.sights]
         if not lacking or (node.bound.loads and max(lacking) < _LACKING * routes.limit):
@@ -170,7 +188,11 @@ class RouteTree:
         left, right = pattern[:place][::-1], pattern[place + 1 :]
         last = len(left) > len(right)
         assert isinstance(gap, HoldsBetween)
-        if gap.holds is not None:
+        many = gap.holds is None or len(gap.holds) > _FEW
+        if self._by_use and many and (needed := self._needed(node, place)):
+            holds = self.routes.holds if gap.holds is None else gap.holds
+            return _Branching(place, frozenset(holds) - needed, right=last)
+        if gap.holds is not None and not (self._by_use and many):
             inner = [
                 bool(side) and not isinstance(side[0], HoldsBetween) and side[0][:2] in gap.holds
                 for side in (left, right)
@@ -182,6 +204,30 @@ class RouteTree:
                 return _Branching(place, frozenset(near[: 2 * count]), right=last)
         pair = frozenset(near[:2])
         return _Branching(place, pair if len(pair) == 2 else frozenset(), right=last)
+
+    def _needed(self, node: _Node, place: int) -> frozenset[Hold]:
+        """Return holds of which a gap must have one to be as short as the solution: those that can
+        make the longest change in the gap. Those next to the gap are left out.
+        """
+        routes, gap = self.routes, node.pattern[place]
+        assert isinstance(gap, HoldsBetween)
+        program = routes.program(node.pattern)
+        values = np.append(node.bound.solution, 1.0)
+        changes = program.norms[program.gaps[place][1:]] @ values
+        lengths = np.linalg.norm(changes, axis=1)
+        if not len(lengths) or lengths.max() < _USEFUL * routes.limit:
+            return frozenset()
+        longest = int(np.argmax(lengths))
+        change = changes[longest] / lengths[longest]
+        holds = [(-1, 0), (-1, 1)] if gap.holds is None else sorted(gap.holds)
+        particle = holds[longest][1]
+        known = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
+        known += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
+        return frozenset(
+            hold
+            for hold in (routes.holds if gap.holds is None else gap.holds)
+            if hold[1] == particle and hold not in known and routes.allows(hold, change)
+        )
 
     def _branches(self, node: _Node) -> list[Pattern]:
         how, pattern = node.how, node.pattern
@@ -222,8 +268,45 @@ def _divided(pattern: Pattern, place: int) -> int:
     return found
 
 
+class _Trees:
+    """The searches for one pair of cells in which the particles end: two, each with half of the
+    time.
+    """
+
+    def __init__(self, routes: RouteRelaxation) -> None:
+        self.ends = routes.ends
+        self._trees = [RouteTree(routes, by_use=by_use) for by_use in (False, True)]
+        self._spent = [0.0, 0.0]
+
+    @property
+    def lower(self) -> float:
+        """Lower bound on the length of all plans, at most the limit."""
+        return max(tree.lower for tree in self._trees)
+
+    @property
+    def upper(self) -> float:
+        """Least bound of a pattern that cannot be divided, at most the limit."""
+        return min(tree.upper for tree in self._trees)
+
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        return min(self._trees, key=lambda tree: tree.upper).shortest
+
+    def step(self, clock: Callable[[], float]) -> None:
+        """Go on with the tree that had less time."""
+        number = self._spent.index(min(self._spent))
+        begun = clock()
+        self._trees[number].step()
+        self._spent[number] += clock() - begun
+
+    def proof(self, enough: float) -> list[dict[str, Any]]:
+        """Return the proof of the tree with the better bound."""
+        return max(self._trees, key=lambda tree: tree.lower).proof(enough)
+
+
 class RouteSearch:
-    """The search for the bound of one assignment of goals to particles: one tree for each pair of
+    """The search for the bound of one assignment of goals to particles: trees for each pair of
     cells in which the particles can end.
 
     Parameters
@@ -236,7 +319,7 @@ class RouteSearch:
 
     Attributes
     ----------
-    trees : list of RouteTree
+    trees : list
         None if no plan within the limit ends in a cell of its goal.
     possible : bool
         Whether the search can be made: a start is in a cell, and not too many can be reached.
@@ -250,7 +333,7 @@ class RouteSearch:
         tolerance: float,
         limit: float,
     ) -> None:
-        self.trees: list[RouteTree] = []
+        self.trees: list[_Trees] = []
         self._limit = limit
         self.relaxation = RouteRelaxation(cells, start, goal, tolerance, limit)
         first = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
@@ -261,7 +344,7 @@ class RouteSearch:
             [k for k, cell in enumerate(cover.cells) if cells.may_end(cell, spot, tolerance)]
             for cover, spot in zip(self.relaxation.covers, goal, strict=True)
         ]
-        self.trees = [RouteTree(self.relaxation.ending(pair)) for pair in product(*ends)]
+        self.trees = [_Trees(self.relaxation.ending(pair)) for pair in product(*ends)]
 
     @property
     def lower(self) -> float:
@@ -273,16 +356,18 @@ class RouteSearch:
         """Least bound of a pattern that cannot be divided, at most the limit."""
         return min([self._limit, *(tree.upper for tree in self.trees)])
 
+    @property
+    def shortest(self) -> list[Hold] | None:
+        """Walls and particles of the pattern with the bound ``upper``; None if that is the limit."""
+        return min(self.trees, key=lambda tree: tree.upper).shortest if self.trees else None
+
     def step(self, clock: Callable[[], float]) -> None:
         """Divide the pattern with the least bound."""
-        del clock
-        min(self.trees, key=lambda tree: tree.lower).step()
+        min(self.trees, key=lambda tree: tree.lower).step(clock)
 
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
         return {
             "covers": [cover.stated() for cover in self.relaxation.covers],
-            "ways": [
-                {"ends": list(tree.routes.ends), "proof": tree.proof(enough)} for tree in self.trees
-            ],
+            "ways": [{"ends": list(tree.ends), "proof": tree.proof(enough)} for tree in self.trees],
         }

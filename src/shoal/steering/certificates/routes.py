@@ -242,6 +242,11 @@ class RouteRelaxation:
         # on its wall, and so holds both
         return not are_opposite(one, sign * other)
 
+    def allows(self, hold: Hold, change: NDArray[np.float64]) -> bool:
+        """Return whether a hold can change the difference of the particles in a direction."""
+        normal = self._walls[self._places[hold[1]][hold[0]][1]].normal
+        return float(normal @ change) < -1e-6 * float(np.linalg.norm(normal))
+
     def bound(self, pattern: Pattern) -> RouteBound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
         bound = self._solved(self.program(pattern))

@@ -245,7 +245,7 @@ _GAP = 0.12  # distance between panels, relative to a panel's longer side
 # squares per side of the smallest cell, if cells are no squares of the drawing: as many as the
 # drawing has room for
 _FINE = 2, 12
-_SQUARES = 200_000  # in a drawing of one layer
+_SQUARES = 100_000  # in a drawing of one layer
 
 
 class LayerPanels:

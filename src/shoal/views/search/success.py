@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,10 +48,9 @@ def success_figure(episode: SearchEpisode) -> Figure:
     ground.set_aspect("equal")
     bare_axes(ground)
     set_title(ground, "where the target is likely")
-    visits = episode.visits
-    order = np.argsort(visits.times, kind="stable")
-    there = visits.times[order] < inf
-    times, found = visits.times[order][there] / 60.0, np.cumsum(odds[order])[there]
+    success = episode.success
+    assert success is not None
+    times, found = success.times / 60.0, success.probabilities
     chart.step(np.append(0.0, times), np.append(0.0, found), where="post", color=_LIKELY, lw=1.6)
     if episode.expected_find is not None:
         middle = episode.expected_find / 60.0

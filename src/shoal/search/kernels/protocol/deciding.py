@@ -259,10 +259,13 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
         arcs, _ = add_arcs(partitions, division, index, rules.multiplicity, bits, n)
         if arcs == 0 or index == own:
             continue
+        closed = number_of_obstacles(tour, rules, w, b, i, number)
+        keep_reachable(tour, closed, other.start, bits)
+        if is_empty(bits):
+            continue
         place = (division, index, number, other.start, np.int64(1))
         for k in range(bits.shape[0]):
             theirs[k] |= bits[k]
-        closed = number_of_obstacles(tour, rules, w, b, i, number)
         cost = cost_alone(
             tour, control, rules, partitions, place, bits, other.start, np.int64(1), closed
         )
@@ -276,16 +279,29 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
     place = (division, own, np.int64(i), robot.start, robot.at_launch)
     fill(bits, n)
     closed = number_of_obstacles(tour, rules, w, b, i, i)
+    keep_reachable(tour, closed, robot.cell, bits)
+    keep_reachable(tour, closed, robot.cell, theirs)
+    follows = arcs > 0 and holds(bits, last)
     everything = cost_alone(
         tour, control, rules, partitions, place, bits, robot.cell, robot.fresh, closed
     )
-    here = last if arcs else robot.cell
-    launched = robot.at_launch if arcs == 0 else np.int64(0)
+    here = last if follows else robot.cell
+    launched = np.int64(0) if follows else robot.at_launch
     place = (division, own, np.int64(i), robot.start, launched)
     rest = cost_alone(
-        tour, control, rules, partitions, place, theirs, here, np.int64(arcs == 0), closed
+        tour, control, rules, partitions, place, theirs, here, np.int64(not follows), closed
     )
     return end + ARRIVAL * rules.beat + max(everything, rest) / robot.rate
+
+
+@in_place_kernel
+def keep_reachable(tour, closed, start, bits):
+    """Remove the cells from a bitset that no path around closed cells reaches."""
+    if tour.stepwise:
+        labels = tour.labels[closed]
+        for cell in range(tour.cells):
+            if labels[cell] != labels[start]:
+                remove(bits, cell)
 
 
 @in_place_kernel

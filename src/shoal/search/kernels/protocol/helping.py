@@ -195,21 +195,37 @@ def left_in_arc(w, b, first, size, step, cell, n):
 
 @in_place_kernel
 def best_run(tour, w, b, speed, at, runs):
-    """Return the index of the run in which a helper saves the most time, or -1, and the number of
-    cells that the helper skips at the front of the run.
+    """Return the index of the run in which a helper saves the most time, or with probabilities
+    finds the target most probably in each unit of time, or -1; and the number of cells that the
+    helper skips at the front of the run.
     """
     longest = (tour.ahead[tour.cells] + tour.cells) / speed
-    best, skipped, most = -1, 0, WORTH / speed
+    least = WORTH / speed
+    best, skipped, most = -1, 0, -1.0
     for k in range(runs):
         run = w.runs[b, k]
         way = length(tour, w.control[b], at, run.first) / speed
         alone = min(run.late + run.count / run.pace, longest) if run.pace != 0.0 else 2 * longest
         ahead = cells_to_skip(run, way, speed)
         # the time without the helper, minus the time until the helper has searched its cells
-        gain = alone - way - (run.count - ahead) / speed
-        if ahead < run.count and gain > most:
-            best, skipped, most = k, ahead, gain
+        work = (run.count - ahead) / speed
+        gain = alone - way - work
+        if ahead >= run.count or gain <= least:
+            continue
+        value = gain
+        if tour.likely.shape[0] > 0:
+            value = likelihood(tour, run, ahead) / (way + work)
+        if value > most:
+            best, skipped, most = k, ahead, value
     return best, skipped
+
+
+@in_place_kernel
+def likelihood(tour, run, ahead):
+    """Return the probability that the target is in a run behind its first ``ahead`` cells."""
+    count = run.count - ahead
+    low = (run.first + ahead if run.step > 0 else run.first - run.count + 1) % tour.cells
+    return tour.likely[low + count] - tour.likely[low]
 
 
 @in_place_kernel

@@ -249,7 +249,8 @@ def hear(w, b, i, slot, time, rules):
 def width_of_window(w, b, i, n):
     """Return how many cells from the cell ``window`` on the next beacon repeats facts of: the half,
     quarter, ... of the tour in which few enough intervals of facts begin; see
-    `shoal.search.protocol.robot._window`.
+    `shoal.search.protocol.robot._window`. Return the number of facts, too, if they have been
+    gathered, or else -1.
     """
     robot, begun, first = w.robots[b, i], w.begun[b], w.robots[b, i].window
     begun[:] = 0
@@ -276,44 +277,28 @@ def width_of_window(w, b, i, n):
     rounds = LAST_ROUND if robot.status == COMPLETE else ROUND
     share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
     if total <= share:
-        return n
+        return n, -1
     # count in longer and longer sections, or in all words
-    if by_cell_is_quicker(w, b, i, n * share // total, n):
-        levels, count, done, best = level_of(0, n), cut, 0, 1
+    words = w.control[b].words
+    if 4 * robot.learned * share < total * (2 * words + 12 * robot.intervals):
+        levels, count, done, gathered = level_of(0, n), cut, 0, 0
         for level in range(levels, -1, -1):
             width = width_at(level, n)
-            count += begun[level] + count_begun(w, b, i, first, done, width, n)
+            count += begun[level]
+            more, facts = gather(w, b, i, first, done, width, gathered, share - count)
+            count += more
+            if count > share and done:
+                break
+            done, gathered = width, facts
             if count > share:
                 break
-            best = done = width
-        return best
+        return done, gathered
     total += cut + count_by_level(w, b, i, first, n)
     width, level = n, 0
     while width > 1 and total > share:
         total -= begun[level]
         width, level = (width + 1) // 2, level + 1
-    return width
-
-
-@in_place_kernel
-def by_cell_is_quicker(w, b, i, width, n):
-    """Return whether facts of a section are probably found faster cell by cell than word by word."""
-    robot, words = w.robots[b, i], w.control[b].words
-    return width + 4 * robot.learned * width // n < 2 * words + 12 * robot.intervals
-
-
-@in_place_kernel
-def write_section(w, b, i, first, width, n):
-    """Write the known facts of a section of the tour to the work space, by word."""
-    known, section = w.known[b, i], w.section[b]
-    for k in range(w.control[b].words):
-        section[k] = ZERO
-    for ahead in range(width):
-        cell = first + ahead
-        fact = np.int64(w.head[b, cell - n if cell >= n else cell])
-        while fact >= 0:
-            section[fact >> 6] |= known[fact >> 6] & (ONE << np.uint64(fact & 63))
-            fact = np.int64(w.next[b, fact])
+    return width, -1
 
 
 @in_place_kernel
@@ -347,20 +332,25 @@ def width_at(level, n):
 
 
 @in_place_kernel
-def count_begun(w, b, i, first, done, width, n):
-    """Return in how many cells of a section, ``done`` cells or more ahead of its first one,
-    intervals of known facts begin.
+def gather(w, b, i, first, done, width, gathered, most):
+    """Append the known facts of a section, from ``done`` cells ahead of its first one on, to those
+    ``gathered``. Return the number of intervals that begin there, and of gathered facts; stop at
+    the cell with the first interval above ``most``.
     """
-    known, count = w.known[b, i], 0
+    known, facts, n, count = w.known[b, i], w.gathered[b], w.head.shape[1], 0
     for ahead in range(done, width):
         cell = first + ahead
         fact = np.int64(w.head[b, cell - n if cell >= n else cell])
         while fact >= 0:
             if holds(known, fact):
+                facts[gathered] = fact
+                gathered += 1
                 before = np.int64(w.after[b, fact])
                 count += ahead == 0 or before < 0 or not holds(known, before)
             fact = np.int64(w.next[b, fact])
-    return count
+        if count > most:
+            break
+    return count, gathered
 
 
 @in_place_kernel
@@ -449,23 +439,26 @@ def write_beacon(w, b, i, slot, time, n):
     robot, message = w.robots[b, i], w.messages[b, slot]
     message.sender = i
     write_heartbeats(w, b, i, slot, time)
-    width, turn = width_of_window(w, b, i, n), robot.announced % REPEATED
+    width, gathered = width_of_window(w, b, i, n)
+    turn, section = robot.announced % REPEATED, w.section[b]
     known, before = w.known[b, i], w.before[b, i, turn]
     count = w.control[b].words
     message.words = 0
     bounded = w.counts.shape[2] > NEWS + 1
     if bounded:
         choose_news(w, b, i, turn)
-    by_cell = width < n and by_cell_is_quicker(w, b, i, width, n)
-    if by_cell:
-        write_section(w, b, i, robot.window, width, n)
+    for k in range(count if gathered >= 0 else 0):
+        section[k] = ZERO
+    for k in range(gathered):
+        fact = w.gathered[b, k]
+        section[fact >> 6] |= ONE << np.uint64(fact & 63)
     for k in range(count):
         bits = known[k]
         if bits != ZERO and width < n:
             told = not bounded or w.telling[b, w.owner[b, k]]
             new = bits & ~before[k] if told else ZERO
-            if by_cell:
-                bits = new | w.section[b, k]
+            if gathered >= 0:
+                bits = new | section[k]
             else:
                 bits = new | facts_in(w, b, k, bits & ~new, robot.window, width, n)
         if bits != ZERO:

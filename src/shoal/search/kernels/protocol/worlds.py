@@ -99,6 +99,8 @@ class TourTable(NamedTuple):
     ahead : ndarray of float64, shape (4 N + 1,)
         As in `shoal.search.allocation.costs.TourCost`.
     points : ndarray of float64, shape (N, d)
+    likely : ndarray of float64, shape (2 N + 1,) or (0,)
+        As `TourCost.odds_ahead`, or empty without probabilities.
     keys : ndarray of int64, shape (K,)
         Open hash table of paths: N a + b for the path from cell a to a larger cell b, and
         N (N + i) + b for the path from the launch point of robot i to cell b; -1 if free.
@@ -112,6 +114,7 @@ class TourTable(NamedTuple):
     launched: int  # whether robots may start outside
     ahead: NDArray[np.float64]
     points: NDArray[np.float64]
+    likely: NDArray[np.float64]
     keys: NDArray[np.int64]
     lengths: NDArray[np.float64]
     stepwise: int  # whether robots move from cell to cell; then the following arrays are in use
@@ -256,6 +259,7 @@ class Worlds(NamedTuple):
     ids: NDArray[np.int64]  # (B, N + m + 1)
     chain: NDArray[np.int64]  # (B, F)
     section: NDArray[np.uint64]  # (B, F)
+    gathered: NDArray[np.int32]  # (B, 64 F)
     row: NDArray[np.float64]  # (B, N)
     offered: NDArray[np.int64]  # (B, m)
     others: NDArray[np.int64]  # (B, m)
