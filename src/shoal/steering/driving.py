@@ -586,15 +586,17 @@ class _Loop(_Session):
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
         self.steps: list[_Step] = []  # what is left of the plan
-        self._tables: dict[tuple[float, ...], kernels.Differences] = {}
+        self._tables: dict[tuple[float, ...], kernels.Values] = {}
 
     def _choose_goals(self) -> None:
         """Choose the order of interchangeable goals with the shorter plan."""
         orders = [np.ascontiguousarray(self.goal[list(order)]) for order in permutations(range(2))]
         counts = []
         for self.goal in orders:
-            plan = self._plan()
-            counts.append(inf if plan is None else len(plan))
+            self.shortest = inf
+            self._plan()
+            counts.append(self.shortest)
+        self.shortest = inf
         self.goal = orders[int(np.argmin(counts))]
 
     def _check_end(self) -> None:
@@ -614,12 +616,12 @@ class _Loop(_Session):
         slips = self.friction.slips
         text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
         if moves >= self.problem.max_moves:
-            why = "another drive goes on from here, or more moves (max_moves) in one"
-            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, f"{text}: {why}")
+            text += ": another drive goes on from here, or more moves (max_moves) in one"
+            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
         if self.friction.contacts and not self.faults.raised:
-            why = self._why_unreachable()
-            if why is not None:
-                raise _Ended(Status.UNREACHABLE, f"{text}: {why}")
+            proof = self._why_unreachable()
+            if proof is not None:
+                raise _Ended(Status.UNREACHABLE, f"{text}: {proof}")
         missing = float(np.hypot(*kernels.missing(self.state, self.goal, self._pressing(1.0))))
         missing += 0.1 * self.error
         if missing < 0.95 * self.least_missing:
