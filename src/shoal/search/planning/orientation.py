@@ -442,8 +442,8 @@ def best_grid_tour(
         found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
         if angle is None and looked_at > tried:
-            ranked = found[:looked_at]
-            found = _ranked_by_tours(region.area, size, tours, turn_cost, ranked, tried)
+            likeliest = found[:looked_at]
+            found = _ranked_by_tours(region.area, size, tours, turn_cost, likeliest, tried)
         known["orientations"] = found
     orientations = known["orientations"]
     priced = []
