@@ -12,7 +12,7 @@ from shoal.missions import MissionSet, check_missions
 from shoal.search import SearchProblem, coverage_check, open_region, plan_search, region_of
 from shoal.search.cells.lanes import cells_along, center_line
 from shoal.search.flight.timing import turns_of
-from shoal.search.regions.places import line_of
+from shoal.search.regions.places import read_line
 from shoal.search.regions.projection import LocalFrame
 from shoal.views.search.page import page_data
 
@@ -109,9 +109,9 @@ def test_a_line_is_read_from_all_its_forms(tmp_path):
     }
     for name, content in files.items():
         (tmp_path / name).write_text(content)
-        found = line_of(str(tmp_path / name), region, what="along")
+        found = read_line(str(tmp_path / name), region, what="along")
         np.testing.assert_allclose(found, LINE.coords, atol=0.01)
-    np.testing.assert_allclose(line_of(text, region, what="along"), LINE.coords, atol=0.01)
+    np.testing.assert_allclose(read_line(text, region, what="along"), LINE.coords, atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_line_is_read_from_all_its_forms(tmp_path):
 def test_a_wrong_line_is_refused(tmp_path, name, content, word):
     (tmp_path / name).write_text(content)
     with pytest.raises(InvalidInputError, match=word):
-        line_of(
+        read_line(
             str(tmp_path / name),
             region_of(shapely.box(0, 0, 9, 9), frame=LocalFrame(8, 47))
             if name == "a.gpx"

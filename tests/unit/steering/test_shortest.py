@@ -271,3 +271,12 @@ def test_corners_of_thin_triangles_are_used(number, bound):
     thin = polygon([(0, 0), (1, 0), (rng.uniform(0, 1), rng.uniform(0.03, 0.2))])
     episode = steer(SteeringProblem(thin), seed=int(rng.integers(1 << 30)))
     assert bound <= episode.length < 1.001 * bound
+
+
+@pytest.mark.parametrize(
+    ("workspace", "seed", "bound"),
+    [("square", 798465723, 1.648178), ("regular:5", 998345006, 1.464775)],
+)
+def test_chains_of_four_are_found_in_polygons_of_few_sides(workspace, seed, bound):
+    episode = steer(SteeringProblem(workspace), seed=seed)
+    assert bound <= episode.length < 1.001 * bound

@@ -80,6 +80,7 @@ def likely_first(
         np.zeros(rows),
         np.zeros(rows),
         np.zeros(rows),
+        np.zeros(count),
         np.ones(count, dtype=np.bool_),
         np.zeros(2 * count + 2, dtype=np.int64),
     )

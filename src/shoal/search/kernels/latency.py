@@ -88,6 +88,8 @@ class Routes(NamedTuple):
         When the first and the last cell of the block at each place is searched, in cells.
     weights, latencies : ndarray of float64, shape (m, B + 2)
         Sums of the weights and latencies of the blocks before each place.
+    steps : ndarray of float64, shape (B,)
+        Time in cells from the block before each block.
     awake : ndarray of bool, shape (B,)
         Blocks around which something changed.
     moved : ndarray of int64, shape (2 B + 2,)
@@ -105,6 +107,7 @@ class Routes(NamedTuple):
     finishes: NDArray[np.float64]
     weights: NDArray[np.float64]
     latencies: NDArray[np.float64]
+    steps: NDArray[np.float64]
     awake: NDArray[np.bool_]
     moved: NDArray[np.int64]
 
@@ -174,12 +177,17 @@ def _arrival(blocks, routes, r, i, item):
 
 
 @in_place_kernel
-def _sum_up(blocks, routes, r, since):
-    """Compute the sums along a route from a place on."""
+def _sum_up(blocks, routes, r, since, until):
+    """Compute the sums along a route from a place on. After the place ``until``, each block follows
+    the same block as before.
+    """
     for i in range(since, routes.counts[r]):
         item = routes.order[r, i]
         block = item // 2
-        begin = _arrival(blocks, routes, r, i, item)
+        before = routes.finishes[r, i - 1] if i else 0.0
+        if i <= until:
+            routes.steps[block] = _arrival(blocks, routes, r, i, item) - before
+        begin = before + routes.steps[block]
         weight, latency = blocks.weights[block], blocks.latencies[block]
         if item % 2:
             latency = weight * blocks.times[block] - latency
@@ -383,14 +391,14 @@ def _improve_beside(blocks, routes, a, b, longest, least):
         low, high = (i + 1, j) if j > i else (j + 1, i)
         if low <= high and _gain_of_turning(blocks, routes, r, low, high) > least:
             _turn(routes, r, low, high)
-            _sum_up(blocks, routes, r, low)
+            _sum_up(blocks, routes, r, low, high + 1)
             _wake(routes, r, low)
             _wake(routes, r, high)
             return True
     elif _gain_of_exchanging(blocks, routes, r, i, s, j) > least:
         _exchange(routes, r, i, s, j)
-        _sum_up(blocks, routes, r, i + 1)
-        _sum_up(blocks, routes, s, j)
+        _sum_up(blocks, routes, r, i + 1, i + 1)
+        _sum_up(blocks, routes, s, j, j)
         _wake(routes, r, i)
         _wake(routes, s, j)
         return True
@@ -404,8 +412,8 @@ def _improve_beside(blocks, routes, a, b, longest, least):
                 if _gain_of_giving(blocks, routes, r, i, s, low, high, turned) > least:
                     _take_out(routes, s, low, high, turned)
                     _put_in(routes, r, i + 1, count)
-                    _sum_up(blocks, routes, r, i + 1)
-                    _sum_up(blocks, routes, s, low)
+                    _sum_up(blocks, routes, r, i + 1, i + 1 + count)
+                    _sum_up(blocks, routes, s, low, low)
                     _wake(routes, r, i)
                     _wake(routes, r, i + count)
                     _wake(routes, s, low)
@@ -415,7 +423,7 @@ def _improve_beside(blocks, routes, a, b, longest, least):
                     begin = i + 1 if low > i else i + 1 - count
                     _take_out(routes, r, low, high, turned)
                     _put_in(routes, r, begin, count)
-                    _sum_up(blocks, routes, r, min(i + 1, low))
+                    _sum_up(blocks, routes, r, min(i + 1, low), max(i, high) + 1)
                     _wake(routes, r, begin)
                     _wake(routes, r, begin + count)
                     _wake(routes, r, low if low < i else high + 1)
@@ -469,7 +477,7 @@ def _kick(blocks, routes, state, widest):
     count = _take_out(routes, r, i, i + one - 1, 0)
     other = 1 + _draw(state, room - one)
     _put_in(routes, r, i + other, count)
-    _sum_up(blocks, routes, r, i)
+    _sum_up(blocks, routes, r, i, i + one + other)
     for place in (i, i + other, i + other + one):
         _wake(routes, r, place)
     return True
@@ -487,7 +495,7 @@ def improve(blocks, routes, longest, kicks, widest):
     """
     m = routes.counts.shape[0]
     for r in range(m):
-        _sum_up(blocks, routes, r, 0)
+        _sum_up(blocks, routes, r, 0, routes.counts[r])
     routes.awake[:] = True
     best = _latency(routes)
     least = _LEAST * best
@@ -515,5 +523,5 @@ def improve(blocks, routes, longest, kicks, widest):
                 if counts[r] != routes.counts[r] or not np.array_equal(order[r], routes.order[r]):
                     routes.order[r] = order[r]
                     routes.counts[r] = counts[r]
-                    _sum_up(blocks, routes, r, 0)
+                    _sum_up(blocks, routes, r, 0, counts[r])
     return best

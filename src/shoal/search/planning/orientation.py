@@ -178,7 +178,7 @@ _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of
 _TRIED = 4  # number of orientations that are planned in full
 _ROUGH = 12  # number of orientations, the best estimated ones, for which rough tours are made
 _ROUGH_DISTURBANCES = 20
-_ROUGH_CELLS = 1_500  # in larger regions, no rough tours are made
+_ROUGH_WORK = 4_000  # total number of cells of rough tours, which larger regions do without
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
@@ -405,8 +405,8 @@ def best_grid_tour(
     angles and shifts of the rows.
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
-    number and the lengths of the rows. In regions of up to 1,500 cells, it makes rough tours for the
-    twelve pairs with the lowest estimated cost. It computes complete tours only for the four best
+    number and the lengths of the rows. In regions of up to 800 cells, it makes rough tours for up
+    to twelve pairs with the lowest estimated cost. It computes complete tours only for the four best
     pairs, and in large regions or along borders of many corners for fewer pairs.
 
     Parameters
@@ -440,8 +440,10 @@ def best_grid_tour(
     known = {} if known is None else known
     if "orientations" not in known:
         found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-        if angle is None and work <= _ROUGH_CELLS:
-            found = _ranked_by_tours(region.area, size, tours, turn_cost, found, tried)
+        looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
+        if angle is None and looked_at > tried:
+            ranked = found[:looked_at]
+            found = _ranked_by_tours(region.area, size, tours, turn_cost, ranked, tried)
         known["orientations"] = found
     orientations = known["orientations"]
     priced = []
@@ -511,7 +513,7 @@ def _ranked_by_tours(
     if not simple.is_valid or simple.is_empty:
         return orientations
     costs = []
-    for angle, shift in orientations[:_ROUGH]:
+    for angle, shift in orientations:
         flat = rotated_shape(simple, -angle)
         lattice = lattice_over(flat, size, angle, (0.0, shift))
         boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))

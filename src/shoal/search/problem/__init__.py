@@ -43,7 +43,7 @@ from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import line_of, places_of, read_points, seen_along
+from shoal.search.regions.places import places_of, read_line, read_points, seen_along
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -625,7 +625,7 @@ class SearchProblem(Problem):
             from shoal.search.cells.lanes import center_line
 
             return center_line(self.place, float(np.min(self.chosen_footprint)))
-        return line_of(self.along, self.place, what="along")
+        return read_line(self.along, self.place, what="along")
 
     @property
     def chosen_angle(self) -> float | None:

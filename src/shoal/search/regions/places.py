@@ -104,7 +104,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     return points
 
 
-def line_of(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
+def read_line(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
     """Return the vertices of a line in metres, such as the middle of a road; float64, shape (k, 2).
 
     Parameters
@@ -121,7 +121,7 @@ def line_of(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Point
     Examples
     --------
     >>> from shoal.search import open_region
-    >>> line_of("LINESTRING (0 5, 20 5)", open_region("square:20"), what="along").tolist()
+    >>> read_line("LINESTRING (0 5, 20 5)", open_region("square:20"), what="along").tolist()
     [[0.0, 5.0], [20.0, 5.0]]
     """
     if not isinstance(value, str):

@@ -197,22 +197,11 @@ class Walls(Protocol):
         """Return an inward direction m of an arc, and s: each adjustment u has m @ u <= s |u|."""
         ...
 
-    def turn(self, first: int, end: int) -> float:
-        """Return t: an adjustment u at most d from a round arc has m @ u <= (s + t d) |u|."""
-        ...
-
     def stays(self, hold: Hold) -> list[tuple[Range, float]]:
-        """Return arcs of a round wall, each with the part of the travel of a run that its contacts
-        may be away from it.
+        """Return arcs of a round wall, each with a number t: with the axis m and s of the arc, an
+        adjustment u of a run with the travel T has m @ u <= (s + t T) |u|.
         """
-        if not self.radius:
-            return []
-        share = 0.5 if hold.first == hold.last else 1.0
-        return [
-            (between, share)
-            for between in dict.fromkeys((hold.first, hold.last))
-            if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3
-        ]
+        return []
 
     def segment(self, first: int, end: int) -> tuple[Floats, Floats] | None:
         """Return the corner and the vector of a flat wall; None for an arc."""
@@ -328,9 +317,16 @@ class _RoundWalls(Walls):
         x, y = ends.T
         return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / np.hypot(x, y)))
 
-    def turn(self, first: int, end: int) -> float:
-        ends = self._ends(first, end)
-        return float(np.max(ends @ ends.sum(axis=0) / np.hypot(*ends.T))) / self.radius
+    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
+        found = []
+        for between in dict.fromkeys((hold.first, hold.last)):
+            if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3:
+                ends = self._ends(*between)
+                cosine = float(np.max(ends @ ends.sum(axis=0) / np.hypot(*ends.T)))
+                # a contact is at most T from the first, and T / 2 from the first or the last
+                share = 0.5 if hold.first == hold.last else 1.0
+                found.append((between, share * cosine / self.radius))
+        return found
 
     def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
         if end - first > self.count // 3:
@@ -549,13 +545,13 @@ class Relaxation:
             for between in (hold.first, hold.last)
         )
         path = max(first + end, first + over, last + over) - 2 * self.tolerance
-        return max(self.limit - path, 0.0)
+        return float(max(self.limit - path, 0.0))
 
     def _away(self, between: Range, point: Floats) -> float:
         """Return a lower bound on the distance of a point from a contact with a round wall."""
         normals, offsets = self.walls.arc_rows(*between)
         depths = (offsets - normals @ point) / np.hypot(*normals.T)
-        return max(self.walls.radius - float(np.hypot(*point)), 0.0, *depths.tolist())
+        return float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
@@ -739,10 +735,10 @@ class Relaxation:
             ways = [travel(named[other] - named[one]) for one, other in pairwise(way)]
             spread(after)
             length = length_of(item.arc, named["change"])
-            for between, share in walls.stays(item):
+            for between, turn in walls.stays(item):
                 axis, sine = walls.axis(*between)
-                turn = share * walls.turn(*between) * self._most(item)
-                rows.append(sine * length + turn * sum(ways) - axis[None] @ named["change"])
+                most = turn * self._most(item)
+                rows.append(sine * length + most * sum(ways) - axis[None] @ named["change"])
             inside(first + sign * before)
             inside(last + sign * after)
             contacts.append((number, named))

@@ -5,11 +5,11 @@ until they meet.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import Board, offsets_of
 from shoal.swarm.kernels import gathering as kernels
 
@@ -46,7 +46,8 @@ def moves_of(
     return ahead, may_stay
 
 
-class PairGrid(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PairGrid:
     """A map as the kernels of gathering see it.
 
     Attributes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -144,7 +145,7 @@ class GatherBeam:
             return "", None
         plan, gathered = plan_with_beam(grid, swarm, view.rule, self.width)
         if not merges and not gathered:  # nothing is lost with another estimate
-            alone = grid._replace(fewest=grid.fewest[:0])
+            alone = replace(grid, fewest=grid.fewest[:0])
             plan, gathered = plan_with_beam(alone, swarm, view.rule, self.width)
         if gathered or not merges:
             return decode(plan), None
