@@ -128,7 +128,9 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     )
     assert check.coverage.covered_fraction > 0.999
     assert not check.errors
-    assert not {one.rule for one in check.diagnostics} - {"transit", "homes-near"}
+    # a bend may lie nearer to the next waypoint than a vehicle comes: a warning, and told
+    told = {"transit", "homes-near", "acceptance"}
+    assert not {one.rule for one in check.diagnostics} - told
 
 
 def narrow_problem(rng, kind):

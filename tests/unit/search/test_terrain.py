@@ -340,7 +340,7 @@ BAD = [
     (
         "a.asc",
         ascii_grid(body="-9999 -9999\n-9999 nan\n"),
-        "a.asc: expected heights, got a grid in which all heights are missing",
+        "a.asc: expected heights, got a grid in which all numbers are missing",
     ),
     (
         "a.asc",

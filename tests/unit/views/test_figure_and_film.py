@@ -16,7 +16,11 @@ from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.run import run as run_swarm
 from shoal.views import figure, film
 
-KINDS = {"swarm": ["map", "frontier"], "steering": ["plan"], "search": ["routes", "timeline"]}
+KINDS = {
+    "swarm": ["map", "frontier"],
+    "steering": ["plan"],
+    "search": ["routes", "timeline", "success"],
+}
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +32,9 @@ def episodes():
             seed=1,
         ),
         "steering": run_steering(SteeringProblem("square", *points, planner="greedy")),
-        "search": run_search(SearchProblem("square:30", robots=2, footprint=10)),
+        "search": run_search(
+            SearchProblem("square:30", robots=2, footprint=10, prior=["ring:5,5:0.5=9"])
+        ),
     }
 
 

@@ -20,7 +20,7 @@ from shoal.search.tours.masks import array_to_bits, bits_to_array, bitset_of
 
 _KEPT = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
-_SHORTEST = 1e-9  # cell sides: length of a path between parts that touch
+_SHORTEST = 1e-9  # cell sides: length of a path between parts that touch, and of a climb
 
 
 class Distances(Protocol):
@@ -152,6 +152,8 @@ class CellDistances:
             np.asarray(column, dtype=kind)
             for column, kind in zip(climbs, (np.int64, np.int64, float), strict=True)
         )
+        # between two passes at one altitude: without a length, a path could go up and down forever
+        self._climbs = (*self._climbs[:2], np.maximum(self._climbs[2], _SHORTEST))
         self._cells = tour.cells
         self._links: dict[tuple[int, int], float] = {}
         self._remember()
@@ -203,7 +205,8 @@ class CellDistances:
         tour indices.
 
         Of several shortest paths it is the one that, seen from its end, comes from the cell with
-        the lowest number. The result contains ``cell`` but not ``here``. If no path exists, the result is empty.
+        the lowest number. The result contains ``cell`` but not ``here``. If no path exists, the
+        result is empty.
         """
         came = self._found(here, closed)[1]
         way: list[int] = []

@@ -382,7 +382,7 @@ def center_line(region: SearchRegion, footprint: float) -> Points:
     --------
     >>> from shoal.search import open_region
     >>> line = center_line(open_region("rectangle:300x10"), 12)
-    >>> np.ptp(line, axis=0)[0] > 250, bool(np.allclose(line[:, 1], 5, atol=1))
+    >>> bool(np.ptp(line, axis=0)[0] > 250), bool(np.allclose(line[:, 1], 5, atol=1))
     (True, True)
     """
     import shapely

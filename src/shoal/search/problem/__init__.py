@@ -125,8 +125,8 @@ class SearchProblem(Problem):
         "status",
         "cells",
         "makespan",
-        "expected_find",
         "share",
+        "expected_find",
         "planned",
         "lower_bound",
         "sent",
@@ -689,7 +689,9 @@ class SearchProblem(Problem):
         if not self._volume:
             return (self._asked_vehicle.height,)
         place: SearchRegion = self.place
-        return place.layer_altitudes(float(np.min(self.footprint_at(0.0))))
+        # rows keep a reserve, layers none
+        side = self._row_distance(self.vehicle_at(0.0), reserved=False)
+        return place.layer_altitudes(float(np.min(side)))
 
     @property
     def _asked_vehicle(self) -> Vehicle:
@@ -727,7 +729,9 @@ class SearchProblem(Problem):
         """
         return self._row_distance(self.vehicle_at(altitude))
 
-    def _row_distance(self, vehicle: Vehicle) -> float | tuple[float, ...]:
+    def _row_distance(
+        self, vehicle: Vehicle, *, reserved: bool = True
+    ) -> float | tuple[float, ...]:
         """Return the distance of rows in metres, one or one for each robot: the side of the footprint
         less its overlap, or less twice the reserve if that is more.
         """
@@ -738,14 +742,14 @@ class SearchProblem(Problem):
         else:
             side = self.footprint or vehicle.row_spacing or FOOTPRINT
             narrower = np.asarray(side) * (1.0 - (self.overlap or 0.0))
-        if self.cross_track:
-            reserved = np.asarray(side) - 2 * self.cross_track
-            if (reserved <= 0).any():
+        if self.cross_track and reserved:
+            least = np.asarray(side) - 2 * self.cross_track
+            if (least <= 0).any():
                 raise InvalidInputError(
                     "cross_track: expected less than half of the footprint,"
                     f" {float(np.min(side)) / 2:.4g} m, got {self.cross_track:g}"
                 )
-            narrower = np.minimum(narrower, reserved)
+            narrower = np.minimum(narrower, least)
         return tuple(narrower.tolist()) if narrower.ndim else float(narrower)
 
     @property

@@ -62,6 +62,7 @@ class ChainPool:
     """The shortest chains of wall contacts that a search has found so far."""
 
     query: ChainQuery
+    fine: bool = True  # whether changed chains that are nearly the shortest are refined
     chains: list[Chain] = field(default_factory=list)
     _known: set[tuple[object, ...]] = field(default_factory=set)
     # keep a reference, so that the id is not used again
@@ -135,7 +136,7 @@ class ChainPool:
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
         )
         close = _CLOSE * self.chains[0].length if self.chains else 0.0
-        if query.walls.sides <= MANY and not round_ and length < close:
+        if self.fine and query.walls.sides <= MANY and not round_ and length < close:
             length = query.optimize(
                 guess, touchers, walls, enough=enough, rounds=_FINE, bound=self.bound
             )
@@ -340,7 +341,9 @@ def _new_contacts(
     yield flat, contact, 0.0, walls.circle[2] - float(np.hypot(point[0], point[1]))
 
 
-def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chain]:
+def improved_chains(
+    query: ChainQuery, seeds: Iterable[Chain] = (), *, thorough: bool = True
+) -> list[Chain]:
     """Return the shortest chains that the search finds, with any number of cycles, sorted by
     length; the list may be empty.
 
@@ -350,8 +353,11 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     seeds : iterable of Chain
         Chains with which the search starts, in addition to the chains of one, two and three cycles
         that it finds itself.
+    thorough : bool
+        Whether all kinds of four cycles are tried, too, where there are few walls, and whether nearly
+        shortest chains are refined before they are compared.
     """
-    pool = ChainPool(query)
+    pool = ChainPool(query, thorough)
     for chain in seeds:
         pool.add_seed(chain)
     for cycles in CYCLES:
@@ -362,7 +368,7 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
         if cycles == 2:
             pool.improve(EARLY)
     walls = query.walls
-    few = walls.dimensions == 2 and not walls.round and walls.sides <= FEW
+    few = thorough and walls.dimensions == 2 and not walls.round and walls.sides <= FEW
     if few and pool.best is not None:
         for chain in chains_of(query, CYCLES[-1] + 1, pool.best.length):
             pool.add(chain)

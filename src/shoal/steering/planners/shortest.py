@@ -155,9 +155,13 @@ class Shortest:
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
         plans: list[Points | None] = [Greedy().plan(task)]
-        for first, query in task.departures():
-            for chain in improved_chains(query, _greedy_seeds(query, task)):
-                plans += plan_chain(task, first, chain, query)
+        # the shortest chains may drive out all those whose plans stand disturbances
+        for thorough in (True, False):
+            for first, query in task.departures():
+                for chain in improved_chains(query, _greedy_seeds(query, task), thorough=thorough):
+                    plans += plan_chain(task, first, chain, query)
+            if task.late or any(task.is_sure(plan) for plan in plans[1:] if plan is not None):
+                break
         if task.world.free_space.dimensions == 3 and not task.late:
             plans.append(without_useless_moves(task, plan_from_base(task, self)))
         return choose(task, plans)
