@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm import Belief, Gathering, SwarmEpisode, SwarmState, noise
+from shoal.swarm import Belief, SwarmEpisode, SwarmState, noise
 from shoal.swarm.maps.workspace import COLOURS, FRONTIER, PALETTE
 
 LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
@@ -20,7 +20,7 @@ LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
 def legend_of(episode: SwarmEpisode) -> dict[str, str]:
     """Return the words of the legend for each colour that pictures of an episode contain."""
     names = {name: name for name in LEGEND}
-    if isinstance(episode.problem.setup.task, Gathering):
+    if episode.task == "gathering":
         del names["unknown"]
         if episode.targets is None:
             del names["frontier"]
@@ -129,6 +129,6 @@ def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
 
 def _with_region(episode: SwarmEpisode, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the codes with the empty cells of a gathering's region in the colour of frontiers."""
-    if episode.targets is not None and isinstance(episode.problem.setup.task, Gathering):
+    if episode.targets is not None and episode.task == "gathering":
         codes[np.pad(episode.targets, 1) & (codes != PLAIN.particle)] = FRONTIER
     return codes
