@@ -31,6 +31,8 @@ COMMANDS = {
         "map rectangle:9x9 --particles 3 --placement flood-fill --policy closest-frontier",
         "cover rectangle:9x9 --particles 3",
         "cover rectangle:9x9 --particles 3 --policy offline",
+        "gather rectangle:5x5 --particles 3",
+        "gather rectangle:5x5 --particles 3 --rule merge --policy pairwise",
         *(
             f"drive rectangle:5x5 --particles 2 {how}"
             for how in ("", "--scan-every adaptive", "--slip 0.1")
@@ -65,6 +67,7 @@ COMMANDS = {
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         "search circle:40 --robots 2 --footprint 6 --angle auto",
+        "search square:40 --robots 2 --footprint 10 --prior ring:20,20:0.5=10",
         "search rectangle:540x540 --robots 8 --footprint 10",  # large enough for compiled simulation
         *(
             f"tour {name} cave:20x15"
