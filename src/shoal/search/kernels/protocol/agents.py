@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ONE, ZERO, lowest
-from shoal.search.kernels.protocol.costs import holds
+from shoal.search.kernels.protocol.bits import ONE, ZERO, holds, lowest
 from shoal.search.kernels.protocol.events import post, run
 from shoal.search.kernels.protocol.worlds import NOWHERE, PROMPT
 

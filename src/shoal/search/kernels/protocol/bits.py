@@ -38,3 +38,9 @@ def highest(word):
             word >>= np.uint64(shift)
             at += shift
     return at
+
+
+@in_place_kernel
+def holds(bits, cell):
+    """Return whether a bitset contains a cell."""
+    return (bits[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO

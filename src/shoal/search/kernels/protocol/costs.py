@@ -9,18 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO, highest, lowest, popcount
+from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO, highest, holds, lowest, popcount
 from shoal.search.kernels.protocol.steps import OPEN, length_around, stepwise_way
 from shoal.search.kernels.protocol.worlds import A_LAUNCH, A_LENGTH, NOTHING
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)
 _SHIFT = np.uint64(40)
-
-
-@in_place_kernel
-def holds(bits, cell):
-    """Return whether a bitset contains a cell."""
-    return (bits[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
 @in_place_kernel

@@ -9,14 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO
+from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO, holds
 from shoal.search.kernels.protocol.costs import (
     add,
     ahead_of,
     arc_holds,
     cost_alone,
     from_launch,
-    holds,
     is_empty,
     length,
     next_stretch,

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
+from shoal.search.kernels.protocol.bits import holds
 from shoal.search.kernels.protocol.costs import add as add_cell
-from shoal.search.kernels.protocol.costs import between, from_launch, holds, length, way
+from shoal.search.kernels.protocol.costs import between, from_launch, length, way
 from shoal.search.kernels.protocol.deciding import (
     DECLARE,
     GO,

@@ -9,7 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.costs import holds, length, next_stretch
+from shoal.search.kernels.protocol.bits import holds
+from shoal.search.kernels.protocol.costs import (
+    length,
+    next_stretch,
+)
 from shoal.search.kernels.protocol.knowledge import can_come, is_late, knows, speed_of
 from shoal.search.kernels.protocol.numbers import WORTH
 from shoal.search.kernels.protocol.worlds import SEARCHING, WAITING

@@ -11,8 +11,10 @@ from math import log
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ONE, ZERO, highest, lowest
-from shoal.search.kernels.protocol.costs import add, holds
+from shoal.search.kernels.protocol.bits import ONE, ZERO, highest, holds, lowest
+from shoal.search.kernels.protocol.costs import (
+    add,
+)
 from shoal.search.kernels.protocol.numbers import (
     BEATS,
     CRAWL,

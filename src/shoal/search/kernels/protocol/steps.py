@@ -10,18 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel
-from shoal.search.kernels.protocol.bits import ONE, ZERO
+from shoal.search.kernels.protocol.bits import ONE, ZERO, holds
 
 SETS, ROWS, VERSION, HEAP = range(4)  # counters of a table of paths
 OPEN = 0  # number of the empty set
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 _SHIFT = np.uint64(29)
-
-
-@in_place_kernel
-def contains(bits, cell):
-    """Return whether a bitset contains a cell."""
-    return (bits[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
 @in_place_kernel
@@ -64,11 +58,10 @@ def forget_rows(tour):
 def is_usable(tour, edge, one, closed, here):
     """Return whether a step is possible around closed cells. The cell ``here`` counts as open."""
     other, cell, beside = tour.ends[edge], tour.beside[edge, 0], tour.beside[edge, 1]
-    if (contains(closed, one) and one != here) or (contains(closed, other) and other != here):
+    if (holds(closed, one) and one != here) or (holds(closed, other) and other != here):
         return False
     return cell < 0 or (
-        (cell == here or not contains(closed, cell))
-        and (beside == here or not contains(closed, beside))
+        (cell == here or not holds(closed, cell)) and (beside == here or not holds(closed, beside))
     )
 
 
@@ -297,12 +290,12 @@ def add_crossed(tour, here, path, count, passed):
 def obstacle_on(tour, here, path, count, blocked):
     """Return the first obstacle on a path from a cell, or -1, and the number of cells before it."""
     for k in range(count):
-        if contains(blocked, path[k]):
+        if holds(blocked, path[k]):
             return path[k], k
         edge = edge_between(tour, here, path[k])
         for side in range(2):
             cell = tour.beside[edge, side]
-            if cell >= 0 and contains(blocked, cell):
+            if cell >= 0 and holds(blocked, cell):
                 return cell, k
         here = path[k]
     return np.int64(-1), count
