@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
-from shoal.search import SearchProblem, open_region
+from shoal.missions import MissionOptions, MissionSet
+from shoal.search import SearchProblem, compare_plans, open_region
 from shoal.search.episode import SearchEpisode
-from shoal.search.planning.plan import plan_search
+from shoal.search.planning import plan as planning
+from shoal.search.planning.plan import SearchPlan, plan_search
 from shoal.search.problem.prior import DistanceRing, open_prior
 from shoal.search.run import run
 
@@ -281,3 +284,58 @@ def test_random_targets_are_where_the_prior_says(tmp_path):
     assert sorted(places.tolist()) == [[5.0, 95.0], [15.0, 95.0], [25.0, 95.0]]
     with pytest.raises(InvalidInputError, match="at most 3"):
         run(problem.replaced(targets=4), seed=1)
+
+
+def test_missions_follow_the_prior(tmp_path):
+    file, _ = corner(tmp_path)
+    field = {**SQUARE, "vehicle": "multirotor", "cross_track": 0.0, "margin": 0.0}
+    plain, likely = (
+        MissionSet.from_problem(
+            SearchProblem(**field, prior=prior), MissionOptions(format=("csv",)), seed=1
+        ).run()
+        for prior in ([], [file])
+    )
+    assert plain.expected_find is None
+    odds = likely.plan.tour_cost.odds[_same(likely, plain)]
+    assert likely.expected_find < odds @ plain.visits.times
+
+
+def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):
+    file, _ = corner(tmp_path)
+    said = []
+    monkeypatch.setattr(planning, "tell_once", said.append)
+    monkeypatch.setattr(planning, "_allocated", lambda trial, *_: replace(trial, flies=True))
+    monkeypatch.setattr(SearchPlan, "planned_seconds", property(lambda self: 1.0 + 9 * self.flies))
+    kept = plan_search(SearchProblem(**SQUARE, prior=[file]), seed=1)
+    assert kept.tour_cost.at_most == 0
+    assert "at most 1.25 times" in said[0]
+
+
+def test_a_comparison_of_plans_refuses_a_prior():
+    with pytest.raises(InvalidInputError, match="prior: expected none in a comparison"):
+        compare_plans(SearchProblem(**SQUARE, prior=["ring:50,50:0.5=9"]))
+
+
+def test_a_header_that_promises_too_much_is_refused(tmp_path):
+    with (tmp_path / "huge.npy").open("wb") as file:
+        shape = (10**9, 10**6)
+        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)
+        file.write(bytes(80))
+    with pytest.raises(InvalidInputError, match=r"huge\.npy: expected"):
+        open_prior([str(tmp_path / "huge.npy")], 0.0, open_region("square:100"))
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("x.npy", "?", "base 64"),
+        ("x.geojson", "/w==", "base 64"),
+        ("..", "AAAA", "expected a file"),
+        ("x.npy", "AAAA", "expected an array"),
+    ],
+)
+def test_contents_of_strange_files_are_refused(name, data, message):
+    part = {"weight": 1.0, "name": name, "data": data}
+    with pytest.raises(InvalidInputError, match=message):
+        plan_search(SearchProblem(**SQUARE, prior=[part]), seed=1)

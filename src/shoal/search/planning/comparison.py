@@ -9,6 +9,7 @@ import numpy as np
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import (
     Points,
@@ -87,6 +88,11 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
+    if problem.prior:
+        raise InvalidInputError(
+            "prior: expected none in a comparison of plans, which does not use it, got"
+            f" {len(problem.prior)}"
+        )
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
     known: dict[Any, Any] = {}
     first = plans_along(problem, names[0], seed, known)

@@ -688,14 +688,14 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         if not isinstance(plan.refusal, NoRoomError):
             if share < 1:
                 tell_once(narrower_margin_text(margin, region.margin))
-            return _said(_with_prior(plan, problem))
+            return _said(plan)
         first = plan if first is None else first
     assert first is not None
-    return _said(_with_prior(first, problem))
+    return _said(first)
 
 
-_TRIES = 6
-_DEARER = 0.2
+_TRIES = 6  # of a price of breaks
+_DEARER = 0.2  # share by which the price rises at least
 
 
 def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
@@ -728,6 +728,10 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
         beyond = seconds / plain - trial.allocation.makespan / plan.allocation.makespan
         breaks = max(len(work) for work in trial.allocation.work)
         price += max(beyond * plan.allocation.makespan / breaks, _DEARER * (price + 1.0))
+    tell_once(
+        "prior: robots search in the order of the plan without it, because no other order that was"
+        f" tried takes at most {limit:g} times as long; --at-most sets another limit"
+    )
     return kept
 
 
@@ -792,8 +796,14 @@ def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -
     With ``turned``, the plan is the fastest of those that vehicles can fly with the rows at one of
     the `other_angles`.
     """
-    if turned:
-        return _turned_plan(problem, seed)
+    plain = _turned_plan(problem, seed) if turned else _plain_plan(problem, seed)
+    return _with_prior(plain, problem)
+
+
+def _plain_plan(problem: SearchProblem, seed: int) -> SearchPlan:
+    """Return the plan of a search without its prior, with narrower cells where a camera misses
+    some of the region.
+    """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     image = problem.image
@@ -821,9 +831,7 @@ def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
     plans, refusal = [], None
     for angle in angles:
         try:
-            plans.append(
-                plan_at_margin(problem.replaced(angle=angle).at_place(problem.place), seed)
-            )
+            plans.append(_plain_plan(problem.replaced(angle=angle).at_place(problem.place), seed))
         except InvalidInputError as error:
             refusal = error
     if not plans and refusal is not None:

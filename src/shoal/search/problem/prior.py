@@ -285,7 +285,11 @@ def check_priors(value: Any) -> tuple[Any, ...]:
     for part in list_of(value):
         if isinstance(part, dict) and set(part) == {"weight", "name", "data"}:
             check_number(part["weight"], what="prior: weight", above=0)
-            check_text(part["name"], what="prior: name")
+            name = check_text(part["name"], what="prior: name")
+            if Path(name).suffix.lower() not in _FILES:
+                raise InvalidInputError(
+                    f"prior: expected a file {', '.join(_FILES)}, got {shortened(name)}"
+                )
             check_text(part["data"], what="prior: data")
             found.append(part)
             continue
@@ -325,8 +329,12 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
 
             try:
                 content = b64decode(part["data"], validate=True)
+                if Path(part["name"]).suffix.lower() in (".geojson", ".json"):
+                    content.decode()
             except (Error, ValueError):
-                raise InvalidInputError("prior: expected contents in base 64, got others") from None
+                raise InvalidInputError(
+                    f"prior: {part['name']}: expected its contents in base 64, got others"
+                ) from None
             found.append(
                 (float(part["weight"]), _read(Path(part["name"]), io.BytesIO(content), region))
             )
@@ -359,12 +367,6 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
     return tuple(found)
 
 
-def prior_files(parts: Sequence[Any]) -> tuple[str, ...]:
-    """Return the names of the files among the parts of a prior."""
-    texts = [_split(part)[1] for part in parts if isinstance(part, str)]
-    return tuple(text for text in texts if not text.startswith("ring:"))
-
-
 def _split(text: str) -> tuple[float, str]:
     """Return the weight and the rest of a part such as ``2*ring:0,0:0.5=100``."""
     match = _WEIGHTED.fullmatch(text)
@@ -381,20 +383,22 @@ def _quantiles(text: str) -> tuple[Floats, Floats, Floats]:
         " distances above 0"
     )
     match = _RING.fullmatch(text)
-    try:
-        assert match is not None
-        place = np.array([float(match["x"]), float(match["y"])])
-        pairs = [
-            [float(number) for number in pair.split("=")] for pair in match["quantiles"].split(",")
-        ]
-        quantiles = np.array(pairs)
-        assert quantiles.shape[1] == 2
-        assert np.isfinite(quantiles).all()
-        assert np.isfinite(place).all()
-        assert (np.diff(quantiles, axis=0, prepend=0.0) > 0).all()
-        assert quantiles[-1, 0] <= 1
-    except (AssertionError, ValueError, IndexError):
-        raise InvalidInputError(f"prior: expected {expected}, got {shortened(text)}") from None
+    place, quantiles = np.full(2, np.nan), np.zeros((0, 2))
+    if match is not None:
+        try:
+            place = np.array([float(match["x"]), float(match["y"])])
+            pairs = [pair.split("=") for pair in match["quantiles"].split(",")]
+            quantiles = np.array([[float(share), float(away)] for share, away in pairs])
+        except ValueError:
+            pass  # refused below
+    if not (
+        len(quantiles)
+        and np.isfinite(quantiles).all()
+        and np.isfinite(place).all()
+        and (np.diff(quantiles, axis=0, prepend=0.0) > 0).all()
+        and quantiles[-1, 0] <= 1
+    ):
+        raise InvalidInputError(f"prior: expected {expected}, got {shortened(text)}")
     return place, quantiles[:, 0], quantiles[:, 1]
 
 
@@ -423,7 +427,7 @@ def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
     """
     try:
         values = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, MemoryError) as error:
         raise InvalidInputError(
             f"{source}: expected an array of numbers as NumPy saves it, got {shortened(str(error))}"
         ) from None
