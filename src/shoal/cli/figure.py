@@ -95,7 +95,7 @@ def figure(
     check_folder(check_suffix(out, *FIGURES).parent)
     episode = load(episode_file, trust=trust)
     check_seed(episode_file, seed, episode.seed)
-    chosen = kind if kind is not None else views.kinds_of(episode)[0]
+    chosen = kind if kind is not None else views.figure_kinds(episode)[0]
     drawn = views.figure(
         episode, kind=chosen, width=width, font_size=font_size, **_moments(chosen, at)
     )

@@ -83,7 +83,7 @@ def figure(
     return drawn
 
 
-def kinds_of(episode: Episode) -> list[str]:
+def figure_kinds(episode: Episode) -> list[str]:
     """Return the kinds of figures that an episode has, the default first."""
     return list(_views_of(episode).figures.FIGURES)
 

@@ -18,7 +18,7 @@ from shoal.steering import SteeringProblem
 from shoal.steering.run import run as run_steering
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.run import run as run_swarm
-from shoal.views import figure, kinds_of, save_figure
+from shoal.views import figure, figure_kinds, save_figure
 from shoal.views.drawing.charts import fit_columns
 
 
@@ -48,7 +48,7 @@ def folder(episodes, tmp_path_factory):
 @pytest.mark.parametrize("part", ["swarm", "volume", "steering", "search"])
 def test_every_figure_fits_a_column_of_a_journal(part, episodes):
     """What is written lies inside the figure, with text of the size that was asked for."""
-    for kind in kinds_of(episodes[part]):
+    for kind in figure_kinds(episodes[part]):
         drawn = figure(episodes[part], kind=kind, width=85, font_size=7)
         assert drawn.get_figwidth() * 25.4 == pytest.approx(85)
         drawn.draw_without_rendering()

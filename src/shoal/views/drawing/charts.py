@@ -385,14 +385,14 @@ def fit_columns(
     return 1
 
 
-def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
-    """Write a legend below a figure, in at most ``ncols`` columns."""
+def add_legend(figure: Figure, handles: Sequence[Any], most: int, *, spacing: float = 1.4) -> None:
+    """Write a legend below a figure, in at most ``most`` columns."""
     figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=fit_columns(
             [handle.get_label() for handle in handles],
-            ncols,
+            most,
             width=figure.get_figwidth(),
             spacing=spacing,
         ),
