@@ -14,9 +14,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ["MAVLINK20"] = "1"
 
 
+# What is imported and collected stays to the end, so the garbage collector need not search it again
+# and again.
+gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """What is imported and collected stays to the end, so the garbage collector need not search it
-    again and again.
-    """
-    gc.collect()
     gc.freeze()
+    gc.enable()

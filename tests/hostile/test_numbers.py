@@ -28,6 +28,7 @@ ENOUGH = {
     "rehearse": "none",
     "reproduce": "m-fig1",
     "replay": "none.npz",
+    "figure": "none.npz --out figure.png",
     "missions check": "none square:60 --footprint 10",
     "missions upload": "none --connect udpin:127.0.0.1:9 --systems 1=1 --dry-run",
     "missions start": "none --connect udpin:127.0.0.1:9 --systems 1=1 --arm",

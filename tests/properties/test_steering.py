@@ -83,7 +83,7 @@ def test_plans_end_where_they_say(space, places, planner):
         assert again.place.size == space.size
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(st.integers(0, 30), UNIT, UNIT)
 def test_noise_depends_on_the_seed_alone(seed, execution, gain):
     problem = SteeringProblem(

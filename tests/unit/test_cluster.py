@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import warnings
 from pathlib import Path
@@ -167,14 +168,13 @@ def test_without_dask_the_sentence_says_what_to_install(tmp_path, monkeypatch):
 
 def test_workers_end_with_their_coordinator():
     """As after kill -9 of it: a worker watches its parent, and does not wait for work for ever."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    coordinator = context.Process(target=coordinate, args=(theirs,))
-    coordinator.start()
-    worker = ours.recv()
+    # in a program of its own: a process of this one would import the tests, and its worker too
+    coordinator = subprocess.Popen([sys.executable, "-c", COORDINATOR], stdout=subprocess.PIPE)
+    assert coordinator.stdout is not None
+    worker = int(coordinator.stdout.readline())
     coordinator.kill()
-    coordinator.join()
-    theirs.close()
+    coordinator.wait()
+    coordinator.stdout.close()
     for _ in range(500):
         if (
             not Path(f"/proc/{worker}").exists()
@@ -185,9 +185,10 @@ def test_workers_end_with_their_coordinator():
     raise AssertionError("the worker is still there")
 
 
-def coordinate(pipe):
-    from shoal.lab.workers import Processes
-
-    pool = Processes(1)
-    pipe.send(pool.submit(os.getpid).result())
+COORDINATOR = """
+import os, threading
+from shoal.lab.workers import Processes
+if __name__ == "__main__":
+    print(Processes(1).submit(os.getpid).result(), flush=True)
     threading.Event().wait()
+"""

@@ -57,6 +57,7 @@ COMMANDS = {
     "sweep check": _Entry("sweep", "check", "CHECK_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
     "replay": _Entry("replay", "replay"),
+    "figure": _Entry("figure", "figure"),
     "studio": _Entry("studio", "studio"),
     "demo": _Entry("demo", "demo"),
 }

@@ -53,7 +53,8 @@ event.
 
 MOST_COMPARED = 4
 MOST_TRIALS = 1000
-FORMATS = ("png", "svg", "mp4", "gif", "html")
+_FIGURES = ("png", "svg", "pdf")
+FORMATS = (*_FIGURES, "mp4", "gif", "html")
 
 
 def do_job(
@@ -247,8 +248,8 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
     episode = episode_in(source)
     stem = source.name.removesuffix(".json").removesuffix(".episode")
     stem = stem.removesuffix(".npz").removesuffix(".jsonl")
-    name = folder.new_name(f"{stem}-figure" if suffix in ("png", "svg") else stem, f".{suffix}")
-    if suffix in ("png", "svg"):
+    name = folder.new_name(f"{stem}-figure" if suffix in _FIGURES else stem, f".{suffix}")
+    if suffix in _FIGURES:
         save_figure(figure(episode), folder.path(name))
     else:
         film(

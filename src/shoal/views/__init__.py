@@ -9,6 +9,7 @@ import base64
 import html
 import os
 from collections.abc import Callable, Sequence
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from shoal.core.checks import check_choice
@@ -16,7 +17,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.parts import PARTS
 from shoal.views import search, steering, swarm
-from shoal.views.drawing.charts import save_figure
+from shoal.views.drawing.charts import printed, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,9 +31,14 @@ INLINE = 1_000_000  # maximum characters of a player in a notebook
 
 
 def figure(
-    episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any
+    episode: Episode | Sequence[Episode],
+    *,
+    kind: str | None = None,
+    width: float | None = None,
+    font_size: float | None = None,
+    **options: Any,
 ) -> Figure:
-    """Return a matplotlib figure of an episode.
+    """Return a matplotlib figure of an episode, for a screen or for print.
 
     Parameters
     ----------
@@ -45,23 +51,41 @@ def figure(
         paths of the particles. For a search, "routes" (the default) shows the path of each robot,
         "timeline" shows the activities of each robot over time, and "success" shows the prior of
         the search and the probability that the target is found, over time.
+    width : float, optional
+        Width of a figure for print, in millimetres, from 30 to 1000. Such a figure has no heading,
+        because captions have one. By default, the figure has a size for a screen, and a heading.
+    font_size : float, optional
+        Size of the text of a figure for print in points, from 4 to 20; by default, 8.
     **options
-        Options of the chosen kind of figure. The kind "map" has the option ``moves``, the number of
-        moves after which the figure shows the map (by default, all moves). All other kinds have no
-        options.
+        Options of the chosen kind of figure, which choose the moment that the figure shows; by
+        default, the end. The kinds "map" and "plan" have the option ``moves``, a number of moves;
+        for the map of a plane workspace, also several numbers, with one panel for each. The kind
+        "routes" has the option ``seconds``, a time since the start.
 
     Raises
     ------
     InvalidInputError
-        If Shoal has no figure of the given kind for the episode, or if the kind does not have a
-        given option.
+        If Shoal has no figure of the given kind for the episode, if the kind does not have a
+        given option, or if a number is out of its range.
     """
     first = episode[0] if isinstance(episode, Sequence) and episode else episode
     kinds = _views_of(first).figures.FIGURES
     if kind is None:
         kind = next(iter(kinds))
-    drawn: Figure = kinds[check_choice(kind, what="kind", choices=kinds)](episode, **options)
+    draw = kinds[check_choice(kind, what="kind", choices=kinds)]
+    known = [
+        name for name, one in signature(draw).parameters.items() if one.kind is one.KEYWORD_ONLY
+    ]
+    for name in options:
+        check_choice(name, what=f"option of the figure {kind}", choices=known)
+    with printed(width, font_size):
+        drawn: Figure = draw(episode, **options)
     return drawn
+
+
+def figure_kinds(episode: Episode) -> list[str]:
+    """Return the kinds of figures that an episode has, the default first."""
+    return list(_views_of(episode).figures.FIGURES)
 
 
 def film(

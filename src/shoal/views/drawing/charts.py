@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from math import cos, floor, log10, radians, sin
 from typing import TYPE_CHECKING, Any
 
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic, check_suffix
 
 if TYPE_CHECKING:
@@ -24,13 +29,103 @@ INK, MUTED, GRID = "#22262c", "#6b7280", "#e5e7eb"
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072b2", "#d55e00", "#009e73", "#aa4499", "#62c4f7"
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of ``width`` × ``height`` inches, which notebooks can display."""
+PRINT_DPI = 300.0  # pixels an inch, what journals ask of pictures
+_TEXT = 8.0  # points: the size of most text in a figure
+_MM = 25.4  # millimetres an inch
+_WORDS = 0.9, 0.6  # inches of a figure's height for text: with a heading, and in print without it
+_NARROW = 127.0  # millimetres: in print, narrower figures have their panels one below another
+
+
+@dataclass(frozen=True)
+class _Print:
+    """What a journal asks of a figure: its width in millimetres, and the size of its text in
+    points.
+    """
+
+    width: float
+    font_size: float
+
+
+_print: ContextVar[_Print | None] = ContextVar("print", default=None)
+
+
+@contextmanager
+def printed(width: float | None, font_size: float | None) -> Iterator[None]:
+    """Draw the figures of a ``with`` block for print.
+
+    Such figures have no headings, which are parts of captions.
+
+    Parameters
+    ----------
+    width : float or None
+        Width of the figures in millimetres. With None, figures have the size for a screen.
+    font_size : float or None
+        Size of the text in points, or None for 8. Only figures for print have another size.
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is out of its range, or ``font_size`` is given without ``width``.
+    """
+    if width is None:
+        if font_size is not None:
+            raise InvalidInputError("font size: expected a width beside it, got none")
+        yield
+        return
+    asked = _Print(
+        check_number(width, what="width", least=30.0, most=1000.0),
+        _TEXT
+        if font_size is None
+        else check_number(font_size, what="font size", least=4.0, most=20.0),
+    )
+    from matplotlib import rc_context
+
+    token = _print.set(asked)
+    try:
+        with rc_context({"font.size": asked.font_size}):
+            yield
+    finally:
+        _print.reset(token)
+
+
+def text_size(size: float = _TEXT) -> float:
+    """Return the size of a text, in points, that has the given size in figures for a screen."""
+    asked = _print.get()
+    return size if asked is None else size * asked.font_size / _TEXT
+
+
+def new_figure(width: float, height: float, *, rows: bool = False) -> Figure:
+    """Return an empty figure of ``width`` × ``height`` inches, which notebooks can display.
+
+    A figure for print has the width that was asked for, and a height in proportion; if ``rows``, as
+    for a table, its height is in proportion to the size of its text.
+    """
     from shoal.views.drawing.encoding import (
         NotebookFigure,  # needs matplotlib, which is slow to import
     )
 
+    asked = _print.get()
+    if asked is not None:
+        wanted = asked.width / _MM
+        text, left = _WORDS
+        scale = asked.font_size / _TEXT
+        height = height * scale if rows else (height - text) * wanted / width + left * scale
+        width = wanted
     return NotebookFigure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+
+
+def new_panels(
+    width: float, height: float, count: int, *, ratios: Sequence[float] | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and the axes of ``count`` panels side by side, with widths in the proportion
+    ``ratios``. In a narrow figure for print, the panels lie one below another.
+    """
+    asked = _print.get()
+    if asked is None or asked.width >= _NARROW or count == 1:
+        figure = new_figure(width, height)
+        return figure, list(figure.subplots(1, count, squeeze=False, width_ratios=ratios)[0])
+    figure = new_figure(width / count, count * height)
+    return figure, list(figure.subplots(count, 1, squeeze=False)[:, 0])
 
 
 def padded_figure(width: float, height: float) -> Figure:
@@ -42,11 +137,25 @@ def padded_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def set_title(axes: Axes, text: str) -> None:
+def set_title(axes: Axes, text: str, *, in_print: str | None = None) -> None:
     """Set the title of the axes as literal text, so that a "$" in a file name does not start a
     formula.
+
+    The title ``in_print`` of a figure for print is another one if the text is a heading, which says
+    what the whole figure shows.
     """
-    axes.set_title(text, fontsize=11, color=INK, loc="left", fontweight="bold", parse_math=False)
+    size = _TEXT + 3.0
+    if _print.get() is not None:
+        text, size = text if in_print is None else in_print, text_size()
+    axes.set_title(text, fontsize=size, color=INK, loc="left", fontweight="bold", parse_math=False)
+
+
+def set_facts(axes: Axes, text: str, *, pad: float | None = None) -> None:
+    """Write a line of facts between a figure's heading and its axes. A figure for print has none,
+    because captions state facts.
+    """
+    if _print.get() is None:
+        axes.set_title(text, fontsize=9, color=MUTED, loc="left", parse_math=False, pad=pad)
 
 
 def plain_axes(axes: Axes) -> None:
@@ -65,19 +174,24 @@ def bare_axes(axes: Axes) -> None:
     """
     axes.set_aspect("equal")
     axes.margins(0.04)
-    axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=8)
+    axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=text_size())
     for spine in axes.spines.values():
         spine.set_visible(False)
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float | None = None) -> None:
     """Write a figure as PNG, SVG or PDF. A failed write leaves no partial file.
+
+    The text in an SVG or PDF file is text, which other programs can edit and search. Equal figures
+    give equal files.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     path : path
         The output file, whose suffix determines the format.
+    dpi : float, optional
+        Pixels an inch of a PNG file, and of the pictures in an SVG or PDF file; by default, 150.
 
     Raises
     ------
@@ -86,11 +200,21 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     OutputError
         If writing the output file fails.
     """
+    from matplotlib import rc_context
+
     target = check_suffix(path, *FIGURES)
-    with atomic(target) as temporary, warnings.catch_warnings():
+    resolution = (
+        figure.dpi if dpi is None else check_number(dpi, what="dpi", least=20.0, most=2400.0)
+    )
+    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(target.suffix.lower())
+    with (
+        atomic(target) as temporary,
+        warnings.catch_warnings(),
+        rc_context({"svg.fonttype": "none", "svg.hashsalt": "shoal", "pdf.fonttype": 42}),
+    ):
         # characters that the font lacks are drawn as boxes
         warnings.filterwarnings("ignore", "Glyph")
-        figure.savefig(temporary)
+        figure.savefig(temporary, dpi=resolution, metadata=undated)
 
 
 _ARROW = 6.0  # points: half the length of the north arrow
@@ -156,7 +280,7 @@ def draw_scale_bar(
     style: dict[str, Any] = {
         "ha": "right",
         "va": "center",
-        "fontsize": 8,
+        "fontsize": text_size(),
         "color": INK,
         "annotation_clip": False,
     }
@@ -191,7 +315,11 @@ def draw_scale_bar(
 
 
 def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
-    """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes."""
+    """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes. A
+    figure for print has no heading.
+    """
+    if _print.get() is not None:
+        return
     from matplotlib.transforms import blended_transform_factory
 
     edge = blended_transform_factory(axes.transAxes, figure.transFigure)
@@ -222,14 +350,54 @@ def dashes(label: str, **look: Any) -> Any:
     return Line2D([], [], label=label, **usual | look)
 
 
-def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
-    """Write a legend below a figure."""
+def fit_columns(
+    labels: Sequence[str],
+    most: int,
+    *,
+    width: float,
+    size: float | None = None,
+    spacing: float = 2.0,
+) -> int:
+    """Return the largest number of columns, up to ``most``, with which a legend is at most
+    ``width`` inches wide.
+
+    Parameters
+    ----------
+    labels : sequence of str
+    most : int
+    width : float
+    size : float, optional
+        Size of the text in points; by default, that of `text_size`.
+    spacing : float
+        Distance of the columns, as a multiple of the size of the text.
+    """
+    import numpy as np
+    from matplotlib.textpath import TextPath
+
+    size = text_size() if size is None else size
+    handle = 2.8 * size  # with its distance from the label
+    lengths = [handle + TextPath((0, 0), label, size=size).get_extents().width for label in labels]
+    for columns in range(min(most, len(labels)), 1, -1):
+        # shared out as by Matplotlib: the first columns have one entry more
+        widths = [float(part.max()) for part in np.array_split(lengths, columns)]
+        if sum(widths) + (len(widths) - 1) * spacing * size <= 72.0 * width:
+            return columns
+    return 1
+
+
+def add_legend(figure: Figure, handles: Sequence[Any], most: int, *, spacing: float = 1.4) -> None:
+    """Write a legend below a figure, in at most ``most`` columns."""
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=ncols,
+        ncols=fit_columns(
+            [handle.get_label() for handle in handles],
+            most,
+            width=figure.get_figwidth(),
+            spacing=spacing,
+        ),
         frameon=False,
-        fontsize=8,
+        fontsize=text_size(),
         labelcolor=INK,
         handletextpad=0.5,
         columnspacing=spacing,

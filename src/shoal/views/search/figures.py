@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import count_text
+from shoal.core.checks import check_number, count_text
 from shoal.core.geometry import left_of, segments_of
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
@@ -25,6 +25,8 @@ from shoal.views.drawing.charts import (
     draw_scale_bar,
     marker,
     new_figure,
+    set_facts,
+    text_size,
 )
 from shoal.views.search.history import SearchHistory, robot_colour, sizes_text
 
@@ -43,17 +45,31 @@ _NAMED = 24  # number of findings up to which their confidences are written
 _ARROWS = 14  # maximum number of arrows on a route
 
 
-def routes_figure(episode: SearchEpisode) -> Figure:
+def routes_figure(episode: SearchEpisode, *, seconds: float | None = None) -> Figure:
     """Return a figure of a search: the region, and the path of each robot in the colour of the
     robot.
 
-    A square with a number marks the start of a robot. A cross marks the place where a robot failed.
+    A square with a number marks the start of a robot, or with ``seconds``, the place where it is at
+    this time. A cross marks the place where a robot failed.
     A diamond marks a finding with its confidence. Each cell has the colour of the robot that
     searched the cell first. Cells that a robot searched in another robot's part are darker and have
     an outline. The path of a robot is thicker in another robot's part. Paths to distant cells are
-    thin and dashed. Areas that no robot has seen are red.
+    thin and dashed. Areas that no robot has seen in the whole search are red.
+
+    Parameters
+    ----------
+    episode : SearchEpisode
+    seconds : float, optional
+        Time since the start of the search, in seconds, at which the figure shows it. By default,
+        the figure shows the whole search.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``seconds`` is negative or beyond the last event of the search.
     """
     history = SearchHistory(episode)
+    time = inf if seconds is None else _time_at(history, seconds)
     left, right, bottom, top = history.sides
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
@@ -68,39 +84,45 @@ def routes_figure(episode: SearchEpisode) -> Figure:
         * min(width / (right - left), figure.get_figheight() / (top - bottom))
         * episode.plan.grid.size
     )
-    _draw_ground(axes, history)
+    _draw_ground(axes, history, time)
     for robot in range(history.n_robots):
-        _draw_route(axes, history, robot, side)
-    _draw_not_seen(axes, history)
-    _draw_findings(axes, history)
+        if time < inf:
+            path = history.trajectories[robot].until(time)
+            thick = float(np.clip(0.16 * side, 0.45, 1.9))
+            axes.plot(*path.T, color=robot_colour(robot), lw=thick, zorder=3)
+        else:
+            _draw_route(axes, history, robot, side)
+    if time == inf:
+        _draw_not_seen(axes, history)
+    _draw_findings(axes, history, time)
     axes.set(xlim=(left, right), ylim=(bottom, top))
     if history.panels.labels:
         axes.set(xticks=[], yticks=[])
     across, up = _axis_labels(history)
-    axes.set_xlabel(across, color=MUTED, fontsize=8)
-    axes.set_ylabel(up, color=MUTED, fontsize=8)
+    axes.set_xlabel(across, color=MUTED, fontsize=text_size())
+    axes.set_ylabel(up, color=MUTED, fontsize=text_size())
     bare_axes(axes)
-    axes.set_title(
-        _summary(episode),
-        fontsize=9,
-        color=MUTED,
-        loc="left",
-        parse_math=False,
-        pad=17 if history.panels.labels else None,
-    )
+    set_facts(axes, _summary(history, time, seconds), pad=17 if history.panels.labels else None)
     draw_heading(
         figure, axes, f"{episode.plan.grid.region.name}, {count_text(history.n_robots, 'robot')}"
     )
-    _draw_legend(figure, history)
+    _draw_legend(figure, history, time)
     # Fixes the positions of the axes, so that the numbers can be moved apart. The summary moves
     # with the axes, so that the layout leaves its place below the heading free only the second
     # time.
     for _ in range(2):
         figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    _draw_robots(axes, history)
+    _draw_robots(axes, history, time)
     draw_scale_bar(figure, axes, north=history.north)
     return figure
+
+
+def _time_at(history: SearchHistory, seconds: float) -> float:
+    """Return the time of the drawing, in cell times, at a number of seconds since the start."""
+    start, one, end = (float(second) for second in history.episode.clock([0.0, 1.0, history.end]))
+    wanted = check_number(seconds, what="seconds", least=0.0, most=end)
+    return max(0.0, (wanted - start) / (one - start))
 
 
 def _axis_labels(history: SearchHistory) -> tuple[str, str]:
@@ -110,8 +132,12 @@ def _axis_labels(history: SearchHistory) -> tuple[str, str]:
     return ("\n\n", "") if history.panels.labels else ("metres", "")
 
 
-def _summary(episode: SearchEpisode) -> str:
+def _summary(history: SearchHistory, time: float, seconds: float | None) -> str:
+    episode = history.episode
     cells = episode.plan.grid.n_cells
+    if seconds is not None:
+        done = f"{history.searched(time)} of {count_text(cells, 'cell')} searched"
+        return f"{done} after {duration_text(seconds)}"
     when = (
         "not searched wholly"
         if episode.makespan is None
@@ -121,9 +147,9 @@ def _summary(episode: SearchEpisode) -> str:
     return f"{count_text(cells, 'cell')} of {sizes_text(episode.plan)}, {when}{over}"
 
 
-def _draw_ground(axes: Axes, history: SearchHistory) -> None:
-    """Draw each cell in the colour of the robot that searched it, and then the border and the holes
-    of the region.
+def _draw_ground(axes: Axes, history: SearchHistory, time: float) -> None:
+    """Draw each cell in the colour of the robot that has searched it by a given time, and then the
+    border and the holes of the region.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
@@ -131,7 +157,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
     from matplotlib.path import Path
 
     left, right, bottom, top = history.extent
-    picture = history.raster(cell_colours(history), 1.0)
+    picture = history.raster(cell_colours(history, time), 1.0)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
     if history.n_cells <= _GRID:
         axes.add_collection(
@@ -159,7 +185,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
                 )
             )
     for words, x, y in history.panels.labels:
-        _label(axes, words, (x, y), (0, 3), fontsize=8)
+        _label(axes, words, (x, y), (0, 3), size=8)
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
@@ -284,8 +310,9 @@ def _draw_not_seen(axes: Axes, history: SearchHistory) -> None:
         )
 
 
-def _draw_findings(axes: Axes, history: SearchHistory) -> None:
-    findings = history.episode.findings
+def _draw_findings(axes: Axes, history: SearchHistory, time: float) -> None:
+    searched, _ = history.first
+    findings = [one for one in history.episode.findings if searched[one.cell] <= time]
     for finding in findings:
         place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
@@ -294,7 +321,7 @@ def _draw_findings(axes: Axes, history: SearchHistory) -> None:
 
 
 def _label(
-    axes: Axes, words: str, place: Any, offset: tuple[float, float], *, fontsize: float = 7
+    axes: Axes, words: str, place: Any, offset: tuple[float, float], *, size: float = 7
 ) -> None:
     from matplotlib.patheffects import withStroke
 
@@ -303,21 +330,26 @@ def _label(
         (float(place[0]), float(place[1])),
         xytext=offset,
         textcoords="offset points",
-        fontsize=fontsize,
+        fontsize=text_size(size),
         color=INK,
         zorder=8,
         path_effects=[withStroke(linewidth=2, foreground="white")],
     )
 
 
-def _draw_robots(axes: Axes, history: SearchHistory) -> None:
-    """Draw the starts of the robots, and the places where robots failed.
+def _draw_robots(axes: Axes, history: SearchHistory, time: float) -> None:
+    """Draw the starts of the robots, or where they are at a given time; and the places where robots
+    have failed.
 
     If several starts are close together, the function moves their numbers apart and connects each
     number with its start by a line. Numbers beyond the axes, where the edge of the figure could cut
     them, are moved to the edge of the axes.
     """
-    places = history.on_picture(history.episode.plan.places)
+    places = (
+        np.array([trajectory.at(time) for trajectory in history.trajectories])
+        if time < inf
+        else history.on_picture(history.episode.plan.places)
+    )
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
     small = history.n_robots > 12
@@ -336,15 +368,15 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
             y,
             str(robot + 1),
             color="white",
-            fontsize=font,
+            fontsize=text_size(font),
             fontweight="bold",
             ha="center",
             va="center_baseline",
             zorder=7,
         )
     for robot in range(history.n_robots):
-        if history.death(robot) < inf:
-            place = history.trajectories[robot].at(history.death(robot))
+        if (death := history.death(robot)) <= min(time, history.end):
+            place = history.trajectories[robot].at(death)
             axes.plot(*place, "x", color="white", ms=10, mew=4.6, zorder=7.2)
             axes.plot(*place, "x", color=INK, ms=9, mew=2.2, zorder=7.3)
             _label(axes, str(robot + 1), place, (5.5, -9))
@@ -408,29 +440,31 @@ def _holes_text(region: SearchRegion) -> str:
     )
 
 
-def _draw_legend(figure: Figure, history: SearchHistory) -> None:
+def _draw_legend(figure: Figure, history: SearchHistory, time: float) -> None:
     from matplotlib.patches import Patch
 
-    episode = history.episode
-    handles: list[Any] = [marker("s", "start", color=MUTED, ms=8)]
-    if any(history.death(robot) < inf for robot in range(history.n_robots)):
+    episode, whole = history.episode, time == inf
+    handles: list[Any] = [marker("s", "start" if whole else "robot", color=MUTED, ms=8)]
+    if any(history.death(robot) <= min(time, history.end) for robot in range(history.n_robots)):
         handles.append(marker("x", "died", color=INK, ms=7, mew=2))
-    if history.taken.any():
+    searched, _ = history.first
+    if (history.taken & (searched <= time)).any():
         handles.append(
             Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot")
         )
-    if episode.findings:
+    if any(searched[finding.cell] <= time for finding in episode.findings):
         handles.append(marker("D", "finding, and how sure", mfc="#ffd54a", mec=INK, ms=6))
-    if episode.obstacles:
+    if any(moment <= time for moment in history.obstacles.values()):
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
-    if history.panels.labels or any(
-        route.long_legs(history.panels.largest).any() for route in episode.routes
+    if whole and (
+        history.panels.labels
+        or any(route.long_legs(history.panels.largest).any() for route in episode.routes)
     ):
         what = "way to a cell farther off" + (" or another layer" if history.panels.labels else "")
         handles.append(dashes(what, ls=(0, (3, 1.8))))
     if holes := _holes_text(episode.plan.grid.region):
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label=holes))
-    left = _not_seen(history).area
+    left = _not_seen(history).area if whole else 0.0
     if left > 1e-6 * episode.plan.grid.region.area_m2:
         handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
     add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
-from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure, plain_axes, set_title
+from shoal.views.drawing.charts import (
+    INK,
+    MUTED,
+    bare_axes,
+    new_panels,
+    plain_axes,
+    set_title,
+    text_size,
+)
 from shoal.views.search.history import SearchHistory
 
 if TYPE_CHECKING:
@@ -34,8 +42,7 @@ def success_figure(episode: SearchEpisode) -> Figure:
     if odds is None:
         raise InvalidInputError("figure success: expected a search with a prior, got one without")
     history = SearchHistory(episode)
-    figure = new_figure(8.0, 4.2)
-    ground, chart = figure.subplots(1, 2, width_ratios=(1, 1.15))
+    figure, (ground, chart) = new_panels(8.0, 4.2, 2, ratios=(1, 1.15))
     left, right, bottom, top = history.extent
     ground.imshow(
         history.raster(_shades(odds), 1.0),
@@ -60,7 +67,7 @@ def success_figure(episode: SearchEpisode) -> Figure:
             (middle, 0.04),
             xytext=(5, 0),
             textcoords="offset points",
-            fontsize=8,
+            fontsize=text_size(),
             color=MUTED,
         )
     chart.set(

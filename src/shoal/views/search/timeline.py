@@ -19,6 +19,7 @@ from shoal.views.drawing.charts import (
     marker,
     new_figure,
     plain_axes,
+    text_size,
 )
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
 
@@ -46,7 +47,7 @@ def timeline_figure(episode: SearchEpisode) -> Figure:
     end = clock.at(history.end)
     rows = history.n_robots
     pitch = float(np.clip(9.0 / rows, 0.2, 0.34))
-    figure = new_figure(8.0, 1.35 + pitch * max(rows, 2))
+    figure = new_figure(8.0, 1.35 + pitch * max(rows, 2), rows=True)
     axes = figure.add_subplot()
     for robot, activities in enumerate(history.activities):
         for activity in activities:
@@ -60,7 +61,9 @@ def timeline_figure(episode: SearchEpisode) -> Figure:
         ylabel="robot",
     )
     axes.set_yticks(
-        range(rows), [str(robot + 1) for robot in range(rows)], fontsize=8 if pitch > 0.26 else 6.5
+        range(rows),
+        [str(robot + 1) for robot in range(rows)],
+        fontsize=text_size(8 if pitch > 0.26 else 6.5),
     )
     plain_axes(axes)
     axes.grid(visible=False, axis="y")
@@ -117,7 +120,7 @@ def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch
                     activity.begin + length / 2,
                     robot,
                     str(activity.other),
-                    fontsize=7 if pitch > 0.26 else 5.5,
+                    fontsize=text_size(7 if pitch > 0.26 else 5.5),
                     fontweight="bold",
                     color=INK,
                     ha="center",
@@ -189,7 +192,7 @@ def _draw_moments(axes: Axes, history: SearchHistory, clock: _Clock) -> None:
             xycoords=("data", "axes fraction"),
             xytext=(0, 4 + 11 * row),
             textcoords="offset points",
-            fontsize=8,
+            fontsize=text_size(),
             color=INK,
             ha="right" if moment > 0.35 * history.end else "left",
         )

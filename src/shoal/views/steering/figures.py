@@ -5,6 +5,7 @@ by side, both with the moves.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import pi
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import unit_vectors
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
@@ -23,9 +25,11 @@ from shoal.views.drawing.charts import (
     ORANGE,
     PURPLE,
     bare_axes,
-    new_figure,
+    fit_columns,
+    new_panels,
     plain_axes,
     set_title,
+    text_size,
 )
 from shoal.views.steering.trajectories import Frame3D, camera_for, flattened
 
@@ -36,7 +40,6 @@ if TYPE_CHECKING:
     from shoal.steering.driving import SteeringDrive
 
 
-SIZE = 8.0  # points, the size of the text
 _APART = (5.0, 8.0, 12.0, 16.0)  # points between an end point and the box of its number
 _MARK = 6.0  # points, the radius of the marks of starts and goals
 _ENOUGH = 3.5  # points of free space around a number
@@ -70,7 +73,7 @@ class MoveNumbers:
         where the text covers the least.
         """
         text = ", ".join(numbers[:_MOST]) + ("…" if len(numbers) > _MOST else "")
-        half = SIZE * np.array([0.3 * len(text), 0.4])
+        half = text_size() * np.array([0.3 * len(text), 0.4])
         offsets = [
             apart * way + half * way / np.abs(way).max() for apart in _APART for way in _WAYS
         ]
@@ -85,7 +88,7 @@ class MoveNumbers:
             ha="center",
             va="center_baseline",
             color=colour,
-            fontsize=SIZE,
+            fontsize=text_size(),
             zorder=5,
         )
 
@@ -208,11 +211,18 @@ def arrow_between(
 
 def legend_below(axes: Axes, *, off: float = 0.06) -> None:
     """Place the legend of the chart below the axes."""
+    from matplotlib.figure import Figure
+
+    figure, grid, size = axes.get_figure(), axes.get_gridspec(), text_size(10)
+    assert isinstance(figure, Figure)
+    width = figure.get_figwidth() / (1 if grid is None else grid.ncols)
+    labels = [str(label) for label in axes.get_legend_handles_labels()[1]]
     axes.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -off),
-        ncols=3,
+        ncols=fit_columns(labels, 3, width=width, size=size),
         frameon=False,
+        fontsize=size,
         labelcolor=INK,
         handletextpad=0.3,
     )
@@ -296,7 +306,7 @@ REACH_COLOURS = (
 )
 
 
-def plan_figure(episode: SteeringEpisode) -> Figure:
+def plan_figure(episode: SteeringEpisode, *, moves: int | None = None) -> Figure:
     """Return a figure of a plan: the workspace with the particles' paths, and the path of the
     position difference Δ.
 
@@ -304,20 +314,40 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     area shows the position differences that two moves can reach from the start. The figure shows a
     3-D plan in perspective, with the shadows of the paths on the floor. Beside a 3-D plan, a chart
     shows the heights of the particles after each move.
+
+    Parameters
+    ----------
+    episode : SteeringEpisode
+    moves : int, optional
+        Number of moves of the plan that the figure shows; by default, all.
+
+    Raises
+    ------
+    InvalidInputError
+        If the plan has fewer than ``moves`` moves.
     """
     problem = episode.problem
+    whole = episode
+    if moves is not None:
+        count = check_integer(moves, what="moves", least=0, most=episode.moves)
+        episode = replace(
+            episode, inputs=episode.inputs[:count], states=episode.states[: count + 1]
+        )
     plane = problem.place.dimensions == 2
     pair = problem.n_particles == 2 and not isinstance(problem.place, Region)
-    figure = new_figure(10.4 if pair or not plane else 6.2, 5.6)
-    grid = figure.subplots(1, 2 if pair or not plane else 1, squeeze=False)[0]
+    two = pair or not plane
+    figure, grid = new_panels(10.4 if two else 6.2, 5.6, 1 + two)
     if plane:
         draw_workspace(grid[0], problem.place)
         draw_trajectories(grid[0], episode)
     else:
         draw_space(grid[0], episode)
-    missed = "" if episode else f"{episode.status}: "
+    missed = "" if whole else f"{whole.status}: "
+    part = "" if moves is None else f"{episode.moves} of "
     set_title(
-        grid[0], f"{missed}{episode.planner}, {episode.moves} moves, length {episode.length:.4g}"
+        grid[0],
+        f"{missed}{whole.planner}, {part}{whole.moves} moves, length {episode.length:.4g}",
+        in_print="Workspace" if two else "",
     )
     if not plane:
         _draw_heights(grid[1], episode)
@@ -332,8 +362,7 @@ def drive_figure(drive: SteeringDrive) -> Figure:
     """
     from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-    figure = new_figure(10.4, 5.6)
-    plan, errors = figure.subplots(1, 2)
+    figure, (plan, errors) = new_panels(10.4, 5.6, 2)
     draw_workspace(plan, drive.problem.place)
     for particle in range(drive.seen.shape[1]):
         way, colour = drive.seen[:, particle], colour_of(particle)
@@ -435,8 +464,8 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     """
     if not sets:
         raise InvalidInputError("reach figure: expected at least one set, got none")
-    figure = new_figure(11.8 if points is not None else 7.8, 5.2)
-    grid = figure.subplots(1, 2 if points is not None else 1, squeeze=False)[0]
+    two = points is not None
+    figure, grid = new_panels(11.8 if two else 7.8, 5.2, 1 + two)
     axes = grid[-1]
     samples = 500
     if points is not None:

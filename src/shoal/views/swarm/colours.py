@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.swarm import Belief, SwarmEpisode, SwarmState, noise
-from shoal.swarm.maps.workspace import COLOURS, FRONTIER, PALETTE
+from shoal.swarm.maps.workspace import COLOURS, FREE, FRONTIER, PALETTE
 
 LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
 """Names of the colours in the order of the legend."""
@@ -72,10 +72,11 @@ def _shade(text: str) -> NDArray[np.float64]:
     return np.array(rgb_of(text), dtype=np.float64)
 
 
-def _noisy() -> CellPalette:
-    obstacle, unknown, free, frontier = (
-        _shade(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier")
+def _noisy(free_colour: str) -> CellPalette:
+    obstacle, unknown, frontier = (
+        _shade(PALETTE[name]) for name in ("obstacle", "unknown", "frontier")
     )
+    free = _shade(free_colour)
     shares = np.linspace(-1, 1, 2 * noise.LEVELS + 1)[:, None]
     shades = np.where(
         shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown)
@@ -87,13 +88,31 @@ def _noisy() -> CellPalette:
     return CellPalette(colours.round().astype(np.uint8), solid)
 
 
-PLAIN = CellPalette(COLOURS, np.array([False, True, True, False, True]))
-NOISY = _noisy()
+def _plain(free_colour: str) -> CellPalette:
+    colours = COLOURS.copy()
+    colours[FREE] = rgb_of(free_colour)
+    return CellPalette(colours, np.array([False, True, True, False, True]))
+
+
+VOLUME_FREE = "#f2dfae"
+"""The colour of free cells of a volume. Its rotated view shades cells by their distance, where
+white would turn into the grey of unknown cells, and stands on white.
+"""
+
+PLAIN, NOISY = _plain(PALETTE["free"]), _noisy(PALETTE["free"])
+VOLUME, NOISY_VOLUME = _plain(VOLUME_FREE), _noisy(VOLUME_FREE)
 
 
 def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
-    """Return the palette for an episode: `NOISY` for an episode with noise, otherwise `PLAIN`."""
+    """Return the palette for an episode: with or without noise, of a plane map or of a volume."""
+    if episode.workspace.ndim == 3:
+        return NOISY_VOLUME if episode.noisy else VOLUME
     return NOISY if episode.noisy else PLAIN
+
+
+def legend_colour(episode: SwarmEpisode, name: str) -> str:
+    """Return the colour beside a name of the legend of an episode."""
+    return VOLUME_FREE if name == "free" and episode.workspace.ndim == 3 else PALETTE[name]
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
@@ -110,8 +129,9 @@ def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
     one cell around the map.
     """
     if episode.noisy:
+        palette = palette_of_cells(episode)
         for moment in episode.moments():
-            yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
+            yield np.where(moment.particles, np.uint8(palette.particle), moment.looks)
     else:
         for state, belief in episode.frames():
             yield _with_region(episode, codes_of(state, belief))
@@ -121,7 +141,7 @@ def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
     """Return the colour codes of all cells after ``moves`` moves; uint8, with a rim of one cell
     around the map.
     """
-    if moves == episode.moves and palette_of_cells(episode) is PLAIN:
+    if moves == episode.moves and not episode.noisy:
         # the whole replay in compiled code
         return _with_region(episode, codes_of(*episode.final()))
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)

@@ -20,16 +20,18 @@ from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views.drawing.charts import (
     MUTED,
     draw_scale_bar,
+    fit_columns,
     new_figure,
     padded_figure,
     plain_axes,
     set_title,
+    text_size,
 )
 from shoal.views.drawing.curves import median_of
 from shoal.views.swarm.colours import (
-    NOISY,
     WRONG_FREE,
     codes_after,
+    legend_colour,
     legend_of,
     palette_of_cells,
 )
@@ -44,9 +46,10 @@ if TYPE_CHECKING:
 
 SIDE = 900  # pixels of the rotated 3-D view
 _WIDE = 9.0  # inches: width of a figure with several maps
+_MOMENTS = 3  # maps side by side, of several moments of an episode
 
 
-def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
+def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = None) -> Figure:
     """Return a figure of an episode's map: particles, frontier cells, free cells, obstacles and
     unknown cells.
 
@@ -56,20 +59,28 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     Parameters
     ----------
     episode : SwarmEpisode
-    moves : int, optional
+    moves : int or sequence of int, optional
         Number of moves after which the figure shows the map, or None for the end of the episode.
+        With several numbers, the figure has a panel for each; the workspace must be plane.
 
     Raises
     ------
     InvalidInputError
-        If the episode has fewer than ``moves`` moves.
+        If the episode has fewer than ``moves`` moves, or a 3-D workspace would need several panels.
     """
+    workspace = episode.workspace
+    if isinstance(moves, Sequence):
+        counts = [check_integer(n, what="moves", least=0, most=episode.moves) for n in moves]
+        if workspace.ndim == 3 and len(counts) > 1:
+            raise InvalidInputError(f"moves: expected one number for a volume, got {len(counts)}")
+        if len(counts) > 1:
+            return map_panels([(episode, n) for n in counts], columns=min(_MOMENTS, len(counts)))
+        (moves,) = counts
     moves = (
         episode.moves
         if moves is None
         else check_integer(moves, what="moves", least=0, most=episode.moves)
     )
-    workspace = episode.workspace
     palette = palette_of_cells(episode)
     codes = codes_after(episode, moves)
     if workspace.ndim == 3:
@@ -94,11 +105,12 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
     lost = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
-    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}")
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}", in_print="")
     _legend(
+        figure,
         axes,
         episode,
-        noisy=palette is NOISY,
+        noisy=episode.noisy,
         seen=episode.observations is not None,
     )
     if workspace.spacing is not None:
@@ -146,15 +158,16 @@ def map_panels(
             palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest"
         )
         axes.set_axis_off()
-        many = f"{episode.particles} particles, " if rows > 1 else ""
+        many = "" if all(one is episode for one, _ in shown) else f"{episode.particles} particles, "
         set_title(axes, f"{many}{moves} moves")
     handles = _handles(shown[0][0])
+    labels = [str(handle.get_label()) for handle in handles]
     above.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=len(handles),
+        ncols=fit_columns(labels, len(handles), width=figure.get_figwidth()),
         frameon=False,
-        fontsize=8,
+        fontsize=text_size(),
         handlelength=1,
         handleheight=1,
     )
@@ -170,13 +183,13 @@ def _handles(episode: SwarmEpisode, *, seen: bool = False) -> list[Patch]:
     if seen:
         names = names | {"particle": "seen at the last scan"}
     return [
-        Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
+        Patch(facecolor=legend_colour(episode, key), edgecolor=MUTED, linewidth=0.5, label=name)
         for key, name in names.items()
         if not (episode.targets is not None and key == "unknown")
     ]
 
 
-def _legend(axes: Axes, episode: SwarmEpisode, *, noisy: bool, seen: bool) -> None:
+def _legend(figure: Figure, axes: Axes, episode: SwarmEpisode, *, noisy: bool, seen: bool) -> None:
     from matplotlib.patches import Patch
 
     handles = _handles(episode, seen=seen)
@@ -188,9 +201,14 @@ def _legend(axes: Axes, episode: SwarmEpisode, *, noisy: bool, seen: bool) -> No
         handles=handles,
         loc="upper center",
         bbox_to_anchor=(0.5, -0.01),
-        ncols=len(handles),
+        ncols=fit_columns(
+            [str(handle.get_label()) for handle in handles],
+            len(handles),
+            width=figure.get_figwidth(),
+            spacing=1.4,
+        ),
         frameon=False,
-        fontsize=8,
+        fontsize=text_size(),
         handlelength=1,
         handleheight=1,
         columnspacing=1.4,
@@ -228,7 +246,7 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
             lw=2,
             label=f"median of {len(curves)} trials",
         )
-        axes.legend(frameon=False, fontsize=9)
+        axes.legend(frameon=False, fontsize=text_size(9))
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     if first.task == "gathering":
@@ -236,7 +254,9 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     set_title(
-        axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles"
+        axes,
+        f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles",
+        in_print="",
     )
     plain_axes(axes)
     return figure

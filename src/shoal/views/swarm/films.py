@@ -14,7 +14,13 @@ from shoal.swarm import GridWorkspace, SwarmEpisode
 from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.swarm.colours import codes_by_move, legend_of, palette_of_cells, rgb_of
+from shoal.views.swarm.colours import (
+    codes_by_move,
+    legend_colour,
+    legend_of,
+    palette_of_cells,
+    rgb_of,
+)
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
@@ -127,7 +133,7 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
     for key, name in legend_of(episode).items():
         pen.rectangle(
             (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
-            _colour(key),
+            rgb_of(legend_colour(episode, key)),
             _colour("unknown"),
         )
         pen.text((left + 1.2 * size, top + 38), name, _colour("obstacle"), font)

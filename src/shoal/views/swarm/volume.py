@@ -12,13 +12,13 @@ from shoal.core.dataclass import dataclass
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.workspace import FREE, OBSTACLE, PALETTE, png_bytes
 from shoal.views.drawing.canvas import Canvas
-from shoal.views.swarm.colours import PLAIN, CellPalette, rgb_of
+from shoal.views.swarm.colours import VOLUME, CellPalette
 
 CORNER = 0.6  # azimuth in radians of a picture that does not rotate
 ELEVATION = 0.35  # elevation of the view in radians
-FARTHEST = 0.45  # brightness of the farthest cells
+FARTHEST = 0.6  # brightness of the farthest cells
 THROUGH = 0.45  # visibility of a hidden particle through its vessel's wall
-BACKGROUND = rgb_of(PALETTE["obstacle"])
+BACKGROUND = (255, 255, 255)
 FINEST = 4  # pixels per cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
 # relative to the side of a sheet: width of its slices, and of their names
@@ -106,7 +106,7 @@ def turned_view(
     side: int,
     spacing: tuple[float, ...] | None = None,
     elevation: float = ELEVATION,
-    palette: CellPalette = PLAIN,
+    palette: CellPalette = VOLUME,
     fit: Fit,
 ) -> NDArray[np.uint8]:
     """Return a rotated view of the known free cells, the frontier cells and the particles; uint8,
@@ -203,7 +203,7 @@ def _splat(
 
 
 def slice_pictures(
-    codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN
+    codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = VOLUME
 ) -> list[NDArray[np.uint8]]:
     """Return pictures of the three slices, seen from the front, from above and from the right.
 
@@ -242,7 +242,7 @@ def sheet(
     azimuth: float,
     side: int,
     spacing: tuple[float, ...] | None = None,
-    palette: CellPalette = PLAIN,
+    palette: CellPalette = VOLUME,
     fit: Fit,
 ) -> NDArray[np.uint8]:
     """Return a picture: the rotated view on the left, the named slices on the right; uint8, shape

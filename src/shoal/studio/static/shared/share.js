@@ -9,7 +9,7 @@ const HOW = {
   file: "Commands take this file in place of a map, workspace or region.",
 };
 const FORMATS = [
-  ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"], ["mp4", "Film", "MP4"], ["gif", "Film", "GIF"], ["html", "Player page", "HTML"],
+  ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"], ["pdf", "Figure", "PDF"], ["mp4", "Film", "MP4"], ["gif", "Film", "GIF"], ["html", "Player page", "HTML"],
 ];
 
 const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
