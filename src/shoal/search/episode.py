@@ -388,6 +388,7 @@ class SearchEpisode(Episode):
             return None
         return {
             "inside": self.plan.prior_inside,
+            "before": self.plan.prior_before,
             "success": 0.0 if self.success is None else self.success.probability,
             "at_most": self.problem.at_most,
             "plain_s": self.plan.plain_seconds,

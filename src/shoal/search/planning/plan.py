@@ -189,6 +189,8 @@ class SearchPlan:
         the missions share.
     prior_inside : float
         Probability that the target of a prior is in the area of the region.
+    prior_before : float
+        Probability with which earlier looks along tracks would have found the target.
     plain_seconds : float, optional
         Planned time in seconds without the prior, or None without a prior.
     alternatives : tuple of SearchPlan
@@ -215,6 +217,7 @@ class SearchPlan:
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
     prior_inside: float = 1.0
+    prior_before: float = 0.0
     plain_seconds: float | None = None
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
@@ -709,11 +712,17 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     prior = problem.open_prior()
     if prior is None:
         return plan
-    odds, inside = prior.odds(plan.grid, plan.tour)
+    odds, inside, before = prior.odds(plan.grid, plan.tour)
     cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
     plain = plan.planned_seconds
     kept = replace(
-        plan, tour_cost=cost, prior_inside=inside, plain_seconds=plain, alternatives=(), flown={}
+        plan,
+        tour_cost=cost,
+        prior_inside=inside,
+        prior_before=before,
+        plain_seconds=plain,
+        alternatives=(),
+        flown={},
     )
     limit, price = problem.at_most, 0.0
     for _ in range(_TRIES):
