@@ -19,7 +19,8 @@ from shoal.search.regions.places import seen_along
 
 pytest.importorskip("pymavlink")
 
-from shoal.robots.mavlink import ARMED, dialect
+from shoal.robots.mavlink import ARMED
+from shoal.search.regions.formats.flight_logs import dialect
 
 FIELD = [[8.5, 47.4], [8.5016, 47.4], [8.5016, 47.4008], [8.5, 47.4008], [8.5, 47.4]]
 FOOTPRINT = 20

@@ -224,10 +224,8 @@ def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
         return [_read(path, region, "searched")[0]]
     else:
         rows, degrees = read_vertices(path, what="table of searched")
-        groups = [
-            list(group) for there, group in groupby(rows, lambda row: row is not None) if there
-        ]
-        tables = [np.array([row[:2] for row in group]) for group in groups]
+        groups = groupby(rows, lambda row: row is not None)
+        tables = [np.array([row[:2] for row in group if row]) for there, group in groups if there]
         return [_in_metres(table, region, path, degrees=degrees) for table in tables]
     return [_in_metres(line, region, path, degrees=True) for line in lines if len(line)]
 

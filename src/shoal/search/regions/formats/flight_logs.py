@@ -70,14 +70,13 @@ def flown_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
     of a vehicle that never was, such as a rover, all its ways; longitude and latitude in degrees,
     float64, each of shape (k, 2).
     """
-    found = []
+    found: list[NDArray[np.float64]] = []
     for track in read_tracks(path):
         counts = track.heights > ALOFT
         counts |= not counts.any()
         ends = np.flatnonzero((np.diff(track.times) > GAP) | (counts[1:] != counts[:-1])) + 1
-        for part in np.split(np.arange(len(counts)), ends):
-            if counts[part[0]]:
-                found.append(track.places[part])
+        parts = np.split(np.arange(len(counts)), ends)
+        found += [track.places[part] for part in parts if counts[part[0]]]
     return found
 
 
