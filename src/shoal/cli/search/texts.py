@@ -130,6 +130,23 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
     return [("target", told), *([("searched", seen)] if prior["before"] else [])]
 
 
+def finding_text(expected: float | None, success: float | None) -> str:
+    """Return the expected time to find a target, with the probability that it is found if it is not
+    sure.
+
+    Examples
+    --------
+    >>> finding_text(300.0, 1.0), finding_text(300.0, 0.805), finding_text(None, 0.0)
+    ('0:05:00', '0:05:00 (80.5 %)', 'never')
+    """
+    from shoal.search.episode import duration_text
+
+    if expected is None or success is None:
+        return "never"
+    sure = "" if success > 1 - 1e-9 else f" ({100 * success:.3g} %)"
+    return duration_text(expected) + sure
+
+
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows of a summary that describe missions: their start times, and the distances
     between vehicles.

@@ -78,8 +78,8 @@ def read_gpx_line(path: Path) -> Points:
 
 
 def read_gpx_lines(path: Path, *kinds: str) -> list[Points]:
-    """Return the points of each track segment (``trkseg``) or route (``rte``) of a GPX file, as
-    longitude and latitude in degrees; float64, each of shape (k, 2).
+    """Return the points of the elements of some kinds in a GPX file, such as segments of tracks or
+    routes, as longitude and latitude in degrees; float64, each of shape (k, 2).
     """
     check_file(path, what="file of a line", most=LARGEST_FILE)
     try:
