@@ -126,7 +126,7 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
         f"found{detected} after {duration_text(result['expected_find_s'])} on average, if it is in"
         f" the region ({100 * prior['inside']:.3g} % by the prior)"
     )
-    seen = f"the tracks would have found the target with {100 * prior['before']:.3g} %"
+    seen = f"the tracks would have found the target with a probability of {100 * prior['before']:.3g} %"
     return [("target", told), *([("searched", seen)] if prior["before"] else [])]
 
 
