@@ -129,7 +129,7 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
         places = tuple((x, y) for x, y in first[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
     rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
-    plans = [_with_odds(plan, problem) for plan in (*first, *rest)]
+    plans = _with_odds([*first, *rest], problem)
     found = [_figures(plan, problem) for plan in plans]
     if problem.tour == AUTO and problem.allocation == AUTO:
         patterns = pattern_plans(problem, seed, {})
@@ -144,14 +144,20 @@ def _rank(one: PlanFigures) -> tuple[bool, bool, float]:
     return one.refusal is not None, one.share < 1, first
 
 
-def _with_odds(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
-    """Return a plan that knows the prior of the problem, in its own order."""
+def _with_odds(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+    """Return plans that know the prior of the problem, in their own orders."""
     prior = problem.open_prior()
     if prior is None:
-        return plan
-    odds, inside, before = prior.odds(plan.grid, plan.tour)
-    cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
-    return replace(plan, tour_cost=cost, prior_inside=inside, prior_before=before)
+        return list(plans)
+    known: dict[int, tuple[Any, float, float]] = {}
+    found = []
+    for plan in plans:
+        if id(plan.tour) not in known:
+            known[id(plan.tour)] = prior.odds(plan.grid, plan.tour)
+        odds, inside, before = known[id(plan.tour)]
+        cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
+        found.append(replace(plan, tour_cost=cost, prior_inside=inside, prior_before=before))
+    return found
 
 
 def ways_of(plan: SearchPlan) -> list[tuple[int, Points]]:
