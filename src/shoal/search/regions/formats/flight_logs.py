@@ -83,6 +83,11 @@ def flown_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
 def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
     """Read the track of each vehicle in a flight log.
 
+    Parameters
+    ----------
+    path : path-like
+        A log of a ground station (``.tlog``), of ArduPilot (``.bin``) or of PX4 (``.ulg``).
+
     Raises
     ------
     InvalidInputError
