@@ -148,7 +148,9 @@ def main() -> None:
             try:
                 missions = MissionSet.from_problem(problem, MissionOptions(), seed=number)
             except InvalidInputError as error:
-                print(f"| {problem.place.name} | - | {problem.vehicle} | refused: {error} |||||")
+                print(
+                    f"| {problem.place.name} | - | {problem.vehicle.kind} | refused: {error} |||||"
+                )
                 continue
             check = missions.check()
             episode = missions.run()
