@@ -13,8 +13,9 @@ from playwright.sync_api import Page
 from tests.browser.waiting import settle, stays_drawn, until
 from tests.search_episodes import search
 
-from shoal.search import SearchEpisode, region_of
+from shoal.search import SearchEpisode, SearchProblem, region_of
 from shoal.search.problem.network import Crash, Liar, Pause
+from shoal.search.run import run
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.page import page_data, player_page
@@ -221,3 +222,16 @@ def test_damaged_data_gets_one_sentence(visitor, tmp_path):
     page.goto((tmp_path / "player.html").as_uri())
     assert page.inner_text("body").strip() == "This film cannot be shown. Its data is damaged."
     visitor.messages.clear()
+
+
+def test_heat_and_the_probability_of_success(open_player):
+    problem = SearchProblem("square:80", robots=2, prior=["ring:20,60:0.5=15"], detection=0.7)
+    history = SearchHistory(run(problem, seed=1))
+    page = open_player(player_page(history.episode))
+    for time in (history.end, history.end / 3, 0.0):
+        page.evaluate(f"shoalPlayer.seek({time})")
+        assert page.evaluate("shoalPlayer.success") == pytest.approx(
+            history.success_at(time), abs=1e-5
+        )
+        words = f"{round(100 * history.success_at(time))} %"
+        until(page, f"document.getElementById('details').innerText.includes('{words}')")

@@ -405,3 +405,21 @@ def test_a_search_of_robots_is_watched(page: Page, studio: Studio) -> None:
         assert page.locator("svg.watched rect[fill='#7cc48d']").count() == 3
         page.get_by_role("button", name="Stop watching").click()
         page.get_by_role("button", name="Watch", exact=True).wait_for()
+
+
+def test_a_ring_keeps_its_commas(page, studio):
+    """Several values of a field are separated by semicolons."""
+    opened(page, studio)
+    rings = "ring:10,10:0.5=5,0.9=12; 2*ring:30,30:0.9=8"
+    with page.expect_response(lambda reply: reply.url.endswith("/api/ask/plan")) as asked:
+        page.evaluate(
+            """(text) => {
+                const field = document.querySelector("[id^=field-prior-]");
+                field.closest("details")?.setAttribute("open", "");
+                field.value = text;
+                field.dispatchEvent(new Event("change", { bubbles: true }));
+            }""",
+            rings,
+        )
+    assert asked.value.request.post_data_json["problem"]["prior"] == rings.split("; ")
+    shown(page, region="square:40", prior=rings.split("; "))

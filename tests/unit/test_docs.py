@@ -77,7 +77,7 @@ def write_files_of(text: str) -> list[str]:
         Path(f"{name}.py").write_text(content)
     for name, content in re.findall(r'```toml title="(\w+\.toml)"\n(.*?)```', text, re.S):
         Path(name).write_text(content)
-    for name, content in re.findall(r'```text title="(\w+\.asc)"\n(.*?)```', text, re.S):
+    for name, content in re.findall(r'```text title="(\w+\.(?:asc|csv))"\n(.*?)```', text, re.S):
         Path(name).write_text(content)
     for name, content in re.findall(r'```json title="(\w+\.json)"\n(.*?)```', text, re.S):
         Path(name).write_text(content)

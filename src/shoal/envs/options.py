@@ -151,11 +151,32 @@ class SearchEnvOptions(EnvOptions):
     searched_reward: float = option(
         1.0, help="Reward for each cell that no robot had searched before."
     )
+    found_reward: float = option(
+        0.0,
+        help="With targets: reward of the robot that is the first to find one (search_v0 only).",
+    )
     step_price: float = option(
         0.1, help="Penalty for each step, subtracted from an agent's reward."
     )
     final_bonus: float = option(
-        10.0, help="Reward of each active agent when all cells are searched."
+        10.0, help="Reward of each active agent when all cells are searched, or all targets found."
+    )
+    until: str = option(
+        "searched",
+        help=(
+            "When episodes terminate: when all cells are searched, or when all targets are found"
+            " (search_v0 only)."
+        ),
+        choices=("searched", "found"),
+    )
+    target_moves: float = option(
+        0.0,
+        help=(
+            "With targets: probability that a target, until it is found, moves to a random one of"
+            " the four cells beside it in a step (search_v0 only)."
+        ),
+        least=0,
+        most=1,
     )
     max_steps: int = option(
         10_000,
@@ -165,6 +186,10 @@ class SearchEnvOptions(EnvOptions):
         ),
         least=1,
     )
+
+
+TARGETS = ("found_reward", "until", "target_moves")
+"""Options of searches with targets."""
 
 
 ENVIRONMENTS: tuple[type[EnvOptions], ...] = (SwarmEnvOptions, SteeringEnvOptions, SearchEnvOptions)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
 from shoal.envs.options import (
+    TARGETS,
     OptionError,
     SearchEnvOptions,
     check_no_options,
@@ -49,6 +50,12 @@ class SearchWorlds(Worlds):
             raise OptionError(
                 "reward: expected shared, because a step has one reward for all robots (info"
                 f' "rewards" has one for each), got {shortened(self.options.reward)}'
+            )
+        asked = next((name for name in TARGETS if name in self.options.given), None)
+        if asked is not None:
+            raise OptionError(
+                f"{asked}: expected no such option, because only search_v0 knows targets, got"
+                f" {shortened(getattr(self.options, asked))}"
             )
         with option_errors():
             self.batch = SearchBatch(

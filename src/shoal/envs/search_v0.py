@@ -8,7 +8,9 @@ The function ``search_v0.parallel_env(**options)`` creates the parallel environm
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 from math import inf
+from operator import or_
 from typing import Any
 
 import gymnasium
@@ -19,6 +21,8 @@ from numpy.typing import NDArray
 from shoal.core.checks import shortened
 from shoal.envs.options import (
     SEEDS,
+    TARGETS,
+    OptionError,
     SearchEnvOptions,
     check_running,
     option_errors,
@@ -73,7 +77,15 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     of cells that the robot has reported as searched. The entry ``energy`` is the remaining fraction
     of the robot's energy, and the entry ``time`` is the number of steps since the start. When a
     robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when all
-    reachable cells are searched. All agents are truncated after ``max_steps`` steps.
+    reachable cells are searched, or with the option ``until="found"``, when all targets are found.
+    All agents are truncated after ``max_steps`` steps.
+
+    With the field ``prior``, observations have the entry ``likely``, float32, shape (H, W) or (L, H,
+    W): the probability that a target is in each cell, given all searches that the robot knows of.
+    Each own search multiplies it by one minus the detection rate, and so does a search of another
+    robot when a message first tells of it. Targets that move (option ``target_moves``) spread it.
+
+    The attribute ``missing`` lists the cells of the targets that nobody has found, as tour indices.
 
     Parameters
     ----------
@@ -116,6 +128,14 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         with option_errors():
             self._plan = plan_search(self.problem)
             self._scenario = scenario_of(self.problem, self._plan, 0)
+            asked = next((name for name in TARGETS if name in self.options.given), None)
+            if asked is not None and not self._scenario.targets:
+                raise OptionError(f"{asked}: expected targets together with it, got none")
+            if self.options.target_moves and self.problem.obstacles not in (0, ()):
+                raise OptionError(
+                    "target_moves: expected no obstacles together with it, because targets move"
+                    f" without regard to them, got {shortened(self.problem.obstacles)}"
+                )
         self._tour = self._plan.tour
         self._numbers = {f"robot_{number}": number for number in range(1, self.problem.robots + 1)}
         self.possible_agents = list(self._numbers)
@@ -136,6 +156,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             "energy": gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32),
             "time": gymnasium.spaces.Box(0, most, (1,), np.int64),
         }
+        self._odds = self._plan.tour_cost.odds
+        if self._odds is not None:
+            spaces["likely"] = gymnasium.spaces.Box(0.0, 1.0, shape, np.float32)
+        self._beside = _beside(self._tour.position) if self.options.target_moves else []
+        self._spread = _spread(self._beside, self.options.target_moves) if self._beside else None
         self._count = 1 + (
             cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2)
         )
@@ -179,7 +204,15 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
                 problem, replace(plan, places=places, starts=starts), self._drawn
             )
         self._orders: dict[int, int] = {}
+        self._masks: dict[int, NDArray[np.int8]] = {}
+        self.missing = list(self._scenario.targets)
+        self._moves = np.random.default_rng([self._drawn, 3])
         self._world = SearchWorld(self._scenario, decide=self._decide)
+        self._beliefs = {
+            number: _Belief(self._odds.copy())
+            for number in self._numbers.values()
+            if self._odds is not None
+        }
         self.steps, self._length = 0, 1 / max(self._scenario.rates)
         self.agents = list(self.possible_agents)
         self._world.run(until=0.0)
@@ -209,18 +242,23 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         world, agents, time = self._world, self.agents, self.steps * self._length
         for agent in agents:
             number, choice = self._numbers[agent], self._checked(agent, actions)
-            if choice and self._mask(number)[choice]:
+            if choice and self._masks[number][choice]:
                 self._orders[number] = self._cell(number, choice)
                 world.prompt(number, time)
         before = dict(world.searched)
         self.steps += 1
         world.run(until=self.steps * self._length + 1e-9)
+        found = self._found()
         done = not self._scenario.goal & ~at_least(
             list(world.searched.values()), self.problem.multiplicity
         )
+        if self.options.until == "found":
+            done = not self.missing
         dead = {agent: not world.vehicles[self._numbers[agent]].alive for agent in agents}
         late = self.steps >= self.options.max_steps
-        rewards = self._rewards(agents, before)
+        rewards = self._rewards(agents, before, found)
+        self._move_targets()
+        self._learn()
         for agent in agents:
             rewards[agent] += (
                 self.options.final_bonus * (done and not dead[agent]) - self.options.step_price
@@ -240,9 +278,51 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             )
         return int(choice)
 
-    def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
-        """Return the reward of each agent for newly searched cells, or the mean of all rewards if
-        the reward is shared.
+    def _found(self) -> dict[int, int]:
+        """Return how many missing targets each robot has found in a step, and miss them no more."""
+        assert self._world is not None
+        found = dict.fromkeys(self._numbers.values(), 0)
+        for number, cell in self._world.finds:
+            while cell in self.missing:
+                self.missing.remove(cell)
+                found[number] += 1
+        self._world.finds.clear()
+        return found
+
+    def _move_targets(self) -> None:
+        """Move the targets that nobody has found yet."""
+        assert self._world is not None
+        if not self.options.target_moves:
+            return
+        for index, cell in enumerate(self.missing):
+            near = self._beside[cell]
+            if len(near) and self._moves.random() < self.options.target_moves:
+                self.missing[index] = int(self._moves.choice(near))
+        self._world.scenario = replace(self._world.scenario, targets=tuple(self.missing))
+
+    def _learn(self) -> None:
+        """Update what each robot believes by what it has learned in a step."""
+        assert self._world is not None
+        detection, n = self.problem.detection, len(self._tour)
+        for number, belief in self._beliefs.items():
+            robot, visits = self._robot(number), self._world.vehicles[number].visits
+            own = 0
+            for _, cell in visits[belief.visits :]:
+                seen = self._world.scenario.seen(number, cell)
+                belief.odds[bits_to_array(seen, n)] *= 1.0 - detection
+                own |= seen
+            known = reduce(or_, robot.searched.values(), 0)
+            others = known & ~belief.known & ~own
+            belief.odds[bits_to_array(others, n)] *= 1.0 - detection
+            belief.known, belief.visits = known | belief.known, len(visits)
+            if self._spread is not None:
+                belief.odds = self._spread @ belief.odds
+
+    def _rewards(
+        self, agents: list[str], before: dict[int, int], found: dict[int, int]
+    ) -> dict[str, float]:
+        """Return the reward of each agent for newly searched cells and found targets, or the mean of
+        all rewards if the reward is shared.
         """
         assert self._world is not None
         rewards: dict[str, float] = {}
@@ -255,7 +335,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
                 & ~at_least(list(before.values()), self.problem.multiplicity)
             )
             before[number] = searched
-            rewards[agent] = self.options.searched_reward * new.bit_count()
+            rewards[agent] = (
+                self.options.searched_reward * new.bit_count()
+                + self.options.found_reward * found[number]
+            )
         mean = sum(rewards.values()) / len(agents)
         return dict.fromkeys(agents, mean) if self.options.reward == "shared" else rewards
 
@@ -331,7 +414,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             dtype=np.int64,
         )
         left = 1.0 if robot.brief.energy == inf else robot.left / robot.brief.energy
-        return {
+        told: Observation = {}
+        if number in self._beliefs:
+            odds = self._beliefs[number].odds
+            likely = np.zeros(self._tour.position.shape, dtype=np.float32)
+            likely[tuple(self._tour.cells.T)] = odds / max(float(odds.sum()), 1e-300)
+            told["likely"] = likely
+        return told | {
             "planes": planes,
             "position": self._tour.cells[robot.cell].astype(np.int64),
             "heard": heard.clip(-1, None),
@@ -341,8 +430,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         }
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
+        self._masks = {self._numbers[agent]: self._mask(self._numbers[agent]) for agent in agents}
         return {
-            agent: {"action_mask": self._mask(self._numbers[agent]), "seed": self._drawn}
+            agent: {"action_mask": self._masks[self._numbers[agent]].copy(), "seed": self._drawn}
             for agent in agents
         }
 
@@ -390,6 +480,43 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def close(self) -> None:
         """Close the window of the environment if the environment has opened one."""
         close_window(self)
+
+
+class _Belief:
+    """What a robot believes of the target: a weight of each cell, the cells that it knows to be
+    searched, as a bitset, and how many of its own searches the weights contain.
+    """
+
+    def __init__(self, odds: NDArray[np.float64]) -> None:
+        self.odds, self.known, self.visits = odds, 0, 0
+
+
+def _beside(position: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return, for each tour index, those of the cells beside it in the same layer."""
+    padded = np.pad(position, [(0, 0)] * (position.ndim - 2) + [(1, 1)] * 2, constant_values=-1)
+    inner = [slice(None)] * (position.ndim - 2)
+    around = [
+        padded[
+            (*inner, slice(1 + y, padded.shape[-2] - 1 + y), slice(1 + x, padded.shape[-1] - 1 + x))
+        ]
+        for y, x in ((-1, 0), (0, -1), (0, 1), (1, 0))
+    ]
+    near = np.stack(around, axis=-1)[position >= 0]
+    order = np.argsort(position[position >= 0])
+    return [row[row >= 0] for row in near[order]]
+
+
+def _spread(beside: list[NDArray[np.int64]], moves: float) -> Any:
+    """Return the matrix that moves probabilities to cells beside them; sparse, shape (N, N)."""
+    from scipy.sparse import csr_array
+
+    counts = np.array([len(near) for near in beside])
+    n = np.arange(len(beside))
+    stays = np.where(counts > 0, 1.0 - moves, 1.0)
+    shares = np.repeat(moves / np.maximum(counts, 1), counts)
+    rows = np.concatenate([n, *beside])
+    columns = np.concatenate([n, np.repeat(n, counts)])
+    return csr_array((np.concatenate([stays, shares]), (rows, columns)))
 
 
 def _stacked(codes: NDArray[np.int64]) -> NDArray[np.int64]:

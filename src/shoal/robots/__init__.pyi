@@ -1,7 +1,5 @@
 """Public names, which `lazy_loader` imports when they are first used."""
 
-from .flight_logs import Track as Track
-from .flight_logs import read_tracks as read_tracks
 from .flown import check_flown as check_flown
 from .mavlink import HeardVehicle as HeardVehicle
 from .mavlink import LinkError as LinkError

@@ -22,19 +22,17 @@ from shoal.missions.checking import facing_of
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING
-from shoal.robots.flight_logs import Track
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.separation import nearest_approach
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import image_of
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.regions.formats.flight_logs import ALOFT, GAP, Track
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
-_ALOFT = 1.0  # metres above home, from which on a vehicle is in flight
 _LEFT = 3.0  # metres from its first position, from which on a rover is on its way
-_GAP = 3.0  # seconds without a position after which a track is interrupted
 _STRAIGHT = 0.05  # metres: positions of a track nearer to a straight line are left out
 _END = 1.0  # metres before the end of a path, which a vehicle cuts
 _FASTEST = 2.0  # times the planned speed, at which progress on a path may go
@@ -220,7 +218,7 @@ def _flown(mission: Mission, track: Track, frame: LocalFrame, side: float) -> Fl
     if mission.kind == "rover":
         moving = np.hypot(*(points - points[0]).T) > _LEFT
     else:
-        moving = track.heights > _ALOFT
+        moving = track.heights > ALOFT
     aloft, begin = None, float(track.times[0])
     if moving.any():
         first = int(np.argmax(moving))
@@ -279,7 +277,7 @@ def _follow(
             nearest = left
         reached_at = now
         searched, farthest = max(searched, progress), max(farthest, distance)
-        if before is None or now - before > _GAP:
+        if before is None or now - before > GAP:
             stretches.append([])
         stretches[-1].append(point)
         before = now

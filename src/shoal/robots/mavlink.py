@@ -22,6 +22,7 @@ from typing import IO, Any, Protocol, Self
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
+from shoal.search.regions.formats.flight_logs import dialect
 
 ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8  # MAV_AUTOPILOT
 AUTOPILOTS = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
@@ -534,19 +535,6 @@ class Station:
         recent = {place for place, when in places.items() if now - when < self.limits.settle}
         if len(recent) > 1:
             self.twice[system] = recent
-
-
-def dialect() -> Any:
-    """Import MAVLink's messages, which pymavlink generates, in version 2.
-
-    Raises
-    ------
-    MissingExtraError
-        If pymavlink is not installed.
-    """
-    return import_extra(
-        "pymavlink.dialects.v20.ardupilotmega", "MAVLink needs pymavlink", extra="mavlink"
-    )
 
 
 def type_text(vehicle: HeardVehicle) -> str:

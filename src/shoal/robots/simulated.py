@@ -29,7 +29,6 @@ from shoal.robots.mavlink import (
     PX4,
     Address,
     VehicleLink,
-    dialect,
 )
 from shoal.robots.mission_protocol import (
     FENCE,
@@ -40,6 +39,7 @@ from shoal.robots.mission_protocol import (
     MissionItem,
     fence_areas,
 )
+from shoal.search.regions.formats.flight_logs import dialect
 from shoal.search.regions.projection import LocalFrame
 
 TYPES = {"multirotor": 2, "fixed-wing": 1, "rover": 10}  # MAV_TYPE

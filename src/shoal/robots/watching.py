@@ -8,6 +8,8 @@ multicast group.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import or_
 from typing import Any
 
 from shoal.core.dataclass import dataclass
@@ -15,6 +17,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.robots.tasks import RobotTask
 from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.simulation.live.ports import Radio
+from shoal.search.tours.masks import bits_to_array
 
 _SILENT = 10.0  # seconds after which a robot counts as silent
 
@@ -94,10 +97,22 @@ class SearchWatch:
     @property
     def covered_fraction(self) -> float:
         """Fraction of the cells that robots say they have searched."""
-        bits = 0
-        for some in self.searched.values():
-            bits |= some
-        return bits.bit_count() / len(self.task.cells)
+        return self._known.bit_count() / len(self.task.cells)
+
+    @property
+    def success(self) -> float | None:
+        """With a prior, the probability that the target is found, if it is in the region: each cell
+        that robots say they have searched counts as searched once.
+        """
+        odds = self.task.plan.tour_cost.odds
+        if odds is None:
+            return None
+        known = odds[bits_to_array(self._known, len(odds))]
+        return float(self.task.scenario.detection * known.sum())
+
+    @property
+    def _known(self) -> int:
+        return reduce(or_, self.searched.values(), 0)
 
     def report(self, now: float) -> dict[str, Any]:
         """Return what is known at a time, as a mapping for JSON."""
@@ -106,6 +121,7 @@ class SearchWatch:
             "search": self.task.search,
             "covered_fraction": self.covered_fraction,
             "cells": len(self.task.cells),
+            "success": self.success,
             "complete": bool(self.robots) and self.covered_fraction == 1.0,
             "found": [cell for cell in range(len(self.task.cells)) if self.found >> cell & 1],
             "refused": dict(self.refused),

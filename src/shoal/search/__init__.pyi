@@ -20,6 +20,8 @@ from .regions.builder import open_region as open_region
 from .regions.choice import affordable_rectangle as affordable_rectangle
 from .regions.coverage import AreaCoverage as AreaCoverage
 from .regions.coverage import coverage_check as coverage_check
+from .regions.formats.flight_logs import Track as Track
+from .regions.formats.flight_logs import read_tracks as read_tracks
 from .regions.projection import LocalFrame as LocalFrame
 from .regions.region import (
     SearchRegion as SearchRegion,

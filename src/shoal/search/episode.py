@@ -32,6 +32,7 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
+from shoal.search.planning.sightings import Sightings, chances, first_seen, mean_time, sightings_of
 from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
@@ -330,15 +331,33 @@ class SearchEpisode(Episode):
         )
 
     @cached_property
+    def sightings(self) -> tuple[Sightings, ...]:
+        """When each robot is at its stops, in seconds since the start of the search.
+
+        A vehicle is at its stops when it passes them on its flights, with its turns, climbs and
+        charges. If something can go wrong, times are those of `clock`, which are in proportion to
+        the times of the search alone.
+        """
+        flown = self.plan.flies and self._faultless
+        return tuple(
+            sightings_of(self.plan, robot, log.cells)
+            if flown and not any(log.detours)
+            else Sightings(self.clock(log.times, robot), np.zeros((0, 2)), np.zeros(0))
+            for robot, log in enumerate(self.trace.robots)
+        )
+
+    @cached_property
     def visits(self) -> Visits:
-        """The first search of each cell, by any robot that reports the truth."""
-        n = len(self.plan.tour_cost)
-        robots, times = np.full(n, -1, dtype=np.int64), np.full(n, inf)
+        """The first search of each cell, by any robot that reports the truth. A vehicle may first
+        see a cell on its way between two others.
+        """
+        robots, times = first_seen(self.plan, self.sightings, self.problem.view)
+        robots, times = robots[:, 0], times[:, 0]
         for robot, log in enumerate(self.trace.robots):
             if robot + 1 in self.liars or not log.cells.size:
                 continue
-            moments = self.clock(log.times, robot)
-            for seen, moment in zip(self.seen[robot], moments.tolist(), strict=True):
+            moments = self.sightings[robot].times.tolist()
+            for seen, moment in zip(self.seen[robot], moments, strict=True):
                 earlier = seen[moment < times[seen]]
                 robots[earlier], times[earlier] = robot, moment
         return Visits(robots, times)
@@ -349,24 +368,23 @@ class SearchEpisode(Episode):
         its probability of detection; None for a problem without a prior.
 
         Each search of a cell finds a target in it with the probability of detection, if no search
-        before did. Robots that do not report the truth find nothing.
+        before did. Robots that do not report the truth find nothing. The first search of a vehicle
+        counts from when its footprint, which moves along its flight, reaches each of 4 x 4 places in
+        the cell.
         """
-        odds, detection = self.plan.tour_cost.odds, self.problem.detection
-        if odds is None:
+        if self.plan.tour_cost.odds is None:
             return None
-        cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-        for robot, log in enumerate(self.trace.robots):
-            if robot + 1 not in self.liars and log.cells.size:
-                seen = self.seen[robot]
-                cells += seen
-                times.append(np.repeat(self.clock(log.times, robot), [len(one) for one in seen]))
-        looked, moments = np.concatenate(cells), np.concatenate(times)
-        order = np.lexsort((moments, looked))
-        looked, moments = looked[order], moments[order]
-        earlier = np.arange(len(looked)) - np.searchsorted(looked, looked)
-        found = odds[looked] * detection * (1.0 - detection) ** earlier
-        order = np.argsort(moments, kind="stable")
-        return Success(moments[order], np.cumsum(found[order]))
+        none = Sightings(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
+        honest = [robot not in self.liars for robot in range(1, len(self.sightings) + 1)]
+        return Success(
+            *chances(
+                self.plan,
+                [own if true else none for own, true in zip(self.sightings, honest, strict=True)],
+                [own if true else () for own, true in zip(self.seen, honest, strict=True)],
+                view=self.problem.view,
+                detection=self.problem.detection,
+            )
+        )
 
     @property
     def expected_find(self) -> float | None:
@@ -377,10 +395,7 @@ class SearchEpisode(Episode):
         None for a problem without a prior, and if nothing can be found.
         """
         success = self.success
-        if success is None or not success.probability > 0:
-            return None
-        gains = np.diff(success.probabilities, prepend=0.0)
-        return float(gains @ success.times) / success.probability
+        return None if success is None else mean_time(success.times, success.probabilities)
 
     def _prior_report(self) -> dict[str, Any] | None:
         tour_cost = self.plan.tour_cost
@@ -388,6 +403,7 @@ class SearchEpisode(Episode):
             return None
         return {
             "inside": self.plan.prior_inside,
+            "before": self.plan.prior_before,
             "success": 0.0 if self.success is None else self.success.probability,
             "at_most": self.problem.at_most,
             "plain_s": self.plan.plain_seconds,

@@ -28,7 +28,7 @@ _COMMAND_WORDS: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"--([a-z][a-z-]*)": lambda found: f"“{found[1].replace('-', ' ')}”",
     r"\b(MAP|REGION|WORKSPACE)\b": lambda found: f"the {found[1].lower()}",
     r",? or MODULE:ATTRIBUTE": "",
-    r"the option can be repeated": "separate several values by commas",
+    r"the option can be repeated": "separate several values by semicolons",
 }
 _COMMANDS = {"steering": "steer", "search": "search"}
 

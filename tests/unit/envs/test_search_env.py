@@ -29,6 +29,8 @@ VARIANTS = {
     "obstacles-cell": {"obstacles": 3, "action": "cell"},
     "ring": {"region": "ring:60x30"},
     "targets": {"targets": 3, "false_alarm": 0.1},
+    "prior": {"prior": ["ring:20,30:0.5=15"], "targets": 2, "detection": 0.7, "found_reward": 5},
+    "moving": {"prior": ["ring:20,30:0.5=15"], "targets": 1, "target_moves": 0.5, "until": "found"},
     "wrong-position": {"faults": ["wrong-position:1:2"]},
 }
 WAIT, HERE, LEFT, UP, RIGHT, DOWN = range(6)
@@ -206,3 +208,118 @@ def test_wrong_steps():
     assert all(env.step(everyone)[3].values()), "truncated by max_steps"
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):
         env.step(everyone)
+
+
+def beliefs(env, observations):
+    """Return what each agent believes, along the tour."""
+    cells = tuple(env.unwrapped._tour.cells.T)
+    return {agent: found["likely"][cells].astype(float) for agent, found in observations.items()}
+
+
+def test_a_belief_is_the_prior_after_all_known_searches_by_bayes():
+    """Out of range of each other, robots believe different things."""
+    env = search_v0.parallel_env(
+        region="square:50",
+        robots=2,
+        prior=["ring:20,30:0.5=15"],
+        targets=1,
+        detection=0.6,
+        network="range:2",
+        action="cell",
+    )
+    observations, infos = env.reset(seed=3)
+    odds = env.unwrapped._plan.tour_cost.odds
+    for own in beliefs(env, observations).values():
+        np.testing.assert_allclose(own, odds, atol=1e-6)
+    rng = np.random.default_rng(1)
+    for _ in range(12):
+        actions = {
+            agent: int(rng.choice(np.flatnonzero(infos[agent]["action_mask"])))
+            for agent in env.agents
+        }
+        observations, *_, infos = env.step(actions)
+    different = []
+    for number, own in enumerate(beliefs(env, observations).values(), start=1):
+        robot = env.unwrapped._robot(number)
+        looks = np.zeros(len(own))
+        for _, cell in env.unwrapped._world.vehicles[number].visits:
+            looks[cell] += 1
+        known = [bits for other, bits in robot.searched.items() if other != number]
+        for cell in range(len(own)):
+            if looks[cell] == 0 and any(bits >> cell & 1 for bits in known):
+                looks[cell] = 1
+        expected = odds * 0.4**looks
+        np.testing.assert_allclose(own, expected / expected.sum(), atol=1e-6)
+        different.append(own)
+    assert np.abs(different[0] - different[1]).max() > 0.01
+
+
+def found_after(seed, **more):
+    """Return the steps until two robots find a target at random, their rewards, and all actions."""
+    env = search_v0.parallel_env(
+        region="square:50",
+        robots=2,
+        targets=1,
+        until="found",
+        found_reward=7,
+        reward="own",
+        searched_reward=0,
+        step_price=0,
+        final_bonus=0,
+        prior=["ring:20,30:0.5=15"],
+        **more,
+    )
+    _, infos = env.reset(seed=seed)
+    rng, total, steps = np.random.default_rng(seed), 0.0, 0
+    while env.agents:
+        actions = {
+            agent: int(rng.choice(np.flatnonzero(infos[agent]["action_mask"])))
+            for agent in env.agents
+        }
+        _, rewards, terminations, _, infos = env.step(actions)
+        total += sum(rewards.values())
+        steps += 1
+    return steps, total, all(terminations.values())
+
+
+@pytest.mark.parametrize("moves", [0.0, 0.5])
+def test_who_finds_a_target_is_rewarded_once_and_seeds_repeat(moves):
+    more = {"target_moves": moves} if moves else {}
+    for seed in range(3):
+        steps, total, found = found_after(seed, **more)
+        assert found
+        assert total == 7
+        assert found_after(seed, **more) == (steps, total, found)
+    assert len({found_after(seed, **more)[0] for seed in range(5)}) > 1
+
+
+def test_a_moving_target_spreads_what_robots_believe():
+    env = search_v0.parallel_env(
+        region="square:50",
+        robots=1,
+        targets=1,
+        prior=["ring:25,25:0.99=4"],
+        target_moves=0.8,
+        detection=0,
+    )
+    observations, _ = env.reset(seed=1)
+    before = observations["robot_1"]["likely"]
+    after = env.step({"robot_1": 0})[0]["robot_1"]["likely"]
+    assert before.argmax() == 12
+    assert after[2, 2] == pytest.approx(0.2 * before[2, 2] + 0.2 * 4 * before[1, 2], abs=0.01)
+    assert after.sum() == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("more", "match"),
+    [
+        ({"found_reward": 1}, "expected targets"),
+        ({"until": "found"}, "expected targets"),
+        ({"targets": 1, "obstacles": 1, "target_moves": 0.1}, "expected no obstacles"),
+    ],
+)
+def test_options_of_targets_need_targets(more, match):
+    with pytest.raises(shoal.envs.OptionError, match=match):
+        search_v0.parallel_env(**SMALL, **more)
+    with pytest.raises(shoal.envs.OptionError, match="only search_v0"):
+        shoal.envs.SearchEnv(region="square:50", targets=1, until="found")

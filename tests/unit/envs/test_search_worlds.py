@@ -17,6 +17,8 @@ PLAIN = (
     "footprints",
     "obstacles",
     "obstacles-cell",
+    "prior",
+    "moving",
 )  # simulated by the PettingZoo environment only
 COMPILED = {name: options for name, options in VARIANTS.items() if name not in PLAIN} | {
     "launch": {"robots": 2, "launch": "5,5;-9,45"},

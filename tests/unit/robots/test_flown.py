@@ -9,16 +9,18 @@ import struct
 
 import numpy as np
 import pytest
+import shapely
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.missions import read_mission
-from shoal.search import LocalFrame
+from shoal.search import LocalFrame, read_tracks, region_of
+from shoal.search.regions.places import seen_along
 
 pytest.importorskip("pymavlink")
 
-from shoal.robots.flight_logs import read_tracks
-from shoal.robots.mavlink import ARMED, dialect
+from shoal.robots.mavlink import ARMED
+from shoal.search.regions.formats.flight_logs import dialect
 
 FIELD = [[8.5, 47.4], [8.5016, 47.4], [8.5016, 47.4008], [8.5, 47.4008], [8.5, 47.4]]
 FOOTPRINT = 20
@@ -299,3 +301,25 @@ def test_logs_of_nobody_are_refused(field, tmp_path, capsys, monkeypatch, argume
 def test_an_unknown_suffix_is_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="expected a flight log"):
         read_tracks(tmp_path / "log.csv")
+
+
+def test_a_search_reads_flight_logs_and_gpx_as_tracks(tmp_path):
+    """What counts is the flight, without gaps: 200 m and 100 m of 400 m."""
+    frame = LocalFrame(8.5, 47.4)
+    region = region_of(shapely.box(0, 0, 400, 40), frame=frame)
+    along = np.arange(0.0, 401.0, 2.0)
+    heights = np.where(along < 300, 30.0, 0.2)  # the last 100 m on the ground
+    times = BEGIN + along + np.where(along > 200, 60.0, 0.0)  # 60 s without a position
+    degrees = frame.to_degrees(np.column_stack([along, np.full(len(along), 20.0)]))
+    log = write_tlog(tmp_path / "flown.tlog", {1: np.column_stack([times, degrees, heights])})
+    assert seen_along(str(log), region, 20.0).area == pytest.approx(
+        (200 + 20 + 96 + 20 - 18) * 20, rel=1e-3
+    )
+    points = [f"<trkpt lat='{y:.7f}' lon='{x:.7f}'/>" for x, y in degrees.tolist()]
+    segments = "".join(f"<trkseg>{''.join(points[a:b])}</trkseg>" for a, b in ((0, 51), (101, 151)))
+    (tmp_path / "flown.gpx").write_text(f"<gpx><trk>{segments}</trk></gpx>")
+    seen = seen_along(str(tmp_path / "flown.gpx"), region, 20.0)
+    assert seen.area == pytest.approx((100 + 20 + 98 + 20) * 20, rel=1e-3)
+    (tmp_path / "planned.gpx").write_text("<gpx><rte><rtept lat='1' lon='2'/></rte></gpx>")
+    with pytest.raises(InvalidInputError, match="a track that was flown"):
+        seen_along(str(tmp_path / "planned.gpx"), region, 20.0)

@@ -13,12 +13,13 @@ from shoal.robots import modes
 from shoal.robots.companion import Companion
 from shoal.robots.guided import FLIGHT, GROUND, GuidedVehicle
 from shoal.robots.journal import Journal
-from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station, dialect
+from shoal.robots.mavlink import ARDUPILOT, AUTOPILOTS, PX4, LinkError, Station
 from shoal.robots.mission_protocol import FENCE, FENCE_CORNERS, RALLY, MissionItem
 from shoal.robots.settings import safe_parameters
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
 from shoal.robots.tasks import RobotLimits, read_task, write_task
 from shoal.search import SearchProblem
+from shoal.search.regions.formats.flight_logs import dialect
 from shoal.search.run import run
 from shoal.search.simulation.live.ports import Leg
 from shoal.search.simulation.live.radio import LoopbackRadio

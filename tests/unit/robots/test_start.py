@@ -19,12 +19,12 @@ pytest.importorskip("pymavlink")
 from dataclasses import replace
 
 from shoal.robots import modes, uploading
-from shoal.robots.flight_logs import read_tracks
 from shoal.robots.mavlink import Station
 from shoal.robots.onboard import pair, read_cargos, read_seats
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
 from shoal.robots.starting import Fleet, check_fleet, start_missions, watch_fleet
 from shoal.robots.uploading import upload_missions
+from shoal.search.regions.formats.flight_logs import read_tracks
 
 LATER = 20.0  # seconds
 

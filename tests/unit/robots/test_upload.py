@@ -21,7 +21,7 @@ from shoal.search import LocalFrame
 
 pytest.importorskip("pymavlink")
 
-from shoal.robots.mavlink import LinkLimits, Station, dialect, open_link
+from shoal.robots.mavlink import LinkLimits, Station, open_link
 from shoal.robots.mission_protocol import (
     FENCE,
     MISSION,
@@ -34,6 +34,7 @@ from shoal.robots.mission_protocol import (
 from shoal.robots.onboard import pair, read_cargos, read_seats
 from shoal.robots.simulated import Quirks, SimulatedLink, SimulatedVehicle, run_vehicles
 from shoal.robots.uploading import items_for, upload_missions
+from shoal.search.regions.formats.flight_logs import dialect
 
 HOME = (8.5, 47.4)
 AROUND = np.array([(8.4, 47.3), (8.6, 47.3), (8.6, 47.5), (8.4, 47.5)])

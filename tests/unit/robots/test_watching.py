@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from shoal.cli import run
-from shoal.cli.search.watching import table_of
+from shoal.cli.search.watching import table_of, title_of
 from shoal.robots.radios import open_radio
 from shoal.robots.tasks import read_task, write_task
 from shoal.robots.watching import SearchWatch
@@ -154,3 +154,25 @@ def test_the_studio_watches_and_lets_go(task, air):
     word, sentence = answer(folder, "watch", {**about, "radio": "udp:1"})
     assert word == "error"
     assert "radio: expected" in sentence
+
+
+def test_with_a_prior_a_watch_tells_the_probability_of_success(tmp_path):
+    problem = SearchProblem(
+        "rectangle:30x20", robots=2, footprint=10, prior=["ring:5,5:0.5=5,0.9=20"], detection=0.8
+    )
+    write_task(run_search(problem, seed=1), tmp_path)
+    prepared = read_task(tmp_path)
+    air = Air(prepared)
+    radio = open_radio(air.radio)
+    try:
+        watch = SearchWatch(prepared, radio)
+        air.send(1, 5, searched=0b111)
+        air.send(2, 5, searched=0b110)
+        time.sleep(0.05)
+        watch.listen(10.0)
+        odds = prepared.plan.tour_cost.odds
+        assert watch.report(10.0)["success"] == pytest.approx(0.8 * odds[:3].sum())
+        assert "target found with" in title_of(watch.report(10.0))
+    finally:
+        radio.close()
+        air.close()

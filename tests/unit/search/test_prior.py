@@ -13,7 +13,7 @@ import pytest
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionOptions, MissionSet
-from shoal.search import SearchProblem, compare_plans, open_region
+from shoal.search import SearchProblem, open_region
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
 from shoal.search.planning.plan import SearchPlan, plan_search
@@ -309,11 +309,6 @@ def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):
     kept = plan_search(SearchProblem(**SQUARE, prior=[file]), seed=1)
     assert kept.tour_cost.at_most == 0
     assert "at most 1.25 times" in said[0]
-
-
-def test_a_comparison_of_plans_refuses_a_prior():
-    with pytest.raises(InvalidInputError, match="prior: expected none in a comparison"):
-        compare_plans(SearchProblem(**SQUARE, prior=["ring:50,50:0.5=9"]))
 
 
 def test_a_header_that_promises_too_much_is_refused(tmp_path):

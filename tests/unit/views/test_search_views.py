@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from functools import cache
 from itertools import pairwise
 from math import inf
@@ -15,13 +16,14 @@ from PIL import Image
 from tests.search_episodes import search
 
 from shoal.core.errors import InvalidInputError
-from shoal.search import LocalFrame, SearchEpisode, region_of
+from shoal.search import LocalFrame, SearchEpisode, SearchProblem, region_of
 from shoal.search.episode import duration_text
 from shoal.search.problem.network import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.run import run
 from shoal.views import film
 from shoal.views.drawing.canvas import rings_of
 from shoal.views.drawing.charts import save_figure
-from shoal.views.search.figures import routes_figure, spread_out
+from shoal.views.search.figures import cell_colours, routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.missions import label_offsets
@@ -512,3 +514,25 @@ def test_labels_stand_nearer_to_their_own_place_than_to_any_other():
         assert (apart.argmin(axis=1) == np.arange(len(places))).all()
         between = np.hypot(*np.moveaxis(labels[:, None] - labels, -1, 0)) + 99 * np.eye(len(places))
         assert between.min() > 8
+
+
+def test_heat_cools_where_robots_look():
+    ring = {"prior": ["ring:20,60:0.5=15,0.9=30"], "detection": 0.7}
+    episode = run(SearchProblem("square:80", robots=2, **ring), seed=1)
+    history, odds = SearchHistory(episode), episode.plan.tour_cost.odds
+    first, middle = history.first[0], history.end / 3
+    np.testing.assert_allclose(history.likely(-np.inf), odds)
+    left = np.where(first <= middle, 0.3, 1.0)
+    np.testing.assert_allclose(history.likely(middle), odds * left)
+    assert history.success_at(middle) == pytest.approx(0.7 * odds[first <= middle].sum())
+    assert history.success_at(history.end) == pytest.approx(episode.success.probability)
+    warm, cold = cell_colours(history, -1.0), cell_colours(history, middle)
+    hottest = int(np.argmax(odds))
+    assert warm[hottest].sum() < 3 - 0.3
+    assert np.abs(warm - cold)[first > middle].max() == 0
+    data = page_data(episode)
+    assert data["left"] == pytest.approx(0.3**0.6)
+    heat = np.frombuffer(b64decode(data["heat"]), dtype=np.uint8)
+    assert heat.max() == 255
+    plain = page_data(run(SearchProblem("square:80", robots=2), seed=1))
+    assert plain["heat"] is None

@@ -393,9 +393,10 @@ def _pairs(
     folder: Path, systems: str, connect: list[str] | None, robots: str | None, sortie: int
 ) -> tuple[list[tuple[Cargo, Seat]], list[str]]:
     """Return each robot's cargo with its vehicle, and the links, all checked."""
-    from shoal.robots.mavlink import check_link, dialect
+    from shoal.robots.mavlink import check_link
     from shoal.robots.onboard import pair, read_cargos, read_seats
     from shoal.robots.uploading import links_of
+    from shoal.search.regions.formats.flight_logs import dialect
 
     dialect()
     seats = read_seats(systems)
@@ -523,9 +524,9 @@ def flown(
     """
     from shoal.core.files import write_json
     from shoal.missions.files import open_sheets
-    from shoal.robots.flight_logs import read_tracks
     from shoal.robots.flown import assign_tracks, check_flown
     from shoal.robots.onboard import read_cargos, read_seats
+    from shoal.search.regions.formats.flight_logs import read_tracks
 
     if out is not None:
         check_folder(out)

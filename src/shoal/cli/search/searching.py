@@ -18,7 +18,7 @@ from shoal.cli.output import (
     say,
     write_episode,
 )
-from shoal.cli.search.texts import print_search
+from shoal.cli.search.texts import finding_text, print_search
 from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.missions.options import MissionOptions
@@ -79,8 +79,10 @@ def search(
         typer.Option(
             "--compare",
             help=(
-                "Plan along each tour and with each allocation, and print the time, turns, length"
-                " and evenness of each plan, without a simulation. With --out: comparison.png and"
+                "Plan along each tour and with each allocation, and in the patterns parallel track,"
+                " creeping line, corridor, expanding square and sector, and print the time, turns,"
+                " length and evenness of each plan, and what it searches, without a simulation; with"
+                " --prior, also the expected time to find. With --out: comparison.png and"
                 " summary.json."
             ),
         ),
@@ -198,18 +200,26 @@ def _compare(
         return
     rows = [
         [
-            one.plan.tour.name,
-            one.plan.allocation.allocator,
+            *one.names,
+            *([finding_text(one.expected_find, one.success)] if problem.prior else []),
             duration_text(one.seconds) + ("" if one.refusal is None else " (estimate)"),
             str(one.turns),
             f"{one.length:.0f} m",
             f"{100 * one.evenness:.0f} %",
+            "all" if one.share == 1 else f"{100 * one.share:.1f} %",
         ]
         for one in found
     ]
     print_columns(
         ["tour", "allocation"],
-        ["time", "turns", "length", "evenness"],
+        [
+            *(["found after"] if problem.prior else []),
+            "time",
+            "turns",
+            "length",
+            "evenness",
+            "searched",
+        ],
         rows,
         title=f"plans of {count_text(problem.robots, 'robot')} in {problem.place.name}, the best first",
     )

@@ -109,7 +109,7 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> prior = {"inside": 0.9, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
+    >>> prior = {"inside": 0.9, "before": 0.0, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
     >>> prior_rows({"prior": prior, "expected_find_s": 300.0})
     [('target', 'found after 0:05:00 on average, if it is in the region (90 % by the prior)')]
     """
@@ -126,7 +126,25 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
         f"found{detected} after {duration_text(result['expected_find_s'])} on average, if it is in"
         f" the region ({100 * prior['inside']:.3g} % by the prior)"
     )
-    return [("target", told)]
+    seen = f"the tracks would have found the target with a probability of {100 * prior['before']:.3g} %"
+    return [("target", told), *([("searched", seen)] if prior["before"] else [])]
+
+
+def finding_text(expected: float | None, success: float | None) -> str:
+    """Return the expected time to find a target, with the probability that it is found if it is not
+    sure.
+
+    Examples
+    --------
+    >>> finding_text(300.0, 1.0), finding_text(300.0, 0.805), finding_text(None, 0.0)
+    ('0:05:00', '0:05:00 (80.5 %)', 'never')
+    """
+    from shoal.search.episode import duration_text
+
+    if expected is None or success is None:
+        return "never"
+    sure = "" if success > 1 - 1e-9 else f" ({100 * success:.3g} %)"
+    return duration_text(expected) + sure
 
 
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:

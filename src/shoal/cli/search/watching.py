@@ -88,9 +88,10 @@ def _said() -> Callable[[dict[str, Any]], None]:
 
 def title_of(report: dict[str, Any]) -> str:
     """Return one line about the whole search."""
-    refused = sum(report["refused"].values())
+    refused, success = sum(report["refused"].values()), report["success"]
     return (
         f"{100 * report['covered_fraction']:.4g} % of {report['cells']} cells searched"
+        f"{'' if success is None else f', target found with {100 * success:.3g} %'}"
         f"{f', {refused} messages refused' if refused else ''}"
         f"{', found in ' + ', '.join(map(str, report['found'])) if report['found'] else ''}"
     )

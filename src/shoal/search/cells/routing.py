@@ -587,7 +587,5 @@ class RegionPaths:
         if not region.restricted:
             return PortalGraph(self.grid)
         return PortalGraph(
-            cells_of(
-                without_margin(replace(region, outline=region.free, searched=None)), self.grid.size
-            )
+            cells_of(without_margin(replace(region, outline=region.free, looks=())), self.grid.size)
         )

@@ -82,6 +82,19 @@ class Sorties:
         """
         return [self._trajectory(begin, until) for begin, until in self._sections()]
 
+    def searching(self) -> list[tuple[Trajectory, float, float]]:
+        """Return the trajectory of each sortie, and when its search begins and ends."""
+        found = []
+        for begin, until in self._sections():
+            flown, waypoints = self._trajectory(begin, until), self._sortie(begin, until)
+            out, back = self._count_beside(waypoints, begin, until)
+            places = waypoints[[out, len(waypoints) - 1 - back], :2]
+            away = np.hypot(*(flown.points[:, None, :2] - places).transpose(2, 0, 1))
+            first = int(np.argmax(away[:, 0] < NEAR))
+            last = len(away) - 1 - int(np.argmax(away[::-1, 1] < NEAR))
+            found.append((flown, float(flown.times[first]), float(flown.times[last])))
+        return found
+
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
 

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
 from shoal.search.flight.timing import turns_of
+from shoal.search.planning.patterns import pattern_plans
 from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
+    plan_search,
     plans_along,
     price_of_turns,
 )
+from shoal.search.planning.sightings import chances, mean_time, sightings_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.tours import TOURS
@@ -42,6 +45,16 @@ class PlanFigures:
     price : float
         The time that decides between plans, in seconds: the time of the robot that is back last,
         with what its turns cost in comparisons beyond their own time.
+    share : float
+        Share of the cells that are searched: 1 for plans, and less for some patterns.
+    pattern : str or None
+        Name of the pattern (`shoal.search.planning.patterns`), in place of a tour and an allocation.
+    by_prior : bool
+        Whether robots search in the order that follows the prior.
+    expected_find : float or None
+        With a prior, the expected time until the target is found, if it is found, in seconds.
+    success : float or None
+        With a prior, the probability that the target is found.
     refusal : str or None
         The reason why a vehicle cannot fly the plan, whose time is then an estimate.
     """
@@ -52,13 +65,32 @@ class PlanFigures:
     length: float
     evenness: float
     price: float
+    share: float = 1.0
+    pattern: str | None = None
+    by_prior: bool = False
+    expected_find: float | None = None
+    success: float | None = None
     refusal: str | None = None
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the tour and the allocation, or of the pattern."""
+        allocation = self.plan.allocation.allocator
+        if self.pattern is not None:
+            return self.pattern, "pattern"
+        return self.plan.tour.name, f"{allocation}, by the prior" if self.by_prior else allocation
 
     def report(self) -> dict[str, Any]:
         """Return the figures as a mapping that can be written as JSON."""
+        planned = self.pattern is None
         return {
-            "tour": self.plan.tour.name,
-            "allocation": self.plan.allocation.allocator,
+            "tour": self.plan.tour.name if planned else None,
+            "allocation": self.plan.allocation.allocator if planned else None,
+            "pattern": self.pattern,
+            "by_prior": self.by_prior,
+            "searched_fraction": self.share,
+            "expected_find_s": self.expected_find,
+            "success": self.success,
             "angle_degrees": self.plan.row_angle,
             "time_s": self.seconds,
             "turns": self.turns,
@@ -69,11 +101,13 @@ class PlanFigures:
 
 
 def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]:
-    """Plan a search along each tour and with each allocation, and return the figures of all plans,
-    the best first.
+    """Plan a search along each tour and with each allocation, and in the patterns that crews know,
+    and return the figures of all plans, the best first.
 
-    A tour or an allocation that the problem names is the only one. The order is the one in which
-    `plan_search` chooses: by the time until the last robot is done, with the price of turns.
+    A tour or an allocation that the problem names is the only one, without patterns. The order is
+    the one in which `plan_search` chooses: by the time until the last robot is done, with the price
+    of turns. With a prior, the plan that follows it is compared, too, and the order is by the
+    expected time to find. Patterns that do not search everything come last.
 
     Raises
     ------
@@ -88,11 +122,6 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
-    if problem.prior:
-        raise InvalidInputError(
-            "prior: expected none in a comparison of plans, which does not use it, got"
-            f" {len(problem.prior)}"
-        )
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
     known: dict[Any, Any] = {}
     first = plans_along(problem, names[0], seed, known)
@@ -100,8 +129,35 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
         places = tuple((x, y) for x, y in first[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
     rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
-    found = [_figures(plan, problem) for plan in (*first, *rest)]
-    return sorted(found, key=lambda one: (one.refusal is not None, one.price))
+    plans = _with_odds([*first, *rest], problem)
+    found = [_figures(plan, problem) for plan in plans]
+    if problem.tour == AUTO and problem.allocation == AUTO:
+        patterns = pattern_plans(problem, seed, {})
+        found += [_figures(plan, problem, pattern=name) for name, plan in patterns]
+    if problem.prior:
+        found.append(_figures(plan_search(problem, seed=seed), problem, by_prior=True))
+    return sorted(found, key=_rank)
+
+
+def _rank(one: PlanFigures) -> tuple[bool, bool, float]:
+    first = one.price if one.expected_find is None else one.expected_find
+    return one.refusal is not None, one.share < 1, first
+
+
+def _with_odds(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+    """Return plans that know the prior of the problem, in their own orders."""
+    prior = problem.open_prior()
+    if prior is None:
+        return list(plans)
+    known: dict[int, tuple[Any, float, float]] = {}
+    found = []
+    for plan in plans:
+        if id(plan.tour) not in known:
+            known[id(plan.tour)] = prior.odds(plan.grid, plan.tour)
+        odds, inside, before = known[id(plan.tour)]
+        cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
+        found.append(replace(plan, tour_cost=cost, prior_inside=inside, prior_before=before))
+    return found
 
 
 def ways_of(plan: SearchPlan) -> list[tuple[int, Points]]:
@@ -127,8 +183,18 @@ def _ways(plan: SearchPlan) -> list[tuple[int, Points]]:
     return found
 
 
-def _figures(plan: SearchPlan, problem: SearchProblem) -> PlanFigures:
+def _figures(
+    plan: SearchPlan, problem: SearchProblem, *, pattern: str | None = None, by_prior: bool = False
+) -> PlanFigures:
     ways = _ways(plan)
+    robots = range(len(plan.places))
+    seen = [plan.seen(robot, plan.stops(robot)) for robot in robots]
+    cells = np.unique(np.concatenate([one for own in seen for one in own]))
+    success, expected = None, None
+    if plan.tour_cost.odds is not None:
+        sightings = [sightings_of(plan, robot, plan.stops(robot)) for robot in robots]
+        curve = chances(plan, sightings, seen, view=problem.view, detection=problem.detection)
+        success, expected = float(curve[1][-1]), mean_time(*curve)
     times = [end_of(sorties) for sorties in plan.sorties] if plan.flies else _own_times(plan)
     last = max(times, default=0.0)
     return PlanFigures(
@@ -138,6 +204,11 @@ def _figures(plan: SearchPlan, problem: SearchProblem) -> PlanFigures:
         length=float(sum(plan.leg_lengths(way).sum() for _, way in ways)),
         evenness=float(np.mean(times)) / last if last else 1.0,
         price=price_of_turns(plan, problem),
+        share=len(cells) / len(plan.tour_cost),
+        pattern=pattern,
+        by_prior=by_prior,
+        expected_find=expected,
+        success=success,
         refusal=None if plan.refusal is None else str(plan.refusal),
     )
 

@@ -18,7 +18,14 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
 from shoal.core.notices import tell_once
-from shoal.search.allocation.allocate import Allocation, Arc, allocate, in_passes, numbers_of
+from shoal.search.allocation.allocate import (
+    Allocation,
+    Arc,
+    allocate,
+    in_passes,
+    numbers_of,
+    time_of,
+)
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
@@ -45,7 +52,6 @@ from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.timing import (
-    Trajectory,
     turn_cells,
     turn_shares,
     turns_of,
@@ -189,6 +195,8 @@ class SearchPlan:
         the missions share.
     prior_inside : float
         Probability that the target of a prior is in the area of the region.
+    prior_before : float
+        Probability with which earlier looks along tracks would have found the target.
     plain_seconds : float, optional
         Planned time in seconds without the prior, or None without a prior.
     alternatives : tuple of SearchPlan
@@ -215,6 +223,7 @@ class SearchPlan:
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
     prior_inside: float = 1.0
+    prior_before: float = 0.0
     plain_seconds: float | None = None
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
@@ -303,7 +312,8 @@ class SearchPlan:
         if key not in self.flown:
             try:
                 self.flown[key] = tuple(
-                    flight.duration for flight in self._flights(robot, stops, detours)
+                    flight.duration
+                    for flight in self.flown_sorties(robot, stops, detours).trajectories()
                 )
             except InvalidInputError as error:
                 self.flown[key] = error.with_traceback(None)
@@ -332,9 +342,9 @@ class SearchPlan:
             start += seconds + self.vehicle.recharge_seconds
         return tuple(sorties)
 
-    def _flights(
-        self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]]
-    ) -> list[Trajectory]:
+    def flown_sorties(
+        self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
+    ) -> Sorties:
         """Return the flights of a robot, as its missions contain them: out, along the stops, and
         home, with turns and climbs.
         """
@@ -356,7 +366,7 @@ class SearchPlan:
         )
         return Sorties(
             np.vstack([way_out, search_way]), flight, _MEMORY, self.leg, robot + 1, len(way_out)
-        ).trajectories()
+        )
 
     def flown_route(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
@@ -709,11 +719,17 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     prior = problem.open_prior()
     if prior is None:
         return plan
-    odds, inside = prior.odds(plan.grid, plan.tour)
+    odds, inside, before = prior.odds(plan.grid, plan.tour)
     cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
     plain = plan.planned_seconds
     kept = replace(
-        plan, tour_cost=cost, prior_inside=inside, plain_seconds=plain, alternatives=(), flown={}
+        plan,
+        tour_cost=cost,
+        prior_inside=inside,
+        prior_before=before,
+        plain_seconds=plain,
+        alternatives=(),
+        flown={},
     )
     limit, price = problem.at_most, 0.0
     for _ in range(_TRIES):
@@ -751,6 +767,20 @@ def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> Se
     )
     plan = replace(plan, allocation=shared)
     return replace(plan, allocation=replace(shared, times=shared.times + _late(plan)))
+
+
+def with_work(plan: SearchPlan, name: str, work: Sequence[tuple[Arc, ...]]) -> SearchPlan:
+    """Return a plan in which each robot searches given arcs of the tour, in their order."""
+    middles = plan.tour_cost.points[plan.starts]
+    times = [
+        time_of(plan.tour_cost, arcs, place, int(start), int(width)) / rate
+        for arcs, place, start, width, rate in zip(
+            work, middles, plan.starts, plan.widths, plan.rates, strict=True
+        )
+    ]
+    allocation = Allocation(name, tuple(work), np.array(times), tuple(work))
+    plan = replace(plan, allocation=allocation, compared=())
+    return replace(plan, allocation=replace(allocation, times=allocation.times + _late(plan)))
 
 
 def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:

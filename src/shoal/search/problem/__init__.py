@@ -312,8 +312,10 @@ class SearchProblem(Problem):
         (),
         help=(
             "File of a track that was flown before, such as after a battery stop or a crash: a CSV or"
-            " GeoJSON file of points or of a line, in the same units as REGION (the option can be"
-            " repeated). What a robot's footprint saw along the track is not searched again."
+            " GeoJSON file of points or of a line, in the same units as REGION, a GPX track or a"
+            " flight log (.tlog, .bin, .ulg); the option can be repeated. What a robot's footprint"
+            " saw along the track is not searched again. With --prior, it becomes less likely, and"
+            " with a --detection below 1, robots look there again."
         ),
         metavar="FILE",
         repeated=True,
@@ -800,7 +802,9 @@ class SearchProblem(Problem):
 
     def open_prior(self) -> Prior | None:
         """Open the prior of the problem, or return None for a problem without a prior."""
-        return open_prior(self.prior, self.elsewhere, self.place) if self.prior else None
+        if not self.prior:
+            return None
+        return replace(open_prior(self.prior, self.elsewhere, self.place), detection=self.detection)
 
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
@@ -811,15 +815,15 @@ class SearchProblem(Problem):
         return self.kept_margin(self._less_searched(whole))
 
     def _less_searched(self, region: SearchRegion) -> SearchRegion:
-        """Return a region without what was seen along the given tracks."""
+        """Return a region without what was seen along the given tracks; with a prior and a
+        detection below 1, robots look there again.
+        """
         if not self.searched:
             return region
-        import shapely
-
         side = float(np.min(self.footprint or self._asked_vehicle.row_spacing or FOOTPRINT))
         seen = [seen_along(track, region, side) for track in self.searched]
-        before = [] if region.searched is None else [region.searched]
-        return replace(region, searched=shapely.union_all([*seen, *before]))
+        again = bool(self.prior) and self.detection < 1
+        return replace(region, looks=(*region.looks, *seen), again=again)
 
     def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
         """Return a region with the problem's margin, or with the default margin if the problem has
@@ -880,7 +884,7 @@ class SearchProblem(Problem):
             return None
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
         if self.searched:
-            kept += ("searched", "footprint", "vehicle")
+            kept += ("searched", "footprint", "vehicle", "prior", "detection")
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
             kept += (

@@ -13,6 +13,7 @@ import numpy as np
 
 from shoal.core.checks import (
     FARTHEST,
+    check_bool,
     check_integer,
     check_number,
     check_points,
@@ -54,7 +55,7 @@ def check_path(value: Any, what: str, expected: str) -> str:
 def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the `SearchRegion` from which `dump_region` made the mapping ``data``."""
     data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0, "barriers": []} | data
-    searched = data.pop("searched", None)
+    looks, again = data.pop("looks", []), data.pop("again", False)
     if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height", "barriers"}:
         raise InvalidInputError(
             f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}"
@@ -84,16 +85,18 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
         for one in list_of(data["barriers"])
     )
     region = region_of(area, frame=place, name=name)
-    if searched is not None:
-        text = check_text(searched, what="region: searched")
-        searched = read_polygon(text, where="region: searched")
+    seen = tuple(
+        read_polygon(check_text(one, what="region: looks"), where="region: looks")
+        for one in list_of(looks)
+    )
     return replace(
         region,
         no_go=zones.area,
         no_go_zones=count,
         height=height,
         barriers=barriers,
-        searched=searched,
+        looks=seen,
+        again=check_bool(again, what="region: again"),
     )
 
 
@@ -120,8 +123,9 @@ def dump_region(value: str | SearchRegion) -> Any:
         told["barriers"] = [
             shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers
         ]
-    if value.searched is not None:
-        told["searched"] = shapely.to_wkt(value.searched, rounding_precision=-1)
+    if value.looks:
+        told["looks"] = [shapely.to_wkt(shape, rounding_precision=-1) for shape in value.looks]
+        told["again"] = value.again
     return told | ({"height": value.height} if value.height else {})
 
 

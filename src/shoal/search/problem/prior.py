@@ -39,6 +39,8 @@ _MOST_NUMBERS = 100_000_000 // 4  # of an array
 _FINE, _COARSE = 4, 2  # samples along the side of a cell, in small and in large searches
 _SMALL = 200_000  # cells
 _AT_ONCE = 200_000  # samples
+_MOST_LOOKED = 4_000_000  # samples of the ground that was seen before
+_CERTAIN = 1.0 - 1e-6
 _SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
 _RING = re.compile(r"ring:(?P<x>[^,:]+),(?P<y>[^,:]+):(?P<quantiles>.+)")
 _WEIGHTED = re.compile(r"(?P<weight>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\*(?P<what>.+)")
@@ -131,7 +133,8 @@ class DistanceRing:
         slopes = np.diff(shares) / np.diff(distances)
         piece = np.searchsorted(self.distances, away, side="right")
         rest, last = 1.0 - shares[-1], slopes[-1]
-        beyond = last * np.exp(-(away - distances[-1]) * last / rest) if rest > 0 else 0.0
+        past = np.maximum(away - distances[-1], 0.0)
+        beyond = last * np.exp(-past * last / rest) if rest > 0 else 0.0
         slope = np.where(piece < len(slopes), slopes[np.minimum(piece, len(slopes) - 1)], beyond)
         return np.asarray(slope / (tau * away))
 
@@ -203,18 +206,26 @@ class Prior:
         Weights and densities. Together, the weights and ``elsewhere`` are 1.
     elsewhere : float
         Share of the probability that is the same everywhere in the region.
+    detection : float
+        Probability that an earlier look at a place (`SearchRegion.looks`) would have found a target
+        there.
     """
 
     parts: tuple[tuple[float, Density], ...]
     elsewhere: float = 0.0
+    detection: float = 1.0
 
-    def odds(self, grid: Grid, tour: Tour) -> tuple[Floats, float]:
-        """Return the probability of each cell along a tour, together 1, and the probability that
-        the target is in the area of the region at all.
+    def odds(self, grid: Grid, tour: Tour) -> tuple[Floats, float, float]:
+        """Return the probability of each cell along a tour, together 1, the probability that the
+        target is in the area of the region at all, and that with which earlier looks would have
+        found it.
 
         The probability of a place belongs to the cell whose footprint contains the place. In a
         search of several layers, the target is in each layer with a probability in proportion to
         the number of the layer's cells.
+
+        What was seen before changes these probabilities by Bayes: at a place that k tracks have seen, the target
+        was missed with the probability (1 - detection)^k.
 
         Raises
         ------
@@ -222,6 +233,7 @@ class Prior:
             If the target is in no cell.
         """
         layers = layers_of(grid)
+        before = self._found_before(layers[0])
         odds, inside = np.zeros(len(tour)), 0.0
         known: dict[Any, tuple[Floats, float]] = {}
         for up, layer in enumerate(layers):
@@ -238,7 +250,7 @@ class Prior:
             raise InvalidInputError(
                 f"prior: expected some probability in the region {grid.region.name!r}, got none"
             )
-        return odds / total, inside
+        return odds / total, min(1.0, inside / (1.0 - before)), before
 
     def _masses(self, grid: Any) -> tuple[Floats, float]:
         """Return the probability of each place of a lattice of cells, and of all together; float64,
@@ -248,6 +260,7 @@ class Prior:
 
         fine = _FINE if grid.n_cells <= _SMALL else _COARSE
         area, step = grid.region.area, grid.size / fine
+        whole = _with_searched(grid.region)
         shapely.prepare(area)
         west, south, east, north = area.bounds
         across = np.arange(west + step / 2, east, step)
@@ -260,12 +273,77 @@ class Prior:
             points = points[shapely.contains_xy(area, *points.T)]
             if not len(points):
                 continue
-            weights = np.full(len(points), self.elsewhere * step**2 / area.area)
-            for weight, density in self.parts:
-                weights += weight * step**2 * density.density(points)
+            weights = step**2 * self._density(points, whole)
+            weights *= self._missed(points, grid.region)
             total += float(weights.sum())
             np.add.at(masses, tuple(grid.cell_of(points).T), weights)
         return masses, min(total, 1.0)
+
+    def _found_before(self, grid: Any) -> float:
+        """Return the probability that the earlier looks at a region would have found the target.
+
+        Raises
+        ------
+        InvalidInputError
+            If they would have found it wherever it may be.
+        """
+        import shapely
+
+        region = grid.region
+        if not region.looks or not self.detection:
+            return 0.0
+        seen, whole = shapely.union_all(region.looks), _with_searched(region)
+        shapely.prepare(seen)
+        west, south, east, north = seen.bounds
+        step = max(grid.size / _FINE, ((east - west) * (north - south) / _MOST_LOOKED) ** 0.5)
+        across, found = np.arange(west + step / 2, east, step), 0.0
+        for y in np.arange(south + step / 2, north, step):
+            points = np.column_stack([across, np.full(len(across), y)])
+            points = points[shapely.contains_xy(seen, *points.T)]
+            if len(points):
+                weights = step**2 * self._density(points, whole)
+                found += float(weights @ (1.0 - self._missed(points, region)))
+        if found > _CERTAIN:
+            raise InvalidInputError(
+                "searched: expected tracks that leave some probability to what they did not see, got"
+                " tracks that saw all places where the target may be"
+            )
+        return found
+
+    def _density(self, points: Points, whole: Any) -> Floats:
+        """Return the probability per square metre at points, before any look. The share for
+        elsewhere is spread over ``whole``.
+        """
+        import shapely
+
+        found = np.zeros(len(points))
+        if self.elsewhere:
+            inside = shapely.contains_xy(whole, *points.T)
+            found[inside] = self.elsewhere / whole.area
+        for weight, density in self.parts:
+            found += weight * density.density(points)
+        return found
+
+    def _missed(self, points: Points, region: SearchRegion) -> Floats:
+        """Return the probability with which all earlier looks miss a target at points."""
+        import shapely
+
+        missed = np.ones(len(points))
+        for look in region.looks:
+            shapely.prepare(look)
+            missed[shapely.contains_xy(look, *points.T)] *= 1.0 - self.detection
+        return missed
+
+
+def _with_searched(region: SearchRegion) -> Any:
+    """Return the area of a region with what robots need not see again, as a Shapely geometry."""
+    import shapely
+
+    whole = region.area
+    if region.searched is not None:
+        whole = whole.union(region.searched.intersection(region.outline))
+    shapely.prepare(whole)
+    return whole
 
 
 def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:

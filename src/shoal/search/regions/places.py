@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
+from shoal.search.regions.formats.flight_logs import LOGS, flown_lines
 from shoal.search.regions.formats.geodata import read_positions
-from shoal.search.regions.formats.kml import read_gpx_line
+from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_lines
 from shoal.search.regions.formats.tables import read_vertices
 from shoal.search.regions.outline import (
     LARGEST_FILE,
@@ -170,7 +172,10 @@ def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     Parameters
     ----------
     track : str or array_like of float, shape (k, 2)
-        Points in metres, or the path of a CSV or GeoJSON file of points or of a line.
+        Points in metres, or the path of a file: a CSV or GeoJSON file of points or of a line, the
+        tracks of a GPX file, or a flight log (``.tlog``, ``.bin`` or ``.ulg``), which counts from
+        when its vehicle is in flight. Blank lines of a CSV file, segments of GPX, and gaps of a log
+        interrupt the track.
     region : SearchRegion
         The region whose local frame the result uses.
     side : float
@@ -184,22 +189,45 @@ def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     """
     import shapely
 
-    points = (
-        _read(Path(track), region, "searched")[0]
+    lines = (
+        _track_lines(Path(track), region)
         if isinstance(track, str)
-        else check_plane_points(track, what="searched")
+        else [check_plane_points(track, what="searched")]
     )
-    if len(points) < 2:
-        raise InvalidInputError(
-            f"searched: expected a track of two points or more, got {len(points)}"
-        )
-    way = shapely.get_coordinates(shapely.simplify(shapely.linestrings(points), _SIMPLER * side))
-    legs = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    longest = max(map(len, lines), default=0)
+    if longest < 2:
+        raise InvalidInputError(f"searched: expected a track of two points or more, got {longest}")
+    pairs = []
+    for points in lines:
+        if len(points) > 1:
+            line = shapely.simplify(shapely.linestrings(points), _SIMPLER * side)
+            way = shapely.get_coordinates(line)
+            pairs.append(np.stack([way[:-1], way[1:]], axis=1))
+    legs = shapely.linestrings(np.concatenate(pairs))
     legs = legs[shapely.length(legs) > 0]
     if not len(legs):
         raise InvalidInputError("searched: expected a track that moves, got one place")
     seen = shapely.union_all(shapely.buffer(legs, side / 2, cap_style="square"))
     return seen.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
+
+
+def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
+    """Return the uninterrupted parts of a track in a file, in metres."""
+    kind = path.suffix.lower()
+    if kind == ".gpx":
+        lines = read_gpx_lines(path, "trkseg")
+        if not lines:
+            raise InvalidInputError(f"{path}: expected a track that was flown, got none")
+    elif kind in LOGS:
+        lines = flown_lines(path)
+    elif kind in (".geojson", ".json"):
+        return [_read(path, region, "searched")[0]]
+    else:
+        rows, degrees = read_vertices(path, what="table of searched")
+        groups = groupby(rows, lambda row: row is not None)
+        tables = [np.array([row[:2] for row in group if row]) for there, group in groups if there]
+        return [_in_metres(table, region, path, degrees=degrees) for table in tables]
+    return [_in_metres(line, region, path, degrees=True) for line in lines if len(line)]
 
 
 def points_inside(given: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:

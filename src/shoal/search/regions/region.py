@@ -59,9 +59,11 @@ class SearchRegion:
         have few corners. Robots may not enter them either. By default, the region has none.
     pointed : bool
         Whether ``free`` has few corners in place of arcs, because robots are fixed wings.
-    searched : shapely Polygon or MultiPolygon, optional
-        What was seen before: robots may be there, but need not see it again, and ``area`` does not
-        contain it.
+    looks : tuple of shapely Polygon or MultiPolygon
+        What was seen along each of several earlier tracks. Robots may be there.
+    again : bool
+        Whether robots must see it again, because those who looked may have missed something.
+        Otherwise, ``area`` does not contain it.
     """
 
     area: Any
@@ -76,7 +78,8 @@ class SearchRegion:
     bends: Any = None
     barriers: tuple[Any, ...] = ()
     pointed: bool = False
-    searched: Any = None
+    looks: tuple[Any, ...] = ()
+    again: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "outline"):
@@ -90,6 +93,15 @@ class SearchRegion:
                     " that saw all of it"
                 )
             object.__setattr__(self, "area", rest)
+
+    @cached_property
+    def searched(self) -> Any:
+        """What robots need not see again, as one Shapely geometry; None if nothing was seen before,
+        or if they must see it again.
+        """
+        import shapely
+
+        return shapely.union_all(self.looks) if self.looks and not self.again else None
 
     @property
     def area_m2(self) -> float:

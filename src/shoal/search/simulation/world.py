@@ -107,6 +107,9 @@ class SearchWorld:
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
         The simulated robots, by the number of the robot.
+    finds : list of (int, int)
+        Number of the robot and cell of each detection of a target by a robot that tells the truth,
+        in order.
     takeovers : int
         Number of times that a robot began to search the part of another robot that it presumed
         dead.
@@ -127,6 +130,7 @@ class SearchWorld:
         self.searched: dict[int, int] = {}  # for each robot, the cells that it really searched
         self.covered_at = inf
         self.declared: dict[int, float] = {}
+        self.finds: list[tuple[int, int]] = []  # robot and cell of each true detection
         self.takeovers = 0
         self.air = Air(scenario, self.rng)
         self._queue: list[tuple[float, int, int, str, Any]] = []
@@ -276,14 +280,14 @@ class SearchWorld:
         """Decide at random whether a robot reports a target in a cell. The probability is a sensor
         rate, or 0.5 for a liar.
         """
-        chance = (
-            self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
+        there = cell in self.scenario.targets
+        chance = self.scenario.detection if there else self.scenario.false_alarm
+        found = bool(chance or vehicle.liar) and bool(
+            self.rng.random() < (0.5 if vehicle.liar else chance)
         )
-        return (
-            bool(self.rng.random() < (0.5 if vehicle.liar else chance))
-            if chance or vehicle.liar
-            else False
-        )
+        if found and there and not vehicle.liar:
+            self.finds.append((vehicle.robot.number, cell))
+        return found
 
     def _do_obstructed(self, vehicle: SimulatedRobot, found: tuple[int, int]) -> None:
         cell, vehicle.place = found

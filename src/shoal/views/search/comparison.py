@@ -31,7 +31,7 @@ def comparison_figure(found: Sequence[PlanFigures]) -> Figure:
     """
     best: dict[str, PlanFigures] = {}
     for one in found:
-        best.setdefault(one.plan.tour.name, one)
+        best.setdefault(one.names[0] + " by the prior" * one.by_prior, one)
     columns = min(_COLUMNS, len(best))
     rows = -(-len(best) // columns)
     left, bottom, right, top = found[0].plan.grid.region.outline.bounds
@@ -49,7 +49,7 @@ def comparison_figure(found: Sequence[PlanFigures]) -> Figure:
         axes.set(xticks=[], yticks=[], aspect="equal")
         bare_axes(axes)
         axes.set_title(
-            f"{one.plan.tour.name}, {one.plan.allocation.allocator}: {duration_text(one.seconds)},"
+            f"{', '.join(one.names)}: {duration_text(one.seconds)},"
             f"\n{count_text(one.turns, 'turn')}, {one.length:.0f} m",
             fontsize=7.5,
             color=MUTED,

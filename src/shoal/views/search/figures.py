@@ -38,6 +38,8 @@ from shoal.views.search.timeline import timeline_figure
 
 NOT_SEEN = "#d81b1b"
 OBSTACLE = "#5b6470"
+HEAT = "#e08a00"
+_WARM = 0.75  # opacity of the colour of heat in the likeliest cells
 _OUTSIDE, _EDGE, _LINES = "#eef0f3", "#39424e", "#e1e5ea"
 _OWN, _TAKEN = 0.16, 0.36  # opacity of a robot's colour in its cells
 _GRID = 3000  # number of cells up to which cell borders are drawn
@@ -200,7 +202,8 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
     """Return the RGB colour of each cell at a given time, in the order of the tour; float64, shape
     (n, 3).
 
-    An unsearched cell is white, and a discovered obstacle has the colour `OBSTACLE`.
+    An unsearched cell is white, and a discovered obstacle has the colour `OBSTACLE`. With a prior,
+    cells have the colour `HEAT` where the target is likely and not found yet.
     """
     from matplotlib.colors import to_rgb
 
@@ -209,7 +212,8 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
         [(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(history.n_robots))]
     )
     part = np.where(history.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
-    colours = 1.0 - part[:, None] * (1.0 - palette[by])
+    colours = 1.0 - _WARM * history.heat(time)[:, None] * (1.0 - np.array(to_rgb(HEAT)))
+    colours -= part[:, None] * (colours - palette[by])
     colours[[cell for cell, moment in history.obstacles.items() if moment <= time]] = to_rgb(
         OBSTACLE
     )

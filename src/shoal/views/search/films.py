@@ -82,7 +82,7 @@ class SearchFilm:
         self._draw_background()
         drawn = -1.0
         for time in times:
-            if time < drawn or self.history.searched(time) != self.history.searched(drawn):
+            if time < drawn or self.history.looked(time) != self.history.looked(drawn):
                 self._draw_cells(time)
             drawn = time
             self._canvas.clear()
@@ -260,6 +260,8 @@ class SearchFilm:
         clock = " of ".join(
             duration_text(float(history.episode.clock(moment))) for moment in (time, history.end)
         )
+        if history.episode.plan.tour_cost.odds is not None:
+            clock += f" · target found with {100 * history.success_at(time):.0f} %"
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
         kinds = [activity.kind for activity in now]
         words = [

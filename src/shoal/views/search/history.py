@@ -245,6 +245,10 @@ _GAP = 0.12  # distance between panels, relative to a panel's longer side
 # squares per side of the smallest cell, if cells are no squares of the drawing: as many as the
 # drawing has room for
 _FINE = 2, 12
+SHADE = 0.6
+"""Exponent of the probability per cell that gives the strength of its colour."""
+
+_STRONGEST = 0.995  # quantile of the probability per cell that gets the full colour
 _SQUARES = 100_000  # in a drawing of one layer
 
 
@@ -614,6 +618,59 @@ class SearchHistory:
                 times[cells[new]], by[cells[new]] = earliest[new], number
         return times, by
 
+    @cached_property
+    def _looks(self) -> tuple[Numbers, Floats]:
+        """The cell and the time of each search by a robot that tells the truth, in the order of
+        time.
+        """
+        cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for number, log in enumerate(self.logs, start=1):
+            if number not in self.liars and log.cells.size:
+                seen = self.episode.seen[number - 1]
+                cells += seen
+                times.append(np.repeat(log.times, [len(one) for one in seen]))
+        order = np.argsort(np.concatenate(times), kind="stable")
+        return np.concatenate(cells)[order], np.concatenate(times)[order]
+
+    def likely(self, time: float) -> Floats:
+        """Return the probability that the target is in each cell and not found up to a given time;
+        float64, shape (n,). Without a prior, it is 0 everywhere.
+        """
+        odds = self.episode.plan.tour_cost.odds
+        if odds is None:
+            return np.zeros(self.n_cells)
+        cells, times = self._looks
+        searches = np.bincount(cells[: np.searchsorted(times, time, "right")], minlength=len(odds))
+        return np.asarray(odds * (1.0 - self.episode.problem.detection) ** searches)
+
+    def heat(self, time: float) -> Floats:
+        """Return how strongly each cell is coloured because the target is likely there and not found
+        up to a given time, from 0 to 1; float64, shape (n,).
+        """
+        most = np.quantile(self.likely(-inf), _STRONGEST)
+        return np.asarray(np.clip(self.likely(time) / max(float(most), 1e-300), 0.0, 1.0) ** SHADE)
+
+    @cached_property
+    def success(self) -> tuple[Floats, Floats]:
+        """Times of searches, in the unit of the trace, and the probability that the target is found
+        until each of them. They are empty without a prior.
+        """
+        odds = self.episode.plan.tour_cost.odds
+        if odds is None:
+            return np.zeros(0), np.zeros(0)
+        cells, times = self._looks
+        left, found = self.likely(-inf), np.zeros(len(cells))
+        for k, cell in enumerate(cells.tolist()):
+            found[k] = self.episode.problem.detection * left[cell]
+            left[cell] -= found[k]
+        return times, np.cumsum(found)
+
+    def success_at(self, time: float) -> float:
+        """Return the probability that the target is found up to a given time."""
+        times, found = self.success
+        count = int(np.searchsorted(times, time, "right"))
+        return float(found[count - 1]) if count else 0.0
+
     def seen_at(self, robot: int) -> Floats:
         """Return, in increasing order, the times at which a robot first saw the cells that it
         searched; float64, shape (k,).
@@ -639,6 +696,10 @@ class SearchHistory:
             )
             taken[over[self.first[1][over] == robot + 1]] = True
         return taken
+
+    def looked(self, time: float) -> int:
+        """Return the number of searches of cells up to a given time."""
+        return int(np.searchsorted(self._looks[1], time, "right"))
 
     def searched(self, time: float) -> int:
         """Return the number of cells that robots have searched up to a given time."""

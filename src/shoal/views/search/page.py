@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.simulation.trace import Finding
 from shoal.views.player import render
-from shoal.views.search.history import RobotTrajectory, SearchHistory, sizes_text
+from shoal.views.search.history import SHADE, RobotTrajectory, SearchHistory, sizes_text
 
 LARGEST = 300_000
 """Maximum number of visits of cells that a page plays smoothly."""
@@ -69,7 +69,10 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
 
         ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles
         that the robots found. ``findings`` is a list of [x, y, time of the first discovery,
-        confidence]. ``north`` is the direction of north in degrees clockwise from up, or null.
+        confidence]. With a prior, ``heat`` (uint8, for each square) states how likely the target is
+        there before the search, ``left`` is the part of this that remains after a search, and ``success``
+        holds times (float32) and the probability that the target is found until then (float32).
+        ``north`` is the direction of north in degrees clockwise from up, or null.
         ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or
         0 for other vehicles.
 
@@ -129,9 +132,19 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             [*history.place_of(one).tolist(), _found_at(history, one), one.confidence]
             for one in episode.findings
         ],
+        "heat": _heat(history),
+        "left": (1.0 - episode.problem.detection) ** SHADE,
+        "success": [_text(one, "<f4") for one in history.success],
         "north": history.north,
         "circle": history.circle,
     }
+
+
+def _heat(history: SearchHistory) -> str | None:
+    """Return how likely the target is in each square of the drawing, as a text of bytes."""
+    if history.episode.plan.tour_cost.odds is None:
+        return None
+    return _text(np.rint(255 * history.raster(history.heat(-inf), 0.0)).ravel(), "<u1")
 
 
 def _box(sides: tuple[float, float, float, float]) -> list[float]:

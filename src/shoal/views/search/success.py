@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _EDGE = "#39424e"
 _LIKELY = "#1f4e8c"
-_STRONGEST = 0.995  # quantile of the probability per cell that gets the full colour
 
 
 def success_figure(episode: SearchEpisode) -> Figure:
@@ -38,14 +37,13 @@ def success_figure(episode: SearchEpisode) -> Figure:
     InvalidInputError
         If the search has no prior.
     """
-    odds = episode.plan.tour_cost.odds
-    if odds is None:
+    if episode.plan.tour_cost.odds is None:
         raise InvalidInputError("figure success: expected a search with a prior, got one without")
     history = SearchHistory(episode)
     figure, (ground, chart) = new_panels(8.0, 4.2, 2, ratios=(1, 1.15))
     left, right, bottom, top = history.extent
     ground.imshow(
-        history.raster(_shades(odds), 1.0),
+        history.raster(_shades(history.heat(-np.inf)), 1.0),
         extent=(left, right, bottom, top),
         interpolation="nearest",
     )
@@ -81,10 +79,8 @@ def success_figure(episode: SearchEpisode) -> Figure:
     return figure
 
 
-def _shades(odds: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shades(strength: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the colour of each cell: the darker, the likelier; float64, shape (N, 3)."""
     from matplotlib.colors import to_rgb
 
-    most = max(float(np.quantile(odds, _STRONGEST)), 1e-300)
-    strength = np.clip(odds / most, 0.0, 1.0)[:, None] ** 0.6
-    return np.asarray(1.0 - strength * (1.0 - np.array(to_rgb(_LIKELY))))
+    return np.asarray(1.0 - strength[:, None] * (1.0 - np.array(to_rgb(_LIKELY))))

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from itertools import islice
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -70,16 +71,27 @@ def read_gpx_line(path: Path) -> Points:
     """Return the points of the only track or route of a GPX file, as longitude and latitude in
     degrees; float64, shape (k, 2).
     """
+    lines = read_gpx_lines(path, "trkseg", "rte")
+    if len(lines) != 1:
+        raise InvalidInputError(f"{path}: expected one track or route, got {len(lines)}")
+    return lines[0]
+
+
+def read_gpx_lines(path: Path, *kinds: str) -> list[Points]:
+    """Return the points of the elements of some kinds in a GPX file, such as segments of tracks or
+    routes, as longitude and latitude in degrees; float64, each of shape (k, 2).
+    """
     check_file(path, what="file of a line", most=LARGEST_FILE)
     try:
         root = parse_xml(decode_xml(path.read_bytes(), where=str(path)), root="gpx")
     except XmlError as error:
         raise InvalidInputError(f"{path}: line {error.line}: {error}") from None
-    lines = [*root.all("trkseg"), *root.all("rte")]
-    if len(lines) != 1:
-        raise InvalidInputError(f"{path}: expected one track or route, got {len(lines)}")
+    return [_gpx_points(path, line) for kind in kinds for line in root.all(kind)]
+
+
+def _gpx_points(path: Path, line: Any) -> Points:
     points = []
-    for one in (*lines[0].all("trkpt"), *lines[0].all("rtept")):
+    for one in (*line.all("trkpt"), *line.all("rtept")):
         try:
             points.append([float(one.attributes[name]) for name in ("lon", "lat")])
         except (KeyError, ValueError):

@@ -18,7 +18,7 @@ const SECTIONS = [
   { title: "Robots", open: true, fields: ["robots", "footprint", "launch", "land", "starts"] },
   { title: "Rows", open: true, fields: ["angle", "along", "cross_track", "margin", "tour", "allocation", "multiplicity"] },
   { title: "Messages and faults", fields: ["loss", "network", "packet", "faults", "crashes", "rates"] },
-  { title: "Things to find", fields: ["targets", "detection", "false_alarm", "obstacles"] },
+  { title: "Things to find", fields: ["prior", "elsewhere", "at_most", "searched", "targets", "detection", "false_alarm", "obstacles"] },
   { title: "How the file is read", fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"] },
 ];
 const BEGIN = {

@@ -78,8 +78,9 @@ function control(name, field, ends, changed, understood) {
   }
   if (kind === "number" || kind === "integer") return isSlider(field, ends) ? slider(field, about, ends, changed) : numeric(field, about, kind, changed);
   const input = el("input", { ...about, type: "text", autocomplete: "off", spellcheck: false, placeholder: written(field.default) || "none", onchange: changed });
-  const words = () => input.value.split(",").map((word) => word.trim()).filter(Boolean);
-  return { id, element: input, read: () => (input.value.trim() === "" ? undefined : field.repeated ? words() : understood(input.value.trim())), write: (value) => { input.value = written(value); } };
+  // not by commas: a ring has some, and names of files may
+  const words = () => input.value.split(";").map((word) => word.trim()).filter(Boolean);
+  return { id, element: input, read: () => (input.value.trim() === "" ? undefined : field.repeated ? words() : understood(input.value.trim())), write: (value) => { input.value = field.repeated ? [value ?? []].flat().join("; ") : written(value); } };
 }
 
 function numeric(field, about, kind, changed) {

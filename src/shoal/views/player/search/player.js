@@ -38,11 +38,13 @@
       ...(history.robots.some((robot) => robot.activities.some((one) => one.kind === "dead")) ? [["dead", "died"]] : []),
       ...(history.takeovers ? [["taken", "another’s part"]] : []),
       ...(history.findings.length ? [["finding", "finding"]] : []),
+      ...(history.heat ? [["heat", "target likely"]] : []),
       ...(history.obstacles.length ? [["obstacle", "obstacle"]] : []),
       ["ahead", "way ahead, of the robot followed"],
     ].map(([sign, words]) => `<li><i class="sign-${sign}" aria-hidden="true"></i>${words}</li>`).join("");
     fillRows($("details"), [
       ["Findings", ""],
+      ...(history.heat ? [["Probability of success", ""]] : []),
       ...(history.obstacles.length ? [["Obstacles met", number(history.obstacles.length)]] : []),
       ["Side of a cell", history.cellSize],
       ["Allocation", history.allocation],
@@ -140,6 +142,7 @@
       $("clock").textContent = `${lasting(seconds)} of ${lasting(history.climb + history.end * history.cellTime)}`;
       const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`, cell = $("details").querySelector("dd");
       if (cell.textContent !== found) cell.textContent = found;
+      if (history.heat) $("details").querySelectorAll("dd")[1].textContent = `${Math.round(100 * history.successAt(time))} %`;
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / history.end);
       history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
@@ -189,7 +192,7 @@
       const own = Array.from({ length: COLOURS }, (_, i) => read(`r${i}`)), text = own.map((colour) => `rgb(${colour.join(" ")})`);
       colours = {
         robot: (k) => own[k % COLOURS], robotText: (k) => text[k % COLOURS], floor: read("floor"), floorText: css("floor"),
-        onRobot: css("on-robot"), wall: css("wall"), wait: css("wait"), found: css("found"), ink: css("ink"),
+        onRobot: css("on-robot"), wall: css("wall"), wait: css("wait"), found: css("found"), hot: read("heat"), ink: css("ink"),
         veil: `rgb(${read("page").join(" ")} / .62)`,
       };
       scene.forget();
@@ -243,6 +246,7 @@
       get searched() { return history.searchedAt(time); },
       get points() { return history.robots.map((robot) => robot.at(time)); },
       get found() { return history.foundAt(time); },
+      get success() { return history.successAt(time); },
       get doing() { return history.robots.map((robot) => robot.activityAt(time).kind); },
       get chosen() { return scene.chosen; },
       get zoom() { return view.zoom; },

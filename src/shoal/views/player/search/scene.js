@@ -6,6 +6,7 @@ const ShoalSearch = (() => {
   const MARGIN = 22; // CSS pixels around the picture
   const INSET = 0.5; // rem left and right of the rows: half a thumb, as of the scrub bar
   const OWN = 0.18, TAKEN = 0.42; // how much of a robot's colour its cells have
+  const WARM = 0.75; // how much of the colour of heat the likeliest squares have
   const STEPS = 65535; // of places across the picture
   const EARLY = 1e-3; // cells: times are rounded
 
@@ -65,6 +66,8 @@ const ShoalSearch = (() => {
       this.by = numbers(data.by, "u2");
       this.where = numbers(data.where, "u4");
       this.taken = numbers(data.taken, "u1");
+      this.heat = data.heat ? numbers(data.heat, "u1") : null;
+      this.success = data.success.map((text) => numbers(text, "f4"));
       this.robots = data.robots.map((told) => new Robot(told, data.view));
     }
 
@@ -75,6 +78,12 @@ const ShoalSearch = (() => {
     /** How many squares of the picture have a colour: of several a cell where layers are cut into different cells. */
     paintedAt(time) {
       return countUpTo(this.first, time + EARLY);
+    }
+
+    /** The probability that the target of a prior is found. */
+    successAt(time) {
+      const [times, found] = this.success, count = countUpTo(times, time + EARLY);
+      return count ? found[count - 1] : 0;
     }
 
     foundAt(time) {
@@ -93,6 +102,7 @@ const ShoalSearch = (() => {
       [this.cells.height, this.cells.width] = history.shape;
       this.image = new ImageData(history.shape[1], history.shape[0]);
       this.shown = 0; // cells that have their colour
+      this.warm = false; // whether likely squares have theirs
       this.chosen = -1; // the robot that is followed
     }
 
@@ -110,16 +120,30 @@ const ShoalSearch = (() => {
     /** Forget the colours of cells: the theme or the robot that is followed is another one. */
     forget() {
       this.shown = 0;
+      this.warm = false;
       this.image.data.fill(0);
+    }
+
+    /** Colour the squares where the target is likely, before anything is searched. */
+    paintHeat(colours) {
+      const { heat } = this.history, [floor, hot] = [colours.floor, colours.hot], { data } = this.image;
+      this.warm = true;
+      heat?.forEach((strength, k) => {
+        if (!strength) return;
+        for (let i = 0; i < 3; i++) data[4 * k + i] = floor[i] + WARM * strength / 255 * (hot[i] - floor[i]);
+        data[4 * k + 3] = 255;
+      });
     }
 
     paintCells(time, colours) {
       const { history, image } = this, count = history.paintedAt(time);
       if (count < this.shown) this.forget();
-      if (count === this.shown && count) return;
-      const [red, green, blue] = colours.floor;
+      if (count === this.shown && (count || this.warm)) return;
+      if (!this.warm) this.paintHeat(colours);
       for (let k = this.shown; k < count; k++) {
         const robot = history.by[k], own = colours.robot(robot), dim = this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1;
+        const hot = history.heat ? WARM * history.left * history.heat[history.where[k]] / 255 : 0;
+        const [red, green, blue] = colours.floor.map((floor, i) => floor + hot * (colours.hot[i] - floor));
         const part = (history.taken[k] ? TAKEN : OWN) * dim, at = 4 * history.where[k];
         image.data[at] = red + part * (own[0] - red);
         image.data[at + 1] = green + part * (own[1] - green);

@@ -44,7 +44,7 @@ export function watchPanel() {
   }
 
   function show(told) {
-    word.textContent = `${percent(told.covered_fraction)} of ${number(told.cells, 9)} cells searched${told.complete ? ": complete" : ""}${told.found.length ? `, found in cells ${told.found.join(", ")}` : ""}`;
+    word.textContent = `${percent(told.covered_fraction)} of ${number(told.cells, 9)} cells searched${told.success === null ? "" : `, target found with ${percent(told.success)}`}${told.complete ? ": complete" : ""}${told.found.length ? `, found in cells ${told.found.join(", ")}` : ""}`;
     const reasons = Object.entries(told.refused);
     refused.textContent = reasons.length ? `Messages refused: ${reasons.map(([why, count]) => `${count} ${why}`).join(", ")}` : "";
     table.hidden = false;

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
-from shoal.robots.mavlink import NO_AUTOPILOT, dialect
 
 LARGEST_LOG = 2**32  # bytes
 _SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
 _DATAFLASH = b"\xa3\x95\x80"  # a message that describes messages
+_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: a camera or a ground station
 _MAVLINK_1, _MAVLINK_2, _SIGNED = 0xFE, 0xFD, 1
 
 
@@ -55,9 +55,38 @@ class Track:
 Row = tuple[float, float, float, float]
 """Time, longitude, latitude and height."""
 
+LOGS = (".tlog", ".bin", ".ulg")
+"""Suffixes of flight logs."""
+
+ALOFT = 1.0
+"""Height above home in metres from which on a vehicle is in flight."""
+
+GAP = 3.0
+"""Seconds without a position after which a track is interrupted."""
+
+
+def flown_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
+    """Return the uninterrupted ways of all vehicles in a flight log while they were in flight, or,
+    of a vehicle that never was, such as a rover, all its ways; longitude and latitude in degrees,
+    float64, each of shape (k, 2).
+    """
+    found: list[NDArray[np.float64]] = []
+    for track in read_tracks(path):
+        counts = track.heights > ALOFT
+        counts |= not counts.any()
+        ends = np.flatnonzero((np.diff(track.times) > GAP) | (counts[1:] != counts[:-1])) + 1
+        parts = np.split(np.arange(len(counts)), ends)
+        found += [track.places[part] for part in parts if counts[part[0]]]
+    return found
+
 
 def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
     """Read the track of each vehicle in a flight log.
+
+    Parameters
+    ----------
+    path : path-like
+        A log of a ground station (``.tlog``), of ArduPilot (``.bin``) or of PX4 (``.ulg``).
 
     Raises
     ------
@@ -67,11 +96,9 @@ def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
         If the library that reads the log is not installed.
     """
     source = Path(path)
-    readers: dict[str, Callable[[Path], dict[int | None, list[Row]]]] = {
-        ".tlog": _read_tlog,
-        ".bin": _read_dataflash,
-        ".ulg": _read_ulog,
-    }
+    readers: dict[str, Callable[[Path], dict[int | None, list[Row]]]] = dict(
+        zip(LOGS, (_read_tlog, _read_dataflash, _read_ulog), strict=True)
+    )
     reader = readers.get(source.suffix.lower())
     if reader is None:
         raise InvalidInputError(
@@ -107,7 +134,7 @@ def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
     vehicles: set[tuple[int, int]] = set()
     for stamp, message in _messages(path.read_bytes()):
         source = message.get_srcSystem(), message.get_srcComponent()
-        if message.get_type() == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT:
+        if message.get_type() == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT:
             vehicles.add(source)
         elif message.get_type() == "GLOBAL_POSITION_INT":
             rows.setdefault(source[0], []).append(
@@ -221,3 +248,16 @@ def _clock_of(topics: dict[str, Any]) -> float:
                 first = int(np.argmax(known))
                 return float(data["time_utc_usec"][first] - data["timestamp"][first]) / 1e6
     return 0.0
+
+
+def dialect() -> Any:
+    """Import MAVLink's messages, which pymavlink generates, in version 2.
+
+    Raises
+    ------
+    MissingExtraError
+        If pymavlink is not installed.
+    """
+    return import_extra(
+        "pymavlink.dialects.v20.ardupilotmega", "MAVLink needs pymavlink", extra="mavlink"
+    )

@@ -1,0 +1,68 @@
+"""When vehicles look: the times of first looks beside those of their flights, sample by sample."""
+
+import numpy as np
+import pytest
+
+from shoal.missions import MissionSet
+from shoal.search import SearchProblem
+from shoal.search.flight.timing import trajectory
+from shoal.search.planning import sightings
+from shoal.search.planning.plan import plan_search
+from shoal.search.planning.sightings import first_seen, sightings_of
+
+FIELD = {
+    "region": "rectangle:160x100",
+    "robots": 2,
+    "footprint": 20,
+    "prior": ["ring:120,80:0.5=20,0.9=60"],
+    "launch": ((-5.0, -5.0),),
+}
+
+
+@pytest.mark.parametrize(
+    "vehicle", ["multirotor", "multirotor,endurance=100,recharge=30", "fixed-wing"]
+)
+def test_first_looks_are_those_of_the_flown_missions(vehicle):
+    missions = MissionSet.from_problem(SearchProblem(**FIELD, vehicle=vehicle), seed=1)
+    episode, plan = missions.run(), missions.plan
+    cells = plan.positions(np.arange(len(plan.tour)))
+    first = np.full(len(cells), np.inf)
+    for mission in missions.missions:
+        way = mission.way_in(None)
+        flown = trajectory(way, plan.vehicle, rate=mission.rates(plan.vehicle))
+        ends = mission.waypoints[mission.searched][[0, -1]]
+        moments = np.arange(0.0, flown.duration, 0.1)
+        track = flown.at(moments)[:, :2]
+        begin, end = (
+            np.flatnonzero(np.hypot(*(track - place).T) < 2.0)[which]
+            for place, which in zip(ends, (0, -1), strict=True)
+        )
+        for moment, place in zip(moments[begin:end], track[begin:end], strict=True):
+            seen = (np.abs(cells - place) <= 10.0).all(axis=1)
+            first[seen] = np.minimum(first[seen], mission.start + moment)
+    # those on the border of a footprint's way may be seen by one of both alone
+    off = episode.visits.times - first
+    assert np.quantile(np.abs(off), 0.9) < 1.5
+    odds = plan.tour_cost.odds
+    assert odds @ episode.visits.times == pytest.approx(odds @ first, rel=0.03)
+    assert episode.expected_find == pytest.approx(odds @ first, rel=0.1)
+
+
+def test_a_vehicle_sees_while_it_searches_and_not_on_its_way_out():
+    plan = plan_search(SearchProblem(**FIELD | {"robots": 1}, vehicle="multirotor"), seed=1)
+    own = sightings_of(plan, 0, plan.stops(0))
+    assert (np.diff(own.times) > 0).all()
+    assert own.moments[0] > plan.vehicle.height / plan.vehicle.climb_speed
+    robots, times = first_seen(plan, [own], 20.0)
+    assert (robots == 0).all()
+    assert (times[plan.stops(0), 0] <= own.times + 1e-9).all()
+    assert np.isinf(first_seen(plan, [sightings_of(plan, 0, [])], 20.0)[1]).all()
+
+
+def test_long_tracks_are_followed_stop_by_stop(monkeypatch):
+    problem = SearchProblem(**FIELD, vehicle="multirotor,endurance=100,recharge=30")
+    plan = plan_search(problem, seed=1)
+    stops = plan.stops(0)
+    together = sightings_of(plan, 0, stops).times
+    monkeypatch.setattr(sightings, "_TOGETHER", 0)
+    np.testing.assert_allclose(sightings_of(plan, 0, stops).times, together, atol=2.0)
