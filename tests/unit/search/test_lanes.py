@@ -42,6 +42,14 @@ def test_cells_divide_the_region_and_each_is_seen_from_the_line():
     assert grid.doors_east.all()
 
 
+def test_a_region_as_wide_as_long_has_cells_along_its_middle():
+    """Its middle branches, so parts of a cell may touch in a point alone."""
+    region = open_region("square:50")
+    grid = cells_along(region, 10, center_line(region, 10))
+    pieces = shapely.transform(grid.clipped.pieces, grid.lattice.to_region)
+    assert shapely.union_all(pieces).symmetric_difference(region.area).area < 1e-3
+
+
 @pytest.mark.parametrize("footprint", [10, 15])
 def test_two_robots_share_a_corridor_by_its_length(footprint):
     problem = SearchProblem(
