@@ -22,6 +22,7 @@ except ImportError:
 
 from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
+from shoal.envs.sb3 import SB3VecEnv
 from shoal.envs.search import SearchEnv, SearchVectorEnv
 from shoal.envs.steering import SteeringEnv, SteeringVectorEnv
 from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
@@ -29,6 +30,7 @@ from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
 __all__ = [
     "REGISTERED",
     "OptionError",
+    "SB3VecEnv",
     "SearchEnv",
     "SearchVectorEnv",
     "SteeringEnv",

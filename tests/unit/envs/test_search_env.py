@@ -14,7 +14,7 @@ import shoal.envs
 from shoal.envs import search_v0
 from shoal.search import SearchProblem
 
-SMALL = {"region": "square:50", "robots": 4, "max_steps": 40}
+SMALL = {"region": "square:50", "robots": 4, "max_cycles": 40}
 VARIANTS = {
     "direction": {},
     "cell": {"action": "cell"},
@@ -186,7 +186,7 @@ def test_bad_options(options, words):
 
 
 def test_wrong_steps():
-    env = search_v0.parallel_env(**(SMALL | {"max_steps": 1}))
+    env = search_v0.parallel_env(**(SMALL | {"max_cycles": 1}))
     for method in (lambda: env.step({}), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             method()
@@ -203,6 +203,6 @@ def test_wrong_steps():
             gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"
         ):
             env.step(actions)
-    assert all(env.step(everyone)[3].values()), "truncated by max_steps"
+    assert all(env.step(everyone)[3].values()), "truncated by max_cycles"
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):
         env.step(everyone)

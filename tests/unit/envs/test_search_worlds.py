@@ -70,7 +70,7 @@ def test_gymnasiums_own_checks_pass():
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_a_vector_does_what_single_environments_do(mode):
-    options = SMALL | {"max_steps": 7, "loss": 0.3}
+    options = SMALL | {"max_cycles": 7, "loss": 0.3}
     vector = gymnasium.make_vec("shoal/Search-v0", num_envs=3, autoreset_mode=mode, **options)
     assert isinstance(vector.unwrapped, SearchVectorEnv)
     singles = gymnasium.vector.SyncVectorEnv(
