@@ -26,10 +26,12 @@ from shoal.envs.sb3 import SB3VecEnv
 from shoal.envs.search import SearchEnv, SearchVectorEnv
 from shoal.envs.steering import SteeringEnv, SteeringVectorEnv
 from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
+from shoal.envs.video import RecordVideo
 
 __all__ = [
     "REGISTERED",
     "OptionError",
+    "RecordVideo",
     "SB3VecEnv",
     "SearchEnv",
     "SearchVectorEnv",

@@ -46,7 +46,7 @@ class EnvOptions(Problem):
 
 
 def _check_maps(given: Any) -> tuple[str, ...]:
-    if isinstance(given, str) or not all(isinstance(name, str) for name in given):
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
         raise InvalidInputError(f"maps: expected a list of names or paths, got {shortened(given)}")
     return tuple(given)
 

@@ -387,7 +387,8 @@ def observed(
     if options.observation != "window":
         return batch.planes(PLANES, where=where, out=out)
     if options.center == "particles":
-        centers = np.rint(batch.measures(where=where).middle).astype(np.int64)
+        sums = batch.measures(where=where, commands=False)
+        centers = np.rint(sums.middle).astype(np.int64)
     else:
         centers = batch.nearest_frontier(where=where)[2]
     return batch.windows(PLANES, centers, options.window, where=where)
