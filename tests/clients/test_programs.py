@@ -28,7 +28,9 @@ def name_of(program):
     """Return the first library that a program imports, and what of it."""
     imported = re.findall(r"^(?:from|import) (\w+)", program, re.MULTILINE)
     library = next((name for name in LIBRARIES if name in imported), "script")
-    return "-".join([library, *re.findall(r"\w+Policy(?=\")|(?<=import )PettingZooWrapper", program)])
+    return "-".join(
+        [library, *re.findall(r"\w+Policy(?=\")|(?<=import )PettingZooWrapper", program)]
+    )
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=name_of)
