@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 import sys
+from collections import Counter
 from functools import wraps
 
 from shoal.envs.search import SearchWorlds
@@ -12,38 +13,34 @@ from shoal.envs.steering import SteeringWorlds
 from shoal.envs.swarm import SwarmWorlds
 
 STEPS = "steps of environments:"
-made = 0
 
 
-def count_worlds(kind):
-    """Let the class count the worlds that take a step."""
+def count(kind, steps, of):
+    """Let ``kind.step`` add to ``steps`` what ``of`` returns for its arguments."""
     step = kind.step
 
     @wraps(step)
-    def counting(worlds, actions, where=None):
-        global made
-        made += len(worlds.batch) if where is None else int(where.sum())
-        return step(worlds, actions, where)
+    def counting(self, *args, **options):
+        steps[kind] += of(self, *args, **options)
+        return step(self, *args, **options)
 
     kind.step = counting
 
 
-def count_agents(kind):
-    """Let the class count the agents that take a step."""
-    step = kind.step
+def worlds_of(worlds, actions, where=None):
+    """Return the number of worlds that take a step."""
+    return len(worlds.batch) if where is None else int(where.sum())
 
-    @wraps(step)
-    def counting(env, actions):
-        global made
-        made += len(actions)
-        return step(env, actions)
 
-    kind.step = counting
+def agents_of(env, actions):
+    """Return the number of agents that take a step."""
+    return len(actions)
 
 
 if __name__ == "__main__":
+    steps: Counter[type] = Counter()
     for kind in (SwarmWorlds, SteeringWorlds, SearchWorlds):
-        count_worlds(kind)
-    count_agents(SearchParallelEnv)
+        count(kind, steps, worlds_of)
+    count(SearchParallelEnv, steps, agents_of)
     runpy.run_path(sys.argv[1], run_name="__main__")
-    print(STEPS, made)
+    print(STEPS, steps.total())

@@ -128,10 +128,9 @@ class SB3VecEnv:
         rewards, _ = worlds.step(self._actions)
         self._returns += rewards
         self._lengths += 1
-        ended, truncated = batch.terminated | batch.truncated, batch.truncated.copy()
-        infos = self._infos()
-        for info, late in zip(infos, truncated.tolist(), strict=True):
-            info["TimeLimit.truncated"] = late
+        truncated = batch.truncated.copy()
+        ended = batch.terminated | truncated
+        infos = self._infos(**{"TimeLimit.truncated": truncated})
         if ended.any():
             self._finish(ended, infos)
         return worlds.observed(), rewards.astype(np.float32), ended, infos
@@ -159,15 +158,17 @@ class SB3VecEnv:
         for world, info in zip(chosen, self._infos(ended), strict=True):
             self.reset_infos[world] = info
 
-    def _infos(self, where: NDArray[np.bool_] | None = None) -> list[dict[str, Any]]:
-        """Return the infos of the selected environments, as single environments return them."""
-        columns = self._worlds.info(where)
-        names = tuple(columns)
-        rows = zip(
-            *(list(values) if values.ndim > 1 else values.tolist() for values in columns.values()),
-            strict=True,
-        )
-        return [dict(zip(names, row, strict=True)) for row in rows]
+    def _infos(
+        self, where: NDArray[np.bool_] | None = None, **more: NDArray[Any]
+    ) -> list[dict[str, Any]]:
+        """Return the infos of the selected environments, as single environments return them, and
+        more entries.
+        """
+        columns = self._worlds.info(where) | more
+        values = [
+            list(column) if column.ndim > 1 else column.tolist() for column in columns.values()
+        ]
+        return [dict(zip(columns, row, strict=True)) for row in zip(*values, strict=True)]
 
     def close(self) -> None:
         """Close the environments."""
