@@ -45,7 +45,7 @@ class Form:
         return batch
 
 
-class Flat(Form):
+class FlatForm(Form):
     """All numbers of an observation along one axis, as float32, in the order of
     `gymnasium.spaces.flatten`.
     """
@@ -67,7 +67,7 @@ class Flat(Form):
         return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
 
 
-class Image(Form):
+class ImageForm(Form):
     """The planes of an observation as the channels of a picture; uint8, shape (channels, height,
     width).
 
@@ -129,10 +129,10 @@ class Image(Form):
         return images
 
 
-def form_of(
+def observation_form(
     name: str, source: gymnasium.Space[Any], *, dimensions: int = 2, beyond: tuple[int, ...] = (0,)
 ) -> Form:
     """Return the form with the name of an option ``observation``."""
     if name == "image":
-        return Image(source, dimensions, beyond)
-    return Flat(source) if name == "flat" else Form(source)
+        return ImageForm(source, dimensions, beyond)
+    return FlatForm(source) if name == "flat" else Form(source)

@@ -12,7 +12,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
-from shoal.envs.forms import form_of
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     OptionError,
     SearchEnvOptions,
@@ -71,7 +71,7 @@ class SearchWorlds(Worlds):
             "energy": box(0.0, 1.0, (robots, 1), np.float32),
             "time": box(0, most, (robots, 1), np.int64),
         }
-        self.form = form_of(
+        self.form = observation_form(
             self.options.observation, gymnasium.spaces.Dict(spaces), dimensions=len(shape)
         )
         self.action_space = gymnasium.spaces.MultiDiscrete([self.batch.choices] * robots)

@@ -18,7 +18,7 @@ import pettingzoo
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
-from shoal.envs.forms import form_of
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     SEEDS,
     SearchEnvOptions,
@@ -146,7 +146,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._count = 1 + (
             cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2)
         )
-        self._form = form_of(
+        self._form = observation_form(
             self.options.observation, gymnasium.spaces.Dict(spaces), dimensions=len(shape)
         )
         self.observation_spaces = dict.fromkeys(self.possible_agents, self._form.space)

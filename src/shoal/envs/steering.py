@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import shortened
 from shoal.core.episode import Status
 from shoal.core.version import versions
-from shoal.envs.forms import form_of
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     OptionError,
     SteeringEnvOptions,
@@ -68,7 +68,7 @@ class SteeringWorlds(Worlds):
             "goals": _box(low, high, n),
             "goal_delta": _box(low - high, high - low, n - 1),
         }
-        self.form = form_of(self.options.observation, gymnasium.spaces.Dict(spaces))
+        self.form = observation_form(self.options.observation, gymnasium.spaces.Dict(spaces))
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float32)
         self._pictured = np.full(count, pictured)
         # of the whole episodes, where there are pictures

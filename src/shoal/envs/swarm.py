@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import count_text, shortened
 from shoal.core.errors import InvalidInputError
-from shoal.envs.forms import form_of
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     OptionError,
     SwarmEnvOptions,
@@ -79,7 +79,7 @@ class SwarmWorlds(Worlds):
             ]
             self.batch = WorldBatch(problems, count, seed=None)
         window = self.batch.layout.window
-        self.form = form_of(
+        self.form = observation_form(
             self.options.observation,
             observation_space(window, self.options, rule=self.problem.rule),
             dimensions=len(window),

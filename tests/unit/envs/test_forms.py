@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 import shoal.envs
 from shoal.core.errors import MissingExtraError
-from shoal.envs.forms import Image
+from shoal.envs.forms import ImageForm
 
 SMALL = {"map": "vessels:60", "particles": 12, "max_moves": 15}
 
@@ -71,7 +71,7 @@ def test_layers_are_channels_of_an_image():
 
 def test_shares_of_a_plane_become_shades():
     source = gymnasium.spaces.Box(0.0, 1.0, (1, 2, 2), np.float32)
-    form = Image(source, 2, (0,))
+    form = ImageForm(source, 2, (0,))
     seen = form(np.array([[[[0.0, 0.5], [0.999, 1.0]]]], dtype=np.float32))
     assert seen[0, 0, :2, :2].tolist() == [[0, 128], [255, 255]]
     assert seen.sum() == 128 + 255 + 255
