@@ -266,11 +266,11 @@ class SteeringEnv(WorldEnv, gymnasium.Env[Any, Any]):
     --------
     >>> env = SteeringEnv(start=[(0.2, 0.5), (0.4, 0.5)], goal=[(0.3, 0.5), (0.4, 0.5)])
     >>> observation, info = env.reset(seed=1)
-    >>> observation["delta"].tolist(), round(info["error"], 3)
-    ([[0.2, 0.0]], 0.1)
+    >>> observation["delta"], round(info["error"], 3)
+    (array([[0.2, 0. ]], dtype=float32), 0.1)
     >>> observation, reward, terminated, truncated, info = env.step([-0.3, 0.0])
-    >>> observation["delta"].round(3).tolist(), terminated
-    ([[0.1, 0.0]], False)
+    >>> observation["delta"].round(3), terminated
+    (array([[0.1, 0. ]], dtype=float32), False)
     """
 
     worlds = SteeringWorlds
