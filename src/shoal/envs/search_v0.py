@@ -78,7 +78,8 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     brought new data about the robot. In ``heard``, the agent's own robot has the value 0, and a
     robot without any message has the value -1. The entry ``told`` holds, for each robot, the number
     of cells that the robot has reported as searched. The entry ``energy`` is the remaining fraction
-    of the robot's energy, and the entry ``time`` is the number of steps since the start. When a
+    of the robot's energy, and the entry ``time`` is the number of steps since the start. With the
+    option ``observation``, an observation is one array (`shoal.envs.forms`). When a
     robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when all
     reachable cells are searched. All agents are truncated after ``max_cycles`` steps.
 
