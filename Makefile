@@ -11,7 +11,7 @@ export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 # Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install dev demo kernels lint test test-wheel versions check bench soak docs clean
+.PHONY: help install dev demo kernels lint test test-wheel test-clients versions check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
@@ -20,6 +20,7 @@ help:
 	@echo 'make dev      set up .venv with all that tests and checks need, and run none of them'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time, for the first commands of all users'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
+	@echo 'make test-clients  install libraries for reinforcement learning into .venv-clients, and train with each in the environments'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
@@ -97,6 +98,17 @@ test-wheel: $(VENV)/.dev-installed
 	  environment/bin/python -m pip --disable-pip-version-check -q install "$$wheel[imaging]" pytest hypothesis; \
 	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
 
+# Libraries for reinforcement learning, in an environment of their own: they need gigabytes, and other versions than the lock has.
+CLIENTS := .venv-clients
+TORCH ?= 2.13.0
+$(CLIENTS)/.installed: pyproject.toml
+	@$(PYTHON) -m venv $(CLIENTS)
+	@env -u PIP_CONSTRAINT $(CLIENTS)/bin/python -m pip --disable-pip-version-check -q install torch==$(TORCH)
+	@env -u PIP_CONSTRAINT $(CLIENTS)/bin/python -m pip --disable-pip-version-check -q install -e '.[clients]'
+	@touch $@
+test-clients: $(CLIENTS)/.installed
+	@$(CLIENTS)/bin/python -m pytest -W default --durations=5 tests/clients
+
 # Only here do versions other than those of the lock run. uv finds the lowest versions; nothing else needs it.
 versions: $(VENV)/.dev-installed
 	@$(PIP) install uv
@@ -129,5 +141,5 @@ docs: $(VENV)/.dev-installed
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 clean:
-	rm -rf $(VENV) site demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(CLIENTS) site demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find src tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

@@ -22,13 +22,17 @@ except ImportError:
 
 from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
+from shoal.envs.sb3 import SB3VecEnv
 from shoal.envs.search import SearchEnv, SearchVectorEnv
 from shoal.envs.steering import SteeringEnv, SteeringVectorEnv
 from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
+from shoal.envs.video import RecordVideo
 
 __all__ = [
     "REGISTERED",
     "OptionError",
+    "RecordVideo",
+    "SB3VecEnv",
     "SearchEnv",
     "SearchVectorEnv",
     "SteeringEnv",

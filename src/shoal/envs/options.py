@@ -19,7 +19,10 @@ O = TypeVar("O", bound="EnvOptions")  # noqa: E741 - an option
 SEEDS = 2**31
 """Exclusive upper limit of random seeds for episodes."""
 
-OBSERVATIONS = ("planes", "window", "compact")
+FORMS = ("image", "flat")
+"""Forms in which every learning program accepts observations (see `shoal.envs.forms`)."""
+
+OBSERVATIONS = ("planes", "window", "compact", *FORMS)
 CENTERS = ("particles", "frontier")
 
 
@@ -43,7 +46,7 @@ class EnvOptions(Problem):
 
 
 def _check_maps(given: Any) -> tuple[str, ...]:
-    if isinstance(given, str) or not all(isinstance(name, str) for name in given):
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
         raise InvalidInputError(f"maps: expected a list of names or paths, got {shortened(given)}")
     return tuple(given)
 
@@ -78,8 +81,9 @@ class SwarmEnvOptions(EnvOptions):
     observation: str = option(
         "planes",
         help=(
-            "Kind of observation: planes (all cells), window (the cells around one place) or"
-            " compact (a vector of numbers)."
+            "Kind of observation: planes (all cells), window (the cells around one place), compact"
+            " (a vector of numbers), image (planes with values from 0 to 255) or flat (planes as"
+            " one axis of float32)."
         ),
         choices=OBSERVATIONS,
     )
@@ -113,6 +117,11 @@ class SteeringEnvOptions(EnvOptions):
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")
 
+    observation: str = option(
+        "dict",
+        help="Kind of observation: dict (arrays by name) or flat (one axis of float32).",
+        choices=("dict", "flat"),
+    )
     longest_move: float = option(
         1.0,
         help="Length of the move for an action of 1, divided by the size of the workspace.",
@@ -138,6 +147,14 @@ class SearchEnvOptions(EnvOptions):
     part: ClassVar[str] = "search-environment"
     decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
 
+    observation: str = option(
+        "dict",
+        help=(
+            "Kind of observation: dict (arrays by name), image (the planes, with values from 0 to"
+            " 255) or flat (one axis of float32)."
+        ),
+        choices=("dict", *FORMS),
+    )
     action: str = option(
         "direction",
         help="Kind of action: direction (move one cell, or stay) or cell (move to any cell).",
@@ -178,7 +195,7 @@ class SearchEnvOptions(EnvOptions):
         least=0,
         most=1,
     )
-    max_steps: int = option(
+    max_cycles: int = option(
         10_000,
         help=(
             "Maximum number of steps of an episode. A step takes the time in which the fastest"

@@ -8,9 +8,11 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     TARGETS,
     OptionError,
@@ -62,21 +64,22 @@ class SearchWorlds(Worlds):
                 self.problem,
                 count,
                 directions=DIRECTIONS if self.options.action == "direction" else (),
-                max_steps=self.options.max_steps,
+                max_steps=self.options.max_cycles,
             )
         shape, robots = self.batch.tour.position.shape, self.problem.robots
-        cells, most = len(self.batch.tour), self.options.max_steps
+        cells, most = len(self.batch.tour), self.options.max_cycles
         last = np.broadcast_to(np.array(shape) - 1, (robots, len(shape)))
         box = gymnasium.spaces.Box
-        self.observation_space = gymnasium.spaces.Dict(
-            {
-                "planes": box(0, 1, (robots, len(PLANES), *shape), np.uint8),
-                "position": box(np.zeros_like(last), last, dtype=np.int64),
-                "heard": box(-1.0, float(most), (robots, robots), np.float32),
-                "told": box(0, cells, (robots, robots), np.int64),
-                "energy": box(0.0, 1.0, (robots, 1), np.float32),
-                "time": box(0, most, (robots, 1), np.int64),
-            }
+        spaces: dict[str, gymnasium.Space[Any]] = {
+            "planes": box(0, 1, (robots, len(PLANES), *shape), np.uint8),
+            "position": box(np.zeros_like(last), last, dtype=np.int64),
+            "heard": box(-1.0, float(most), (robots, robots), np.float32),
+            "told": box(0, cells, (robots, robots), np.int64),
+            "energy": box(0.0, 1.0, (robots, 1), np.float32),
+            "time": box(0, most, (robots, 1), np.int64),
+        }
+        self.form = observation_form(
+            self.options.observation, gymnasium.spaces.Dict(spaces), dimensions=len(shape)
         )
         self.action_space = gymnasium.spaces.MultiDiscrete([self.batch.choices] * robots)
         self._rewards = np.zeros((count, robots))
@@ -127,7 +130,7 @@ class SearchWorlds(Worlds):
             )
         return np.ascontiguousarray(given, dtype=np.int64)
 
-    def observed(
+    def seen(
         self, where: NDArray[np.bool_] | None = None, out: Any = None
     ) -> dict[str, NDArray[Any]]:
         """Return the observations by name, as new arrays with a row for each world and robot; the
@@ -148,6 +151,10 @@ class SearchWorlds(Worlds):
             "seed": batch.seeds[chosen].copy(),
         }
 
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions the robots of each world can take."""
+        return np.asarray(self.batch.masks(), dtype=np.bool_)
+
     def characters(self, world: int) -> str:
         """Return a search as text, with one character for each cell."""
         return search_text(self.batch.codes(world), self.problem.robots)
@@ -157,7 +164,7 @@ class SearchWorlds(Worlds):
         return search_picture(self.batch.codes(world), self.problem.robots)
 
 
-class SearchEnv(WorldEnv):
+class SearchEnv(WorldEnv, gymnasium.Env[Any, Any]):
     """An environment for the search of a region by robots: an action tells all robots where to go.
 
     The cells, messages, faults and observations are those of `shoal.envs.search_v0`, but one
@@ -166,7 +173,7 @@ class SearchEnv(WorldEnv):
     the same. The reward is the mean of the rewards of the robots that worked before the step, and
     ``info["rewards"]`` has them all. A robot that fails keeps its last observation, its actions
     have no effect, and ``info["alive"]`` is false. The episode terminates when all cells are
-    searched, or when no robot works any more, and is truncated after ``max_steps`` steps.
+    searched, or when no robot works any more, and is truncated after ``max_cycles`` steps.
 
     Parameters
     ----------
@@ -199,11 +206,18 @@ class SearchEnv(WorldEnv):
     """
 
     worlds = SearchWorlds
+    _worlds: SearchWorlds
     problem: SearchProblem
     options: SearchEnvOptions
 
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions each robot can take, as ``info["action_mask"]`` does; bool, shape
+        (robots, actions).
+        """
+        return np.asarray(self._worlds.action_masks()[0])
 
-class SearchVectorEnv(WorldsVectorEnv):
+
+class SearchVectorEnv(WorldsVectorEnv, VectorEnv[Any, Any, Any]):
     """A vector of environments, each of which behaves exactly like a `shoal.envs.SearchEnv` with
     the same seed.
 
@@ -230,5 +244,10 @@ class SearchVectorEnv(WorldsVectorEnv):
     """
 
     worlds = SearchWorlds
+    _worlds: SearchWorlds
     problem: SearchProblem
     options: SearchEnvOptions
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions each robot can take; bool, shape (num_envs, robots, actions)."""
+        return np.asarray(self._worlds.action_masks())

@@ -7,6 +7,7 @@ The function ``search_v0.parallel_env(**options)`` creates the parallel environm
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from math import inf
@@ -19,6 +20,7 @@ import pettingzoo
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     SEEDS,
     TARGETS,
@@ -36,7 +38,7 @@ from shoal.search.protocol.robot import Decision, head_for
 from shoal.search.protocol.state import Robot, obstacles, reachable
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.masks import at_least, bits_to_array
+from shoal.search.tours.masks import at_least, bits_to_array, bitset_of
 
 PLANES = ("region", "own", "searched", "obstacles", "found")
 """Planes of an agent's observation: the cells of the region, the agent's position, and what the
@@ -44,6 +46,11 @@ agent knows.
 
 The planes ``searched``, ``obstacles`` and ``found`` show the searched cells, the obstacles and the
 cells with findings that the agent knows.
+"""
+
+STATE_PLANES = ("region", "searched", "obstacles", "targets")
+"""Planes of the state of a search: the cells of the region, the cells that enough robots have
+searched, all obstacles, and the cells with a target.
 """
 
 DIRECTIONS = ((0, 0, 0), (0, 0, -1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
@@ -75,10 +82,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     brought new data about the robot. In ``heard``, the agent's own robot has the value 0, and a
     robot without any message has the value -1. The entry ``told`` holds, for each robot, the number
     of cells that the robot has reported as searched. The entry ``energy`` is the remaining fraction
-    of the robot's energy, and the entry ``time`` is the number of steps since the start. When a
+    of the robot's energy, and the entry ``time`` is the number of steps since the start. With the
+    option ``observation``, an observation is one array (`shoal.envs.forms`). When a
     robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when all
     reachable cells are searched, or with the option ``until="found"``, when all targets are found.
-    All agents are truncated after ``max_steps`` steps.
+    All agents are truncated after ``max_cycles`` steps.
 
     With the field ``prior``, observations have the entry ``likely``, float32, shape (H, W) or (L, H,
     W): the probability that a target is in each cell, given all searches that the robot knows of.
@@ -144,7 +152,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             len(self._tour),
             self.problem.robots,
             self._tour.position.shape,
-            self.options.max_steps,
+            self.options.max_cycles,
         )
         spaces: dict[str, gymnasium.Space[Any]] = {
             "planes": gymnasium.spaces.Box(0, 1, (len(PLANES), *shape), np.uint8),
@@ -164,12 +172,15 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._count = 1 + (
             cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2)
         )
-        self.observation_spaces = {
-            agent: gymnasium.spaces.Dict(spaces) for agent in self.possible_agents
-        }
+        self._form = observation_form(
+            self.options.observation, gymnasium.spaces.Dict(spaces), dimensions=len(shape)
+        )
+        self.observation_spaces = dict.fromkeys(self.possible_agents, self._form.space)
         self.action_spaces = {
             agent: gymnasium.spaces.Discrete(self._count) for agent in self.possible_agents
         }
+        numbers = len(STATE_PLANES) * self._tour.position.size + robots * (len(shape) + 2) + 1
+        self.state_space = gymnasium.spaces.Box(0.0, 1.0, (numbers,), np.float32)
         self._rng = np.random.default_rng()
         self._world: SearchWorld | None = None
 
@@ -230,13 +241,18 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     ]:
         """Apply the actions of all agents, and advance the simulation by one step.
 
+        When no agents are left, a step without actions changes nothing and returns empty dicts, as
+        SuperSuit's ``black_death`` expects.
+
         Raises
         ------
         gymnasium.error.ResetNeeded
-            If the method is called before a reset, or when no agents are left.
+            If the method is called before a reset, or with actions when no agents are left.
         gymnasium.error.InvalidAction
             If the action of an agent is invalid or missing.
         """
+        if self._world is not None and not self.agents and actions == {}:
+            return {}, {}, {}, {}, {}
         check_running(bool(self.agents))
         assert self._world is not None
         world, agents, time = self._world, self.agents, self.steps * self._length
@@ -255,7 +271,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         if self.options.until == "found":
             done = not self.missing
         dead = {agent: not world.vehicles[self._numbers[agent]].alive for agent in agents}
-        late = self.steps >= self.options.max_steps
+        late = self.steps >= self.options.max_cycles
         rewards = self._rewards(agents, before, found)
         self._move_targets()
         self._learn()
@@ -388,11 +404,18 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             mask[1:] = [cell >= 0 and there >> cell & 1 for cell in cells]
         return mask
 
-    def _observations(self, agents: list[str]) -> dict[str, Observation]:
-        return {agent: self._observation(self._numbers[agent]) for agent in agents}
+    def _observations(self, agents: list[str]) -> dict[str, Any]:
+        if not agents:
+            return {}
+        each = [self._seen(self._numbers[agent]) for agent in agents]
+        if self._form.same:
+            return dict(zip(agents, each, strict=True))
+        stacked = {name: np.stack([seen[name] for seen in each]) for name in each[0]}
+        return dict(zip(agents, self._form(stacked), strict=True))
 
-    def _observation(self, number: int) -> Observation:
-        robot, robots, n = self._robot(number), self.problem.robots, len(self._tour)
+    def _seen(self, number: int) -> Observation:
+        """Return the observation of an agent before it gets its form."""
+        robot, robots = self._robot(number), self.problem.robots
         known = at_least(list(robot.searched.values()), self.problem.multiplicity)
         sets = (
             robot.brief.everything,
@@ -401,9 +424,6 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             obstacles(robot),
             sum(1 << cell for cell in robot.found),
         )
-        planes = np.zeros((len(PLANES), *self._tour.position.shape), dtype=np.uint8)
-        for plane, bits in zip(planes, sets, strict=True):
-            plane[tuple(self._tour.cells[bits_to_array(bits, n)].T)] = 1
         heard = np.full(robots, -1.0, dtype=np.float32)
         for other, peer in robot.peers.items():
             if other <= robots:
@@ -421,13 +441,55 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             likely[tuple(self._tour.cells.T)] = odds / max(float(odds.sum()), 1e-300)
             told["likely"] = likely
         return told | {
-            "planes": planes,
+            "planes": self._planes(sets),
             "position": self._tour.cells[robot.cell].astype(np.int64),
             "heard": heard.clip(-1, None),
             "told": reported,
             "energy": np.array([left], dtype=np.float32).clip(0, 1),
             "time": np.array([self.steps], dtype=np.int64),
         }
+
+    def state(self) -> NDArray[np.float32]:
+        """Return what is true of the whole search, which no agent knows, for critics that are
+        trained with the state.
+
+        Returns
+        -------
+        ndarray of float32, one axis, numbers from 0 to 1
+            First the planes of `STATE_PLANES`, cell by cell. Then for each robot: whether it works,
+            its true cell (layer, row and column as shares of the last layer, row and column), and
+            the remaining share of its energy. Last the share of ``max_cycles`` that is over.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            If the method is called before the first reset.
+        """
+        check_running(self._world is not None)
+        assert self._world is not None
+        world, tour, n = self._world, self._tour, len(self._tour)
+        done = at_least(list(world.searched.values()), self.problem.multiplicity)
+        sets = ((1 << n) - 1, done, self._scenario.blocked, bitset_of(self._scenario.targets))
+        planes = self._planes(sets).astype(np.float32)
+        last = np.maximum(np.array(tour.position.shape) - 1, 1)
+        full = self._scenario.brief.energy
+        robots = [
+            [
+                vehicle.alive,
+                *(tour.cells[vehicle.place] / last),
+                1.0 if full == inf else min(max(vehicle.energy / full, 0.0), 1.0),
+            ]
+            for vehicle in world.vehicles.values()
+        ]
+        time = min(self.steps / self.options.max_cycles, 1.0)
+        return np.concatenate([planes.ravel(), np.ravel(robots), [time]], dtype=np.float32)
+
+    def _planes(self, sets: Sequence[int]) -> NDArray[np.uint8]:
+        """Return a plane for each bitset of cells."""
+        planes = np.zeros((len(sets), *self._tour.position.shape), dtype=np.uint8)
+        for plane, bits in zip(planes, sets, strict=True):
+            plane[tuple(self._tour.cells[bits_to_array(bits, len(self._tour))].T)] = 1
+        return planes
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
         self._masks = {self._numbers[agent]: self._mask(self._numbers[agent]) for agent in agents}

@@ -8,11 +8,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
 from shoal.core.episode import Status
 from shoal.core.version import versions
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     OptionError,
     SteeringEnvOptions,
@@ -28,7 +30,7 @@ from shoal.steering.run import run
 from shoal.steering.simulation import SteeringBatch
 from shoal.steering.workspaces.convex import TOUCH, Points
 
-Observation = dict[str, Points]
+Observation = dict[str, NDArray[np.float32]]
 
 
 class SteeringWorlds(Worlds):
@@ -66,8 +68,8 @@ class SteeringWorlds(Worlds):
             "goals": _box(low, high, n),
             "goal_delta": _box(low - high, high - low, n - 1),
         }
-        self.observation_space = gymnasium.spaces.Dict(spaces)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
+        self.form = observation_form(self.options.observation, gymnasium.spaces.Dict(spaces))
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float32)
         self._pictured = np.full(count, pictured)
         # of the whole episodes, where there are pictures
         self._states: list[list[Points]] = [[] for _ in range(count)]
@@ -148,18 +150,19 @@ class SteeringWorlds(Worlds):
             )
         return moves
 
-    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
+    def seen(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
         """Return the observations by name, as new arrays with one row for each world; the argument
         ``out`` has no effect.
         """
         chosen = slice(None) if where is None else where
-        seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
-        return {
+        seen, goals = self.batch.seen[chosen], self.batch.goals[chosen, 0]
+        arrays = {
             "particles": seen,
             "delta": seen[:, 1:] - seen[:, :1],
             "goals": goals,
             "goal_delta": goals[:, 1:] - goals[:, :1],
         }
+        return {name: array.astype(np.float32) for name, array in arrays.items()}
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
         """Return the largest distance of a particle from its goal (``error``), the number of moves
@@ -222,12 +225,12 @@ def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
     """Return the observation space of ``count`` points between the coordinates ``low`` and
     ``high``.
     """
-    return gymnasium.spaces.Box(
-        np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64
-    )
+    # Rounding keeps the order of numbers, so rounded points are within rounded bounds.
+    least, most = (np.tile(bound, (count, 1)).astype(np.float32) for bound in (low, high))
+    return gymnasium.spaces.Box(least, most, dtype=np.float32)
 
 
-class SteeringEnv(WorldEnv):
+class SteeringEnv(WorldEnv, gymnasium.Env[Any, Any]):
     """An environment for steering: one shared input must bring all particles of a workspace to
     their goals.
 
@@ -235,7 +238,7 @@ class SteeringEnv(WorldEnv):
     of ``longest_move`` times the size of the workspace. After ``reset(seed=s)``, the starts, goals
     and noise equal those of ``shoal.run(problem, seed=s)``. A later reset without a seed draws a
     new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the
-    camera, as a dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape
+    camera, as a dict of float32 arrays; the simulation computes with float64. The arrays ``particles`` and ``goals`` have the shape
     (particles, dimensions). The array ``delta``, shape (particles - 1, dimensions), holds the
     positions of particles 2, 3, ... relative to particle 1. The array ``goal_delta`` holds the
     positions of goals 2, 3, ... relative to goal 1. If the gain is uniform, only wall contacts
@@ -263,19 +266,21 @@ class SteeringEnv(WorldEnv):
     --------
     >>> env = SteeringEnv(start=[(0.2, 0.5), (0.4, 0.5)], goal=[(0.3, 0.5), (0.4, 0.5)])
     >>> observation, info = env.reset(seed=1)
-    >>> observation["delta"].tolist(), round(info["error"], 3)
-    ([[0.2, 0.0]], 0.1)
+    >>> observation["delta"], round(info["error"], 3)
+    (array([[0.2, 0. ]], dtype=float32), 0.1)
     >>> observation, reward, terminated, truncated, info = env.step([-0.3, 0.0])
-    >>> observation["delta"].round(3).tolist(), terminated
-    ([[0.1, 0.0]], False)
+    >>> observation["delta"].round(3), terminated
+    (array([[0.1, 0. ]], dtype=float32), False)
     """
 
     worlds = SteeringWorlds
     problem: SteeringProblem
     options: SteeringEnvOptions
 
-    def expert_actions(self, planner: Any) -> list[Points]:
+    def expert_actions(self, planner: Any) -> list[NDArray[np.float32]]:
         """Return the actions with which a planner solves the present episode from its start.
+
+        The actions are the moves of the planner, rounded to float32.
 
         Raises
         ------
@@ -295,10 +300,10 @@ class SteeringEnv(WorldEnv):
                 f"longest_move: expected {far * self.options.longest_move:.3g} or more for the"
                 f" moves of the planner {episode.planner}, got {self.options.longest_move:g}"
             )
-        return list(episode.inputs / longest)
+        return list((episode.inputs / longest).astype(np.float32))
 
 
-class SteeringVectorEnv(WorldsVectorEnv):
+class SteeringVectorEnv(WorldsVectorEnv, VectorEnv[Any, Any, Any]):
     """A vector of environments, each of which behaves exactly like a `shoal.envs.SteeringEnv` with
     the same seed.
 

@@ -8,10 +8,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from shoal.core.checks import count_text, shortened
 from shoal.core.errors import InvalidInputError
+from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     OptionError,
     SwarmEnvOptions,
@@ -38,6 +40,8 @@ are cells not yet visited.
 """
 
 PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
+BEYOND = (0, 0, 1, 0)
+"""Value of each plane in cells beyond the map, which count as obstacles."""
 
 
 class SwarmWorlds(Worlds):
@@ -74,8 +78,12 @@ class SwarmWorlds(Worlds):
                 self.problem
             ]
             self.batch = WorldBatch(problems, count, seed=None)
-        self.observation_space = observation_space(
-            self.batch.layout.window, self.options, rule=self.problem.rule
+        window = self.batch.layout.window
+        self.form = observation_form(
+            self.options.observation,
+            observation_space(window, self.options, rule=self.problem.rule),
+            dimensions=len(window),
+            beyond=BEYOND,
         )
         self.action_space = gymnasium.spaces.Discrete(2 * self.batch.layout.ndim)
         self.scanning = self.problem.scanning
@@ -141,8 +149,8 @@ class SwarmWorlds(Worlds):
             )
         return commands
 
-    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-        """Return the observation of each world."""
+    def seen(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
+        """Return the observation of each world before it gets its form."""
         return observed(self.batch, self.options, where, out)
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
@@ -158,6 +166,10 @@ class SwarmWorlds(Worlds):
         }
         infos = {name: column[chosen].astype(np.int64) for name, column in columns.items()}
         return {"action_mask": batch.action_masks(where=where), **infos}
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return whether each command can have an effect in each world."""
+        return np.asarray(self.batch.action_masks(), dtype=np.bool_)
 
     def picture(self, world: int) -> NDArray[np.uint8]:
         """Return a picture of a world as a uint8 array of shape (height, width, 3).
@@ -194,7 +206,7 @@ class SwarmWorlds(Worlds):
         return codes_of(self.batch.state(world), self.batch.belief(world))
 
 
-class SwarmEnv(WorldEnv):
+class SwarmEnv(WorldEnv, gymnasium.Env[Any, Any]):
     """An environment for exploration: commands to a swarm must map or cover a workspace.
 
     An action is one command to all particles, as an index from 0 into the text ``lurd`` (in three
@@ -232,8 +244,15 @@ class SwarmEnv(WorldEnv):
     """
 
     worlds = SwarmWorlds
+    _worlds: SwarmWorlds
     problem: SwarmProblem
     options: SwarmEnvOptions
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return whether each command can have an effect, as ``info["action_mask"]`` does; bool,
+        shape (commands,).
+        """
+        return np.asarray(self._worlds.action_masks()[0])
 
     @property
     def planes(self) -> NDArray[np.uint8]:
@@ -283,7 +302,7 @@ class SwarmEnv(WorldEnv):
             ]
 
 
-class SwarmVectorEnv(WorldsVectorEnv):
+class SwarmVectorEnv(WorldsVectorEnv, VectorEnv[Any, Any, Any]):
     """A vector of environments, each of which behaves exactly like a `shoal.envs.SwarmEnv` with the
     same seed.
 
@@ -326,6 +345,11 @@ class SwarmVectorEnv(WorldsVectorEnv):
     """
 
     worlds = SwarmWorlds
+    _worlds: SwarmWorlds
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return whether each command can have an effect; bool, shape (num_envs, commands)."""
+        return np.asarray(self._worlds.action_masks())
 
 
 def observation_space(
@@ -333,14 +357,18 @@ def observation_space(
 ) -> gymnasium.spaces.Box:
     """Return the observation space of one simulated world.
 
-    The parameter ``window`` is the shape of the map with a rim of one cell on each side. If the
-    option ``observation`` is "planes", each plane of an observation has the shape ``window``.
+    The parameter ``window`` is the shape of the map with a rim of one cell on each side. Unless the
+    option ``observation`` is "window", each plane of an observation has this shape. Images and
+    vectors are made of planes (`shoal.envs.forms`).
     """
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)
         return gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float32)
-    shape = window if options.observation == "planes" else (options.window,) * len(window)
-    return gymnasium.spaces.Box(0, 255 if rule == "merge" else 1, (len(PLANES), *shape), np.uint8)
+    shape = (options.window,) * len(window) if options.observation == "window" else window
+    high = np.ones((len(PLANES), *shape), dtype=np.uint8)
+    if rule == "merge":
+        high[PARTICLES] = 255
+    return gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.uint8)
 
 
 def observed(
@@ -349,17 +377,18 @@ def observed(
     where: NDArray[np.bool_] | None = None,
     out: Any = None,
 ) -> NDArray[Any]:
-    """Return the observation of each world, in the form that the option ``observation`` selects.
+    """Return what the option ``observation`` shows of each world: a window, the compact numbers, or
+    planes.
 
-    If the form is "planes" and the array ``out`` is given, the function writes the observations
-    into ``out``.
+    Planes are written into the array ``out`` if it is given.
     """
-    if options.observation == "planes":
-        return batch.planes(PLANES, where=where, out=out)
     if options.observation == "compact":
         return compact_of(batch, where)
+    if options.observation != "window":
+        return batch.planes(PLANES, where=where, out=out)
     if options.center == "particles":
-        centers = np.rint(batch.measures(where=where).middle).astype(np.int64)
+        sums = batch.measures(where=where, commands=False)
+        centers = np.rint(sums.middle).astype(np.int64)
     else:
         centers = batch.nearest_frontier(where=where)[2]
     return batch.windows(PLANES, centers, options.window, where=where)

@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space, iterate
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, shortened
+from shoal.envs.forms import Form
 from shoal.envs.options import OptionError, check_running, option_errors
 from shoal.envs.rendering import MODES, Picture, check_render_mode, close_window, rendered
 
@@ -41,14 +42,16 @@ class Worlds(ABC):
         What the fields describe.
     batch
         The batch that simulates the worlds.
-    observation_space, action_space : gymnasium.Space
-        The spaces of one world.
+    form : Form
+        The form of the observations.
+    action_space : gymnasium.Space
+        The space of the actions of one world.
     """
 
     problem: Any
     options: Any
     batch: Any
-    observation_space: gymnasium.Space[Any]
+    form: Form
     action_space: gymnasium.Space[Any]
 
     @abstractmethod
@@ -72,9 +75,18 @@ class Worlds(ABC):
         batch tells them.
         """
 
-    @abstractmethod
+    @property
+    def observation_space(self) -> gymnasium.Space[Any]:
+        """The space of the observations of one world."""
+        return self.form.space
+
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Any:
         """Return the observations of the worlds, if possible in the array ``out``."""
+        return self.form(self.seen(where, out if self.form.same else None))
+
+    @abstractmethod
+    def seen(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Any:
+        """Return the observations of the worlds before they get their form."""
 
     @abstractmethod
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
@@ -91,6 +103,9 @@ class Worlds(ABC):
 
 class WorldEnv(gymnasium.Env[Any, Any]):
     """One simulated world with the interface of Gymnasium; a subclass sets the class of its worlds.
+
+    Subclasses of this class and of `WorldsVectorEnv` also name Gymnasium's class as their base,
+    because skrl recognizes an environment by the direct bases of its class.
 
     Parameters
     ----------
@@ -355,6 +370,21 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
             "final_info": self._infos(ended),
             "_final_info": ended.copy(),
         }
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call the method ``render`` or ``action_masks`` of each environment, as Gymnasium's own
+        vector environments do.
+
+        Raises
+        ------
+        AttributeError
+            If environments have no such method.
+        """
+        if name not in ("render", "action_masks") or not hasattr(self, name):
+            raise AttributeError(
+                f"call: expected the name of a method of environments, got {shortened(name)}"
+            )
+        return tuple(getattr(self, name)(*args, **kwargs))
 
     def render(self) -> tuple[Any, ...]:
         """Return one picture (mode "rgb_array") or one text (mode "ansi") for each environment."""

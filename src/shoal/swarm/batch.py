@@ -469,22 +469,26 @@ class WorldBatch:
         """
         chosen, ndim, codes = self._chosen(where), self.layout.ndim, _codes_of(names)
         filled = np.empty((len(chosen), len(names), *[side] * ndim), dtype=np.uint8)
-        cut = filled.reshape(len(chosen), len(names), -1, side, side)
+        cells = filled.reshape(len(chosen), len(names), -1)
         middles = np.zeros((len(chosen), 3), dtype=np.int64)
         middles[:, 3 - ndim :] = centers
         share = side**ndim / self._padded.words
-        self._share(kernels.write_windows, chosen, codes, middles, cut, boards=share)
+        self._share(kernels.write_windows, chosen, codes, middles, side, cells, boards=share)
         return filled
 
-    def measures(self, *, where: ArrayLike | None = None) -> Measures:
-        """Return sums over the particles of each world. The class `Measures` lists the sums."""
+    def measures(self, *, where: ArrayLike | None = None, commands: bool = True) -> Measures:
+        """Return sums over the particles of each world. The class `Measures` lists the sums.
+
+        If ``commands`` is false, the sums for each command are left out.
+        """
         chosen, ndim = self._chosen(where), self.layout.ndim
-        shapes = ((len(chosen), 2 * ndim, 2), (len(chosen), 3, 2), (len(chosen), 3))
-        commands, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
-        self._share(kernels.measure_worlds, chosen, commands, axes, totals, boards=4)
+        count = 2 * ndim if commands else 0
+        shapes = ((len(chosen), count, 2), (len(chosen), 3, 2), (len(chosen), 3))
+        probes, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
+        self._share(kernels.measure_worlds, chosen, probes, axes, totals, boards=4)
         return Measures(
-            commands[:, :, kernels.PROBING],
-            commands[:, :, kernels.MOVING],
+            probes[:, :, kernels.PROBING],
+            probes[:, :, kernels.MOVING],
             axes[:, 3 - ndim :, kernels.SUM],
             axes[:, 3 - ndim :, kernels.SQUARES],
             *totals.T,

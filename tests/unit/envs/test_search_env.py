@@ -7,14 +7,14 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
-from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, state_test
 
 import shoal
 import shoal.envs
 from shoal.envs import search_v0
 from shoal.search import SearchProblem
 
-SMALL = {"region": "square:50", "robots": 4, "max_steps": 40}
+SMALL = {"region": "square:50", "robots": 4, "max_cycles": 40}
 VARIANTS = {
     "direction": {},
     "cell": {"action": "cell"},
@@ -32,6 +32,8 @@ VARIANTS = {
     "prior": {"prior": ["ring:20,30:0.5=15"], "targets": 2, "detection": 0.7, "found_reward": 5},
     "moving": {"prior": ["ring:20,30:0.5=15"], "targets": 1, "target_moves": 0.5, "until": "found"},
     "wrong-position": {"faults": ["wrong-position:1:2"]},
+    "image": {"observation": "image", "faults": ["crash:1@3"]},
+    "flat": {"observation": "flat", "obstacles": 3},
 }
 WAIT, HERE, LEFT, UP, RIGHT, DOWN = range(6)
 
@@ -49,6 +51,27 @@ def test_pettingzoos_own_checks_pass(variant, capsys):
         )
         for agent, observation in observations.items():
             assert env.observation_space(agent).contains(observation)
+
+
+@pytest.mark.parametrize("options", [{}, {"targets": 3, "obstacles": 3}])
+def test_pettingzoos_own_checks_of_the_state_pass(options):
+    env = search_v0.parallel_env(**SMALL | options)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.state()
+    state_test(search_v0.env(**SMALL | options), env)
+
+
+def test_the_state_is_what_is_true():
+    env = corridor(faults=["crash:2@2.5"], loss=1.0, max_cycles=10)
+    env.reset(seed=1)
+    walk(env, [{"robot_1": HERE, "robot_2": HERE}, {"robot_1": RIGHT}, {}])
+    state = env.state()
+    assert env.state_space.contains(state)
+    planes = dict(zip(search_v0.STATE_PLANES, state[:24].reshape(4, 6).tolist(), strict=True))
+    assert planes["region"] == [1] * 6
+    assert planes["searched"] == [1, 1, 0, 0, 0, 1]
+    assert planes["obstacles"] == planes["targets"] == [0] * 6
+    assert state[24:].tolist() == pytest.approx([1, 0, 0.2, 1, 0, 0, 1, 1, 0.3])
 
 
 @pytest.mark.filterwarnings("ignore:Observation")  # PettingZoo would rather have one array
@@ -188,7 +211,7 @@ def test_bad_options(options, words):
 
 
 def test_wrong_steps():
-    env = search_v0.parallel_env(**(SMALL | {"max_steps": 1}))
+    env = search_v0.parallel_env(**(SMALL | {"max_cycles": 1}))
     for method in (lambda: env.step({}), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             method()
@@ -205,7 +228,8 @@ def test_wrong_steps():
             gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"
         ):
             env.step(actions)
-    assert all(env.step(everyone)[3].values()), "truncated by max_steps"
+    assert all(env.step(everyone)[3].values()), "truncated by max_cycles"
+    assert env.step({}) == ({}, {}, {}, {}, {})
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):
         env.step(everyone)
 

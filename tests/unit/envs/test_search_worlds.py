@@ -19,7 +19,9 @@ PLAIN = (
     "obstacles-cell",
     "prior",
     "moving",
-)  # simulated by the PettingZoo environment only
+    "image",
+    "flat",
+)  # simulated by the PettingZoo environment only, or compared elsewhere
 COMPILED = {name: options for name, options in VARIANTS.items() if name not in PLAIN} | {
     "launch": {"robots": 2, "launch": "5,5;-9,45"},
     "packets": {"packet": 64, "network": "replays:0.2,delay:1", "loss": 0.1},
@@ -70,19 +72,57 @@ def test_gymnasiums_own_checks_pass():
     assert env.reset(seed=1)[1]["action_mask"].shape == (4, 6)
 
 
+@pytest.mark.parametrize("form", ["image", "flat"])
+def test_forms_are_those_of_the_pettingzoo_environment(form):
+    options = SMALL | {"loss": 0.3, "observation": form}
+    agents, env = search_v0.parallel_env(**options), SearchEnv(**options)
+    plain = SearchEnv(**SMALL | {"loss": 0.3})
+    observation, seen = env.reset(seed=3)[0], plain.reset(seed=3)[0]
+    observations, infos = agents.reset(seed=3)
+    for _ in range(6):
+        assert env.observation_space.contains(observation)
+        if form == "flat":
+            space = plain.observation_space
+            np.testing.assert_array_equal(
+                observation, gymnasium.spaces.flatten(space, seen).astype(np.float32)
+            )
+            own = {name: values[0] for name, values in seen.items()}
+            own = gymnasium.spaces.flatten(gymnasium.spaces.Dict(plain_spaces(own)), own)
+            np.testing.assert_array_equal(observations["robot_1"], own.astype(np.float32))
+        else:
+            rows = observation.reshape(4, 5, *observation.shape[1:])
+            for i, agent in enumerate(agents.agents):
+                np.testing.assert_array_equal(rows[i], observations[agent])
+        actions = [int(np.flatnonzero(infos[agent]["action_mask"])[-1]) for agent in agents.agents]
+        observation, seen = env.step(actions)[0], plain.step(actions)[0]
+        observations, _, _, _, infos = agents.step(dict(zip(agents.agents, actions, strict=True)))
+
+
+def plain_spaces(values):
+    """Return a space for each array, so that Gymnasium can flatten it."""
+    return {
+        name: gymnasium.spaces.Box(-np.inf, np.inf, array.shape, np.float64)
+        for name, array in values.items()
+    }
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_vector_does_what_single_environments_do(mode):
-    options = SMALL | {"max_steps": 7, "loss": 0.3}
+@pytest.mark.parametrize("form", ["dict", "image", "flat"])
+def test_a_vector_does_what_single_environments_do(mode, form):
+    options = SMALL | {"max_cycles": 7, "loss": 0.3, "observation": form}
     vector = gymnasium.make_vec("shoal/Search-v0", num_envs=3, autoreset_mode=mode, **options)
     assert isinstance(vector.unwrapped, SearchVectorEnv)
     singles = gymnasium.vector.SyncVectorEnv(
         [lambda: SearchEnv(**options)] * 3, autoreset_mode=gymnasium.vector.AutoresetMode(mode)
     )
     pairs = [vector.reset(seed=5)[0], singles.reset(seed=5)[0]]
+    named = (lambda one: one) if form == "dict" else (lambda one: {"all": one})
     rng = np.random.default_rng(5)
     for _ in range(20):
-        for name, values in pairs[0].items():
-            np.testing.assert_array_equal(values, pairs[1][name])
+        for name, values in named(pairs[0]).items():
+            np.testing.assert_array_equal(values, named(pairs[1])[name])
+            assert values.dtype == named(pairs[1])[name].dtype
+        np.testing.assert_array_equal(vector.action_masks(), singles.call("action_masks"))
         actions = rng.integers(0, 6, size=(3, 4))
         one, other = vector.step(actions), singles.step(actions)
         np.testing.assert_allclose(one[1], other[1])
@@ -112,6 +152,8 @@ def test_worlds_do_not_depend_on_each_other():
         ({"obstacles": 2}, "search: expected footprints of one cell and no obstacles"),
         ({"footprint": (10, 10, 30, 10)}, "search: expected footprints of one cell"),
         ({"reward": "own"}, "reward: expected shared"),
+        ({"max_steps": 7}, "max_steps: expected no such option"),
+        ({"robots": 52, "observation": "image"}, "observation: expected an image of at most 256"),
         ({"loss": 2}, "loss: expected"),
         ({"live": 3.0}, "live: expected no such option"),
     ],

@@ -55,15 +55,15 @@ def test_an_episode_is_that_of_run_with_the_same_seed(fields):
     episode = shoal.run(SteeringProblem(planner="greedy", **fields), seed=3)
     env = gymnasium.make(NAME, tolerance=1e-6, **fields).unwrapped
     observation, info = env.reset(seed=3)
-    assert (observation["particles"] == episode.states[0]).all()
+    assert (observation["particles"] == episode.states[0].astype(np.float32)).all()
     start_error, rewards = info["error"], []
     for move, state in zip(episode.inputs, episode.states[1:], strict=True):
         observation, reward, terminated, truncated, info = env.step(move)
         rewards.append(reward)
-        assert np.abs(observation["particles"] - state).max() < 1e-9
-        assert (
-            observation["delta"] == observation["particles"][1:] - observation["particles"][0]
-        ).all()
+        exact = env._worlds.batch.states[0]
+        assert np.abs(exact - state).max() < 1e-9
+        assert (observation["particles"] == exact.astype(np.float32)).all()
+        assert (observation["delta"] == (exact[1:] - exact[0]).astype(np.float32)).all()
     assert terminated == (episode.error <= 1e-6)
     assert not truncated
     options = env.options
@@ -135,7 +135,7 @@ def test_render_modes():
         ({"longest_move": 0}, "longest_move: expected"),
         ({**PAIR, "goal": [(2.0, 0.5), (0.4, 0.5)]}, "goal: expected"),
         ({"particle_radius": 2.0}, "expected"),
-        ({"observation": "planes"}, "observation: expected no such option"),
+        ({"observation": "image"}, "observation: expected one of dict, flat, got 'image'"),
     ],
 )
 def test_bad_options(options, words):

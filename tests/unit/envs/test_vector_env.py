@@ -30,11 +30,16 @@ VARIANTS = {
     "noise": ("Mapping", {"slip": 0.1, "misplace": 0.05, "miss": 0.05, "observation": "compact"}),
     "3-d": ("Mapping", {"map": "vessels3d:60", "observation": "window", "window": 5}),
     "3-d-compact": ("Coverage", {"map": "vessels3d:60", "observation": "compact"}),
+    "image": ("Mapping", {"observation": "image", "maps": MAPS, "particles": 5}),
+    "image-merge": ("Coverage", {"observation": "image", "rule": "merge"}),
+    "image-3-d": ("Mapping", {"map": "vessels3d:60", "observation": "image"}),
+    "flat": ("Mapping", {"observation": "flat"}),
     "done-at-once": ("Coverage", {"map": "line:9", "particles": 9}),
 }
 STEERING = {
     "square": {},
     "disk": {"workspace": "disk", "longest_move": 0.1},
+    "flat": {"workspace": "disk", "observation": "flat"},
     "slides": {"workspace": "hexagon", "friction": 0.5},
     "gain": {"execution": 0.01, "measurement": 0.01, "gain": 0.2},
     "spheres": {"particle_radius": 0.1, "final_bonus": 5.0},
@@ -238,6 +243,8 @@ def test_wrong_options():
         ),
         ({"partikles": 1}, "partikles: expected no such option"),
         ({"maps": ["vessels:60", "vessels3d:60"]}, "maps: expected all of 2"),
+        ({"maps": 3}, "maps: expected a list of names or paths, got 3"),
+        ({"observation": "picture"}, "observation: expected one of planes, window, compact,"),
     ):
         with pytest.raises(shoal.envs.OptionError, match=re.escape(words)):
             gymnasium.make_vec("shoal/Mapping-v0", **(SMALL | {"num_envs": 2} | options))

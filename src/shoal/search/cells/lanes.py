@@ -253,8 +253,7 @@ def _shared(area: Any, stops: Points, side: float) -> Any:
     order = np.argsort(station, kind="stable")
     begins = np.searchsorted(station[order], np.arange(len(stops) + 1))
     groups = [
-        shapely.union_all(cells[order[begin:end]])
-        for begin, end in pairwise(begins.tolist())
+        shapely.union_all(cells[order[begin:end]]) for begin, end in pairwise(begins.tolist())
     ]
     return shapely.intersection(area, np.array(groups, dtype=object))
 

@@ -245,43 +245,79 @@ SUM, SQUARES = 0, 1  # indices of the measures for each axis
 
 
 @in_place_kernel
-def write_windows(worlds, chosen, planes, centers, out, first, last):
+def write_windows(worlds, chosen, planes, centers, side, out, first, last):
     """Write to ``out`` a window of cells around a centre cell of each world, with one plane for
     each kind of cell.
 
-    The array ``out`` is uint8 and has the shape (worlds, planes, layers, rows, columns). A centre
+    The array ``out`` is uint8 and has the shape (worlds, planes, layers x side x side). A centre
     cell is given as layer, row and column. Cells outside the boards appear as obstacles.
     """
-    depth, height, side = out.shape[2], out.shape[3], out.shape[4]
+    depth = out.shape[2] // (side * side)
     for i in range(first, last):
-        world = chosen[i]
+        world, left = chosen[i], centers[i, 2] - side // 2
         for p in range(planes.shape[0]):
             counted = planes[p] == PARTICLES and worlds.counts.shape[1] > 0
+            cells, at = out[i, p], 0
             for a in range(depth):
                 layer = centers[i, 0] + a - depth // 2
-                for b in range(height):
-                    row = centers[i, 1] + b - height // 2
-                    inside = 0 <= layer < worlds.layers and 0 <= row < worlds.rows
+                for b in range(side):
+                    row = centers[i, 1] + b - side // 2
                     line = layer * worlds.rows + row
-                    for c in range(side):
-                        column = centers[i, 2] + c - side // 2
-                        cell = 1 if planes[p] == OBSTACLES else 0
-                        if inside and 0 <= column < worlds.columns:
-                            if counted:
-                                cell = min(worlds.counts[world, line, column], 255)
-                            else:
-                                word = word_of(
-                                    worlds, world, line * worlds.width + (column >> 6), planes[p]
-                                )
-                                cell = 1 if (word >> np.uint64(column & 63)) & ONE != ZERO else 0
-                        out[i, p, a, b, c] = cell
+                    inside = 0 <= layer < worlds.layers and 0 <= row < worlds.rows
+                    if inside and counted:
+                        for c in range(side):
+                            known = 0 <= left + c < worlds.columns
+                            cells[at + c] = (
+                                min(worlds.counts[world, line, left + c], 255) if known else 0
+                            )
+                    else:
+                        for c in range(0, side, 64):
+                            word = ~ZERO if planes[p] == OBSTACLES else ZERO
+                            if inside:
+                                word = word_from(worlds, world, line, left + c, planes[p])
+                            unpack(word, cells, at + c, min(64, side - c))
+                    at += side
+
+
+@in_place_kernel
+def unpack(word, cells, at, count):
+    """Write the lowest ``count`` bits of a word to the array ``cells``, from the index ``at`` on.
+
+    A loop of a constant length becomes vector instructions. So all 64 bits are written unless the
+    array ends, and the caller writes the cells that follow later.
+    """
+    if at + 64 <= cells.shape[0]:
+        part = cells[at : at + 64]
+        for bit in range(64):
+            part[bit] = (word >> np.uint64(bit)) & ONE
+    else:
+        for bit in range(count):
+            cells[at + bit] = (word >> np.uint64(bit)) & ONE
+
+
+@in_place_kernel
+def word_from(worlds, world, line, column, plane):
+    """Return 64 cells of a plane as a word, from any column of a line on.
+
+    Cells beyond the line are obstacles.
+    """
+    index, shift = column >> 6, column & 63
+    word = ~ZERO if plane == OBSTACLES else ZERO
+    after = word
+    if 0 <= index < worlds.width:
+        word = word_of(worlds, world, line * worlds.width + index, plane)
+    if shift == 0:
+        return word
+    if 0 <= index + 1 < worlds.width:
+        after = word_of(worlds, world, line * worlds.width + index + 1, plane)
+    return (word >> np.uint64(shift)) | (after << np.uint64(64 - shift))
 
 
 @in_place_kernel
 def measure_worlds(worlds, chosen, commands, axes, totals, first, last):
     """Compute sums over the particles of each world, and write the sums to three arrays.
 
-    All arrays are int64. The array ``commands`` of shape (worlds, commands, 2) counts two kinds of
+    All arrays are int64. The array ``commands`` of shape (worlds, commands or 0, 2) counts two kinds of
     particles for each command: particles that would enter a frontier cell, and particles whose next
     cell is not a known obstacle and holds no particle. The array ``axes`` of shape (worlds, 3, 2)
     contains the sums of the particles' layers, rows and columns, and the sums of the squares of
@@ -289,38 +325,96 @@ def measure_worlds(worlds, chosen, commands, axes, totals, first, last):
     number of frontier cells, and the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
+    counted = worlds.counts.shape[1] > 0
     for i in range(first, last):
         world = chosen[i]
-        occupied, known, free = worlds.occupied[world], worlds.known[world], worlds.open[world]
+        occupied, known = worlds.occupied[world], worlds.known[world]
         frontier, inside = worlds.frontier[world], worlds.inside[worlds.map_of[world]]
         commands[i, :, :] = 0
         axes[i, :, :] = 0
         totals[i, :] = 0
+        if not counted and commands.shape[1] > 0:
+            measure_commands(worlds, world, commands[i])
         for word in range(occupied.shape[0]):
             totals[i, 1] += popcount(frontier[word])
             totals[i, 2] += popcount((known[word] | frontier[word]) & inside[word])
             left = occupied[word]
+            if left == ZERO:
+                continue
+            line = word // width
+            start, layer, row = 64 * (word - line * width), line // rows, line % rows
+            count, columns, squares = 0, 0, 0
             while left != ZERO:
-                row, column = word // width, 64 * (word % width) + lowest(left)
+                column = start + lowest(left)
                 left &= left - ONE
-                weight = (
-                    min(worlds.counts[world, row, column], 255) if worlds.counts.shape[1] > 0 else 1
-                )
-                totals[i, 0] += weight
-                for axis in range(3):
-                    place = column if axis == 2 else (row % rows if axis == 1 else row // rows)
-                    axes[i, axis, SUM] += weight * place
-                    axes[i, axis, SQUARES] += weight * place * place
-                for command in range(commands.shape[1]):
-                    r, c = ahead(row, column, command, rows)
-                    if not (0 <= r < worlds.layers * rows and 0 <= c < worlds.columns):
-                        continue
-                    if has(frontier, width, r, c):
-                        commands[i, command, PROBING] += weight
-                    if not has(occupied, width, r, c) and (
-                        has(free, width, r, c) or not has(known, width, r, c)
-                    ):
-                        commands[i, command, MOVING] += weight
+                weight = 1
+                if counted:
+                    weight = min(worlds.counts[world, line, column], 255)
+                    measure_cell(worlds, world, line, column, weight, commands[i])
+                count += weight
+                columns += weight * column
+                squares += weight * column * column
+            totals[i, 0] += count
+            axes[i, 0, SUM] += count * layer
+            axes[i, 0, SQUARES] += count * layer * layer
+            axes[i, 1, SUM] += count * row
+            axes[i, 1, SQUARES] += count * row * row
+            axes[i, 2, SUM] += columns
+            axes[i, 2, SQUARES] += squares
+
+
+@in_place_kernel
+def measure_commands(worlds, world, commands):
+    """Count the particles that each command would move, 64 cells at a time; ``commands`` is a row
+    of the array in `measure_worlds`.
+
+    No particle is in the rim, so a shift never carries a particle into another row.
+    """
+    here, open_cells, known = worlds.occupied[world], worlds.open[world], worlds.known[world]
+    frontier, width, size = worlds.frontier[world], worlds.width, worlds.occupied.shape[1]
+    layer = width * worlds.rows
+    for k in range(size):
+        edge = frontier[k]
+        room = (~known[k] | open_cells[k]) & ~here[k]
+        entered = here[k] >> ONE
+        if k + 1 < size:
+            entered |= here[k + 1] << TOP
+        commands[LEFT, PROBING] += popcount(entered & edge)
+        commands[LEFT, MOVING] += popcount(entered & room)
+        entered = here[k] << ONE
+        if k > 0:
+            entered |= here[k - 1] >> TOP
+        commands[RIGHT, PROBING] += popcount(entered & edge)
+        commands[RIGHT, MOVING] += popcount(entered & room)
+        if k + width < size:
+            commands[UP, PROBING] += popcount(here[k + width] & edge)
+            commands[UP, MOVING] += popcount(here[k + width] & room)
+        if k >= width:
+            commands[DOWN, PROBING] += popcount(here[k - width] & edge)
+            commands[DOWN, MOVING] += popcount(here[k - width] & room)
+        if commands.shape[0] > 4 and k + layer < size:
+            commands[IN, PROBING] += popcount(here[k + layer] & edge)
+            commands[IN, MOVING] += popcount(here[k + layer] & room)
+        if commands.shape[0] > 4 and k >= layer:
+            commands[OUT, PROBING] += popcount(here[k - layer] & edge)
+            commands[OUT, MOVING] += popcount(here[k - layer] & room)
+
+
+@in_place_kernel
+def measure_cell(worlds, world, line, column, weight, commands):
+    """Add the particles of one cell to the counts of each command that would move them."""
+    occupied, known, free = worlds.occupied[world], worlds.known[world], worlds.open[world]
+    width, rows = worlds.width, worlds.rows
+    for command in range(commands.shape[0]):
+        r, c = ahead(line, column, command, rows)
+        if not (0 <= r < worlds.layers * rows and 0 <= c < worlds.columns):
+            continue
+        if has(worlds.frontier[world], width, r, c):
+            commands[command, PROBING] += weight
+        if not has(occupied, width, r, c) and (
+            has(free, width, r, c) or not has(known, width, r, c)
+        ):
+            commands[command, MOVING] += weight
 
 
 @in_place_kernel

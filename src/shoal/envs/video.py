@@ -1,0 +1,44 @@
+"""RecordVideo: videos of episodes, written by Shoal's encoder."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+QUALITY = 23
+"""Constant rate factor of H.264 for videos."""
+
+
+class RecordVideo(gymnasium.wrappers.RecordVideo):
+    """Gymnasium's wrapper RecordVideo without the library MoviePy: Shoal encodes the videos.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        An environment with the render mode "rgb_array".
+    *args, **options
+        The other parameters of `gymnasium.wrappers.RecordVideo`. The option ``disable_logger`` has
+        no effect, because the encoder logs nothing.
+
+    Notes
+    -----
+    See docs/how-to/environments.md.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], *args: Any, **options: Any) -> None:
+        # Gymnasium looks for MoviePy when all else is set up.
+        with suppress(gymnasium.error.DependencyNotInstalled):
+            super().__init__(env, *args, **options)
+
+    def stop_recording(self) -> None:
+        """Stop the recording, and write its video."""
+        from shoal.views.drawing.encoding import write_mp4
+
+        frames, self.recorded_frames = self.recorded_frames, []
+        if frames:
+            path = Path(self.video_folder, f"{self._video_name}.mp4")
+            write_mp4(path, iter(frames), self.frames_per_sec, side=None, quality=QUALITY)  # type: ignore[arg-type]
+        self.recording, self._video_name = False, None
