@@ -3,7 +3,8 @@ is above any plan of any planner.
 
 Options: --problems N (a class), --seconds S (of the processor, ascending, for example 10,60; the
 search goes on to the last one), --seed K, --only CLASS, --first N (number of the first problem),
---plans N (other plans with which each bound is compared), --results FILE (one JSON object a line,
+--plans N (other plans with which each bound is compared), --runs (how far the programs of runs are
+below the plans of disks, if the arcs of all contacts are known), --results FILE (one JSON object a line,
 appended as they come; problems in the file are not run again), --figure FILE (drawn from all
 results in the file).
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterator
+from itertools import groupby
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -21,6 +23,8 @@ import numpy as np
 from numpy.random import Generator
 
 from shoal.steering import SteeringProblem, certify, check_certificate, polygon
+from shoal.steering.certificates.relaxation import ROUND_WALLS, Hold, Relaxation
+from shoal.steering.episode import SteeringEpisode
 from shoal.steering.planners.chains import Chain, refine_chain
 from shoal.steering.planners.task import SteeringTask, path_length, plan_chain
 from shoal.steering.run import run
@@ -156,6 +160,59 @@ def _lengths(
                 yield path_length(plan)
 
 
+def print_runs(given: argparse.Namespace) -> None:
+    """Print how much longer the plans of disks are than the bounds of their patterns, with runs of
+    contacts, and with each contact for itself; all contacts are with known arcs.
+    """
+    print("| problem | contacts | longer than the bound of runs | than that of single contacts |")
+    print("|---|---|---|---|")
+    for number in range(given.first, given.first + given.problems):
+        rng = np.random.default_rng([given.seed, number, list(CLASSES).index("disk")])
+        problem = SteeringProblem(**CLASSES["disk"](rng))
+        episode = run(problem, seed=int(rng.integers(1 << 30)))
+        contacts = _contacts(problem, episode)
+        start, goal = problem.endpoints(episode.seed)
+        relaxation = Relaxation(
+            problem.place, start, goal, problem.tolerance, episode.length * (1 + _SLACK)
+        )
+        runs = [
+            (particle, [arc for _, arc in run_of])
+            for particle, run_of in groupby(contacts, key=lambda contact: contact[0])
+        ]
+        each = [(particle, [arc]) for particle, arcs in runs for arc in arcs]
+        gaps = [
+            episode.length / relaxation.bound(tuple(_hold(*one) for one in holds)).value - 1
+            for holds in (runs, each)
+        ]
+        shown = ", ".join(f"{'12'[particle]}: {len(arcs)}" for particle, arcs in runs)
+        print(f"| {number} | {shown} | {100 * gaps[0]:.2f} % | {100 * gaps[1]:.2f} % |", flush=True)
+
+
+def _contacts(problem: SteeringProblem, episode: SteeringEpisode) -> list[tuple[int, int]]:
+    """Return the particle and the arc of each contact of a plan in a disk; an arc is at most half a
+    turn from the one before.
+    """
+    found: list[tuple[int, int]] = []
+    places = episode.states
+    for move, before, after in zip(episode.inputs, places, places[1:], strict=False):
+        stopped = np.linalg.norm(after - before - move, axis=1) > 1e-7 * np.linalg.norm(move)
+        for particle in np.flatnonzero(stopped).tolist():
+            x, y = after[particle] - problem.place.center
+            arc = int(np.floor(np.arctan2(y, x) / (2 * np.pi) * ROUND_WALLS))
+            if found:
+                arc -= ROUND_WALLS * round((arc - found[-1][1]) / ROUND_WALLS)
+            found.append((particle, arc))
+    return found
+
+
+def _hold(particle: int, arcs: list[int]) -> Hold:
+    """Return the run of contacts with some arcs."""
+    least, most = min(arcs), max(arcs)
+    order = np.sign(arcs.index(most) - arcs.index(least))
+    ends = [(arc, arc + 1) for arc in (arcs[0], arcs[-1], least, most)]
+    return Hold(particle, *ends, int(order))
+
+
 def main() -> None:
     """Print the shares of gaps below some limits, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -165,9 +222,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=tuple(CLASSES))
     parser.add_argument("--plans", type=int, default=10)
+    parser.add_argument("--runs", action="store_true")
     parser.add_argument("--results", type=Path)
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
+    if given.runs:
+        print_runs(given)
+        return
     seconds = [float(part) for part in given.seconds.split(",")]
     lines = (
         given.results.read_text().splitlines() if given.results and given.results.exists() else []
@@ -231,10 +292,13 @@ def print_table(results: list[dict[str, Any]]) -> None:
 
 
 def _draw(results: list[dict[str, Any]], path: Path) -> None:
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     from shoal.views import save_figure
 
+    # made for all kinds of colour vision; from dark to light in print, too
+    shades = colormaps["cividis"](np.linspace(0, 1, len(LIMITS)))
     times = _times(results)
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     names = list(_gaps(results, times[0]))[::-1]
@@ -243,13 +307,16 @@ def _draw(results: list[dict[str, Any]], path: Path) -> None:
         gaps = _gaps(results, seconds)
         shown = [name for name in names if name in gaps]
         left = np.zeros(len(shown))
-        for limit, shade in zip(
-            LIMITS, ("#1a7f37", "#7bc47f", "#f2c94c", "#f2994a", "#c0392b"), strict=True
-        ):
+        for limit, shade in zip(LIMITS, shades, strict=True):
             share = np.array([100 * np.mean(gaps[name] <= limit) for name in shown]) - left
             label = f"at most {100 * limit:g} %" if np.isfinite(limit) else "more"
             axes.barh(
-                [names.index(name) for name in shown], share, left=left, color=shade, label=label
+                [names.index(name) for name in shown],
+                share,
+                left=left,
+                color=shade,
+                edgecolor="white",
+                label=label,
             )
             left = left + share
         axes.set_xlabel("share of problems, %")

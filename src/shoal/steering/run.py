@@ -91,6 +91,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
             now = working_time()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
         attempts.append(_attempt(problem, planner, task, order))
+    bounds = [one.lower_bound for one in attempts if one.lower_bound is not None]
     best = _best_of(
         attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves"
     )
@@ -103,7 +104,8 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
         states=best.states,
         order=np.array(best.order),
         seed=seed,
-        lower_bound=best.lower_bound,
+        # a plan may have any of the assignments
+        lower_bound=min(bounds) if len(bounds) == len(orders) else None,
         seconds=watch.seconds,
         versions=versions(),
     )

@@ -30,6 +30,7 @@ def test_a_plan_in_the_square_is_proven_optimal(certificate):
     assert certificate.certified
     assert certificate.gap < 2e-4
     assert certificate.episode.lower_bound == certificate.lower_bound
+    assert certificate.bound == "certificate"
     assert check_certificate(json.loads(json.dumps(certificate.proof)))
 
 
@@ -271,3 +272,15 @@ def test_a_bound_without_proof_needs_no_solver(monkeypatch):
     found = certify(episode, seconds=1)
     assert found.proof is None
     assert 0 < found.lower_bound <= episode.length
+    assert found.report()["bound"] == "shortest"
+    assert "by the bound of the planner shortest (" in found.sentence
+
+
+def test_a_bound_is_never_weaker_than_that_of_shortest():
+    """Without time, the proof of a disk shows less than the planner; both are said."""
+    episode = run(SteeringProblem("disk"), seed=6)
+    found = certify(episode, seconds=1e-6)
+    assert check_certificate(found.proof)
+    assert found.proof["lower_bound"] < found.lower_bound == episode.lower_bound
+    assert found.bound == "shortest"
+    assert f"checked shows {found.proof['lower_bound']:.6g}" in found.sentence

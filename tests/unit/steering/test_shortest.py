@@ -23,6 +23,7 @@ from shoal.steering import (
     regular_polygon,
     shortest_reflected_path,
 )
+from shoal.steering.run import run
 
 SEVEN = polygon(
     [
@@ -280,3 +281,11 @@ def test_corners_of_thin_triangles_are_used(number, bound):
 def test_chains_of_four_are_found_in_polygons_of_few_sides(workspace, seed, bound):
     episode = steer(SteeringProblem(workspace), seed=seed)
     assert bound <= episode.length < 1.001 * bound
+
+
+def test_the_bound_holds_for_each_assignment_of_goals():
+    """The planner of fewest moves chooses the other assignment, whose own bound is greater."""
+    chosen = run(SteeringProblem("square", interchangeable=True, planner="fewest-moves"), seed=4)
+    shorter = run(SteeringProblem("square", interchangeable=True), seed=4)
+    assert list(chosen.order) != list(shorter.order)
+    assert chosen.lower_bound <= shorter.length

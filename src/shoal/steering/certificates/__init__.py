@@ -50,12 +50,17 @@ class Certificate:
         JSON object for `check_certificate`; None if the bound has no proof tree.
     moves_lower_bound : int
         No plan has fewer moves. The proof is part of ``proof``; without it, this is at most 1.
+    bound : str
+        What ``lower_bound`` is: "certificate", proven by ``proof``; "shortest", the bound of the
+        planner `Shortest`, if it is greater or there is no proof; or "shortest paths" of single
+        particles.
     """
 
     episode: SteeringEpisode
     lower_bound: float
     proof: dict[str, Any] | None
     moves_lower_bound: int
+    bound: str
 
     @property
     def gap(self) -> float | None:
@@ -66,7 +71,7 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether a proof shows that the plan is at most 0.1 % longer than the shortest."""
+        """Whether the plan is at most 0.1 % longer than the lower bound."""
         return self.gap is not None and self.gap <= CERTIFIED
 
     @property
@@ -77,16 +82,24 @@ class Certificate:
             moves = f"; no plan has fewer than {self.moves_lower_bound} moves"
         if self.gap is None:
             return f"no plan is shorter than {self.lower_bound:.6g}{moves}"
-        proof = "" if self.proof is None else ", by a proof that was checked"
+        source = {
+            "certificate": "a proof that was checked",
+            "shortest": "the bound of the planner shortest",
+            "shortest paths": "the shortest paths of single particles",
+        }[self.bound]
+        less = ""
+        if self.proof is not None and self.bound != "certificate":
+            less = f"; the proof that was checked shows {self.proof['lower_bound']:.6g}"
         return (
-            f"at most {100 * self.gap:.3g} % longer than the shortest plan{proof}"
-            f" (lower bound {self.lower_bound:.6g}){moves}"
+            f"at most {100 * self.gap:.3g} % longer than the shortest plan, by {source}"
+            f" (lower bound {self.lower_bound:.6g}{less}){moves}"
         )
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer --certify`` prints."""
         return self.episode.report() | {
             "lower_bound": self.lower_bound,
+            "bound": self.bound,
             "moves_lower_bound": self.moves_lower_bound,
             "gap": self.gap,
             "certified": self.certified,
@@ -145,9 +158,10 @@ def certify(
     searches, more = (
         _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
     )
+    other = episode.lower_bound or 0.0
     if not searches:
-        least = max(geodesic_bound(problem, start, goal), episode.lower_bound or 0.0)
-        return Certificate(replace(episode, lower_bound=least), least, None, least_moves)
+        bounds = {"shortest": other, "shortest paths": geodesic_bound(problem, start, goal)}
+        return _with_bound(episode, bounds, None, least_moves)
     begun = told = clock()
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
@@ -197,7 +211,19 @@ def certify(
         episode = improved(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
         episode = _planned_again(episode, orders, lambda: seconds - (clock() - begun))
-    return Certificate(replace(episode, lower_bound=bound), bound, proof, least_moves)
+    return _with_bound(episode, {"certificate": bound, "shortest": other}, proof, least_moves)
+
+
+def _with_bound(
+    episode: SteeringEpisode,
+    bounds: dict[str, float],
+    proof: dict[str, Any] | None,
+    least_moves: int,
+) -> Certificate:
+    """Return a certificate with the greatest of some bounds; with the first of equal ones."""
+    name = max(bounds, key=lambda one: bounds[one])
+    least = bounds[name]
+    return Certificate(replace(episode, lower_bound=least), least, proof, least_moves, name)
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:

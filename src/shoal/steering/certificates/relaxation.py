@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 STEP = 2.0**-36  # multipliers are multiples of this
 ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
+NARROW = 16  # part of a turn, of arcs that may take turns in a gap
 _RARE = 60  # rows of a program that are tried only if a solution does not meet them
 _OUTSIDE = 1e-7
 _FINE = 2.0**-30  # directions of arcs are multiples of this
@@ -400,6 +401,7 @@ class Relaxation:
         settings.verbose, settings.presolve_enable = False, False
         settings.chordal_decomposition_enable, settings.max_threads = False, 1
         self._settings = settings
+        self._distances: dict[tuple[Range, int, bool], float] = {}
 
     def follows(self, first: Hold, second: Hold, *, every: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
@@ -533,6 +535,27 @@ class Relaxation:
         first, end = hold.range(name)
         return None if end - first == 1 else (total, name, (first + end) // 2)
 
+    def narrowing(self, hold: Hold) -> tuple[str, int] | None:
+        """Return the contact of a run to divide, and where, so that in the end the run either stays
+        within about a sixteenth of a turn or certainly travels; None if it does.
+        """
+        margin = max(self.walls.count // (4 * NARROW), 1)
+        near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
+        if near[1] - near[0] > 2 * margin:
+            return ("first" if near is hold.first else "last"), (near[0] + near[1]) // 2
+        for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
+            first, end = hold.range(name)
+            if first < wall < end:
+                return name, wall
+        for name, away in (
+            ("least", hold.least[1] <= near[0]),
+            ("most", hold.most[0] >= near[1]),
+        ):
+            first, end = hold.range(name)
+            if away and end - first > self.walls.count // 3:  # a range without a hull
+                return name, (first + end) // 2
+        return None
+
     def _most(self, hold: Hold) -> float:
         """Return the greatest sum of the adjustments of a run, in plans within the limit.
 
@@ -541,17 +564,23 @@ class Relaxation:
         """
         particle = hold.particle
         (first, end), (last, over) = (
-            [self._away(between, points[particle]) for points in (self.start, self.goal)]
+            [self._away(between, particle, goal=goal) for goal in (False, True)]
             for between in (hold.first, hold.last)
         )
         path = max(first + end, first + over, last + over) - 2 * self.tolerance
         return float(max(self.limit - path, 0.0))
 
-    def _away(self, between: Range, point: Floats) -> float:
-        """Return a lower bound on the distance of a point from a contact with a round wall."""
+    def _away(self, between: Range, particle: int, *, goal: bool) -> float:
+        """Return a lower bound on the distance of an end from a contact with a round wall."""
+        known = self._distances.get((between, particle, goal))
+        if known is not None:
+            return known
+        point = (self.goal if goal else self.start)[particle]
         normals, offsets = self.walls.arc_rows(*between)
         depths = (offsets - normals @ point) / np.hypot(*normals.T)
-        return float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
+        away = float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
+        self._distances[between, particle, goal] = away
+        return away
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""

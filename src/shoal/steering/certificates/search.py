@@ -11,6 +11,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
+    NARROW,
     Bound,
     Branching,
     GapBranching,
@@ -26,7 +27,6 @@ from shoal.steering.certificates.relaxation import (
 
 _USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
-_NARROW = 16  # part of a turn, of arcs that may take turns in a gap
 _PIECES = 256  # of the least distance in the law of growth
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
@@ -199,6 +199,14 @@ def _branching(
         return HoldBranching(place, *errors[place][1:])
     left, right = pattern[:place][::-1], pattern[place + 1 :]
     last = len(left) > len(right)
+    if relaxation.walls.runs:
+        # runs that may be anywhere can take turns again and again without any length
+        beside = (place + 1, place + 2) if last else (place - 1, place - 2)
+        runs = [pattern[k] for k in beside if 0 <= k < len(pattern)]
+        for k, run in zip(beside, runs, strict=False) if len(runs) == len(beside) else ():
+            narrow = relaxation.narrowing(run) if isinstance(run, Hold) else None
+            if narrow is not None:
+                return HoldBranching(k, *narrow)
     if item.holds is not None:
         inner = [
             bool(side) and isinstance(side[0], Hold) and side[0].arc in item.holds
@@ -209,9 +217,10 @@ def _branching(
     near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
     known = frozenset(near[:2])
     widest = max((arc.end - arc.first for arc in known), default=0)
-    if len(known) < 2 or (relaxation.walls.runs and widest > relaxation.walls.count // _NARROW):
+    if len(known) < 2 or (relaxation.walls.runs and widest > relaxation.walls.count // NARROW):
         known = frozenset()
-    for count in (4, 3):  # few holds in turn, again and again, become one gap
+    # few holds in turn, again and again, become one gap
+    for count in () if relaxation.walls.runs else (4, 3):
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
             known = frozenset(near[: 2 * count])
             break
