@@ -26,6 +26,7 @@ CELLS = 64  # of a table of differences, along each axis
 NEAR = 0.02  # relative to the size: error of a difference that the table allows
 STEEPEST = 5.0  # friction, more of which counts as this in the table
 SAMPLES, TRIED = 3_000, 24  # random manoeuvres, and how many of them are tried with errors
+STAY = 1.0  # moves that another manoeuvre must save, so that one that has begun is given up
 SPACING = 1 / 10  # relative to the size: distance of the places at which walls hold a particle
 ROUND_PLACES = 48  # number of them on a round wall
 
@@ -140,10 +141,16 @@ class PressingSearch:
         return float(kernels.moves_left_of(state, self.values(goal)))
 
     def best_manoeuvre(
-        self, start: Points, goal: Points, tolerance: float, scenarios: tuple[Any, Any, Any]
+        self,
+        start: Points,
+        goal: Points,
+        tolerance: float,
+        scenarios: tuple[Any, Any, Any],
+        begun: Points | None = None,
     ) -> tuple[Points, float]:
         """Return the moves of the manoeuvre after which the fewest moves are left in the mean over
-        scenarios of errors, and the number of all moves; infinite if there is none.
+        scenarios of errors, and the number of all moves; infinite if there is none. What is left of
+        the manoeuvre that has ``begun`` is preferred, unless another saves a move.
         """
         made = np.zeros((TRIED, kernels.STEPS, 2))
         counts, values = np.zeros(TRIED, dtype=np.int64), self.values(goal)
@@ -161,12 +168,14 @@ class PressingSearch:
             counts,
         )
         best, least = made[0, :0], inf
-        for moves, count in zip(made, counts, strict=True):
-            if count:
-                ends = self.ends(start, moves[:count], scenarios)
-                cost = float(kernels.AHEAD * count + kernels.mean_moves_left(ends, values))
-                if cost < least:
-                    best, least = moves[:count], cost
+        others = [moves[:count] for moves, count in zip(made, counts, strict=True) if count]
+        for moves in [*others, begun]:
+            if moves is None or not len(moves):
+                continue
+            ends = self.ends(start, moves, scenarios)
+            cost = float(kernels.AHEAD * len(moves) + kernels.mean_moves_left(ends, values))
+            if cost < least or (moves is begun and cost < least + STAY):
+                best, least = moves, cost
         return best, least
 
     def _path(self, node: int) -> Points:
