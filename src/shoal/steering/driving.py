@@ -703,6 +703,10 @@ class _Loop(_Session):
             search = PressingSearch(self.world, pressing, self.rng, self._tables)
             left = search.moves_left(state, self.goal)
             levels.append((left, friction, search))
+        direct = levels[0][2].translation(state, self.goal, 0.6 * self.problem.tolerance)
+        if direct is not None:
+            self.leads = True
+            return direct
         # with more friction than there is, presses must be made again, or end elsewhere
         costs = [left / self.friction.least(friction) ** 2 for left, friction, _ in levels]
         first = 0

@@ -86,18 +86,14 @@ class PressingSearch:
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
-        found = []
+        direct = self.translation(start, goal, tolerance)
+        found = [] if direct is None or len(direct) > moves else [direct]
+        if found and shorter:
+            return found
         values = self.values(goal)
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
         nodes.keys[0] += kernels.LEFT * kernels.moves_left_of(nodes.states[0], values)
-        if hypot(x, y) <= kernels.WIDE * tolerance:
-            state = np.array(start, dtype=np.float64, order="C")
-            count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
-            if 0 <= count <= moves:
-                found.append(last[:count].copy())
-                if shorter:
-                    return found
         while rounds > 0 and len(found) < wanted and total < NODES:
             total, rounds, count = kernels.grow(
                 nodes,
@@ -116,6 +112,16 @@ class PressingSearch:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
         return found
+
+    def translation(self, start: Points, goal: Points, tolerance: float) -> Points | None:
+        """Return the moves that lead to the goals without a press, or None if they end farther."""
+        x, y = kernels.missing(start, goal, self.pressing)
+        if hypot(x, y) > kernels.WIDE * tolerance:
+            return None
+        state = np.array(start, dtype=np.float64, order="C")
+        moves = np.zeros((kernels.STEPS, 2))
+        count = kernels.finish(state, goal, tolerance, self.pressing, self.world, moves, 0)
+        return moves[:count] if count >= 0 else None
 
     def values(self, goal: Points) -> kernels.Values:
         """Return how many moves lead from each difference of the particles to that of the goals."""
