@@ -694,32 +694,34 @@ class _Loop(_Session):
         press so often that its errors add up.
         """
         state = self.state
-        levels: list[tuple[float, float, PressingSearch]] = []
+        levels: list[tuple[float, PressingSearch]] = []
         for share in LEVELS:
             friction = self.friction.quantile(share)
-            if any(friction == other for _, other, _ in levels):
+            if any(friction == other for other, _ in levels):
                 continue
             pressing = self._pressing(min(tan(atan(friction) * 0.97), STEEPEST))
             search = PressingSearch(self.world, pressing, self.rng, self._tables)
-            left = search.moves_left(state, self.goal)
-            levels.append((left, friction, search))
-        direct = levels[0][2].translation(state, self.goal, 0.6 * self.problem.tolerance)
+            levels.append((friction, search))
+        direct = levels[0][1].translation(state, self.goal, 0.6 * self.problem.tolerance)
         if direct is not None:
             self.leads = True
             return direct
-        # with more friction than there is, presses must be made again, or end elsewhere
-        costs = [left / self.friction.least(friction) ** 2 for left, friction, _ in levels]
-        first = 0
-        for k, cost in enumerate(costs):
-            if cost < OFTEN * costs[first]:
-                first = k
+        first, least = 0, inf
+        for k, (friction, search) in enumerate(levels):
+            # with more friction than there is, presses must be made again, or end elsewhere
+            often = self.friction.least(friction) ** 2
+            if kernels.CYCLE / often < OFTEN * least:  # else no table needs to be made
+                cost = search.moves_left(state, self.goal) / often
+                if cost < OFTEN * least:
+                    first, least = k, cost
         levels.insert(0, levels.pop(first))
         for rounds in (FAST, SLOW):
-            for left, _, search in levels:
+            for _, search in levels:
                 self.chosen = search
                 rest = self._rest(search.pressing) if self.leads else None
                 if rest is not None and len(rest) <= FEW:
                     return rest
+                left = search.moves_left(state, self.goal)
                 if left >= kernels.MOST_LEFT - 1:
                     continue
                 if rounds == FAST and left > LONG and not isinstance(self.space, Region):
