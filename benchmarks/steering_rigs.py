@@ -14,7 +14,7 @@ open: the plan of the planner conformant, told 90 % of the friction; `arrived` e
 What was not solved is judged (benchmarks.steering_reach): `proved` unreachable with the plant's
 friction (in open loop: the friction told), `exhausted` by the search, or reachable, with the number
 of presses in a row, and `narrow` if not with a friction cone smaller by the 1 degree of the errors.
---table prints a row of FILE for each statement and friction, with the interval of Wilson (95 %) of
+--table prints a row of FILE for each statement and friction, and for all frictions, with the interval of Wilson (95 %) of
 the share of reachable problems that arrived, and all problems that were not solved.
 """
 
@@ -119,7 +119,8 @@ def print_table(path: Path) -> None:
     lines = [json.loads(text) for text in path.read_text().splitlines()]
     rows: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for line in lines:
-        rows.setdefault((line["stated"], line["friction"]), []).append(line)
+        for friction in (line["friction"], 0.0):  # 0 stands for all
+            rows.setdefault((line["stated"], friction), []).append(line)
     print(
         "| stated | friction | problems | proved | exhausted | reachable | arrived | named | neither"
         " | wrong | says | moves | CPU s |\n" + "|---" * 13 + "|"
@@ -134,7 +135,7 @@ def print_table(path: Path) -> None:
         moves = [line["moves"] for line in own if line["ended"] == "arrived"]
         used = [line["seconds"] for line in own if "seconds" in line]
         cells = (
-            *(stated, f"{friction:g}", len(own), counts["proved"], counts["exhausted"], reachable),
+            *(stated, f"{friction:g}" if friction else "all", len(own), counts["proved"], counts["exhausted"], reachable),
             f"{good} ({100 * share.low:.0f} to {100 * share.high:.0f} %)",
             *(named, reachable - good - named - wrong, wrong, said),
             *(f"{np.mean(moves or [0]):.0f}", f"{np.mean(used or [0]):.1f}"),

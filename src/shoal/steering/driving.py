@@ -48,7 +48,7 @@ LEVELS = (0.1, 0.3, 0.5, 0.8, 0.95)  # quantiles of the friction, with which pla
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
 SCENARIOS = 64  # of errors, in which plans are compared
-AHEAD = 3  # moves of a plan, after which the errors are compared
+SOON = 3  # moves of a plan, after which the errors are compared
 UNSURE = 0.05  # standard deviation of the gains, above which a move ends before the walls
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
@@ -843,7 +843,7 @@ class _Loop(_Session):
         state, values = self.state, search.values(self.goal)
         scenarios, costs = self._scenarios(search), []
         for plan in plans:
-            soon = plan[:AHEAD]
+            soon = plan[:SOON]
             ends = search.ends(state, soon, scenarios)
             exact = search.ends(state, soon, self._without_errors(search))
             more = kernels.mean_moves_left(ends, values) - kernels.mean_moves_left(exact, values)
@@ -858,6 +858,8 @@ class _Loop(_Session):
 
     def _careful(self, move: Points) -> Points:
         """Return a shorter input where the error of a long one could not be taken back.
+
+        Before the gains are known, no particle shall touch a wall.
 
         A wall can only bring the particles nearer to each other in its direction, and with little
         friction nothing else brings them apart again. A long press therefore ends before the
@@ -889,10 +891,11 @@ class _Loop(_Session):
         """Return an input that shows the gains, because both particles are free all the while."""
         low, high = self.space.bounds
         inward = (np.asarray(low) + high) / 2 - self.state.mean(axis=0)
-        for way, most in ((move, 0.7), (inward, 0.7)):
+        for way in (move, inward):
             share = kernels.free(self.state, *way.tolist(), self._pressing(1.0), self.kernel_world)
-            if most * share * float(np.hypot(*way)) > 0.05 * self.size:
-                return np.asarray(way * most * share)
+            short = np.asarray(way * 0.7 * share)  # a gain may be larger than assumed
+            if float(np.hypot(*short)) > 0.05 * self.size:
+                return short
         return move
 
     def _next_move(self) -> Points:
