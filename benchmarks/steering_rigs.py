@@ -135,7 +135,14 @@ def print_table(path: Path) -> None:
         moves = [line["moves"] for line in own if line["ended"] == "arrived"]
         used = [line["seconds"] for line in own if "seconds" in line]
         cells = (
-            *(stated, f"{friction:g}" if friction else "all", len(own), counts["proved"], counts["exhausted"], reachable),
+            *(
+                stated,
+                f"{friction:g}" if friction else "all",
+                len(own),
+                counts["proved"],
+                counts["exhausted"],
+                reachable,
+            ),
             f"{good} ({100 * share.low:.0f} to {100 * share.high:.0f} %)",
             *(named, reachable - good - named - wrong, wrong, said),
             *(f"{np.mean(moves or [0]):.0f}", f"{np.mean(used or [0]):.1f}"),
