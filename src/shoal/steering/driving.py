@@ -23,6 +23,7 @@ from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
 from shoal.steering.estimation import (
     LESS,
+    STEP,
     UNKNOWN,
     FaultEstimate,
     FrictionEstimate,
@@ -46,7 +47,9 @@ ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors
 LEVELS = (0.1, 0.3, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
 SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
 FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
-SCENARIOS = 16  # of errors, in which plans are compared
+SCENARIOS = 64  # of errors, in which plans are compared
+SOON = 3  # moves of a plan, after which the errors are compared
+UNSURE = 0.05  # standard deviation of the gains, above which a move ends before the walls
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
 OFTEN = 0.7  # share of the moves with which more friction than needed is risked
@@ -105,7 +108,7 @@ class SteeringDrive:
         What the drive learnt: ``friction`` with ``friction_low`` and ``friction_high`` (between
         which 90 % of the probability lies; None: so high that nothing slips), ``gain`` and ``angle``
         in degrees of each particle, ``look_error`` (the standard deviation of the camera), and
-        ``slips``.
+        ``slips`` and ``holds``: whether the walls surely hold less, or more, than stated.
     seconds : float
     """
 
@@ -390,6 +393,12 @@ class _Session(ABC):
                 "; the walls slip more than was stated: a coefficient of friction of about"
                 f" {self.friction.best:g} agrees with the moves, and {stated}"
             )
+        if self.friction.holds:
+            reason += (
+                "; the walls hold more than was stated: a coefficient of friction of at least"
+                f" {self.friction.quantile(0.05):g} agrees with the moves, and the stated friction"
+                f" was at least {self.friction.stated:g}"
+            )
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
         told = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]
         median, low, high = (None if value > 1e8 else value for value in told)
@@ -405,6 +414,7 @@ class _Session(ABC):
                 "friction_low": low,
                 "friction_high": high,
                 "slips": self.friction.slips,
+                "holds": self.friction.holds,
                 "gain": np.abs(gains).tolist(),
                 "angle": np.degrees(np.angle(gains)).tolist(),
                 "look_error": self.deviation,
@@ -582,6 +592,8 @@ class _Loop(_Session):
 
     planless = progress = 0
     least_missing = shortest = inf  # length of the shortest plan so far
+    leads = False  # whether the steps lead to the goals
+    chosen: PressingSearch | None = None  # the search of the last plan
 
     def __init__(self, *common: Any) -> None:
         super().__init__(*common)
@@ -626,6 +638,10 @@ class _Loop(_Session):
         missing += 0.1 * self.error
         if missing < 0.95 * self.least_missing:
             self.least_missing, self.progress = missing, moves
+        if self.chosen is not None:
+            # by one table, because what was learnt since may have made the way longer
+            left = np.array([self.chosen.moves_left(seen, self.goal) for seen in self.seen])
+            self.progress = max(self.progress, int(np.argmax(left <= left.min() + 0.5)))
         if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
             if self.planless:
                 why = (
@@ -644,10 +660,10 @@ class _Loop(_Session):
         """Return why no plan exists with the largest credible friction, or None."""
         if isinstance(self.space, Region) or not self.friction.contacts:
             return None
-        state = self.state
+        state, most = self.state, STEP * self.friction.quantile(SURE)
         return friction_limit(
             self.space,
-            self.friction.quantile(SURE) if self.friction.quantile(SURE) < 1e8 else inf,
+            most if most < 1e8 else inf,
             state[1] - state[0],
             self.goal[1] - self.goal[0],
             near=2 * self.problem.tolerance + 4 * self.deviation,
@@ -678,27 +694,34 @@ class _Loop(_Session):
         press so often that its errors add up.
         """
         state = self.state
-        levels: list[tuple[float, float, PressingSearch]] = []
+        levels: list[tuple[float, PressingSearch]] = []
         for share in LEVELS:
             friction = self.friction.quantile(share)
-            if any(friction == other for _, other, _ in levels):
+            if any(friction == other for other, _ in levels):
                 continue
             pressing = self._pressing(min(tan(atan(friction) * 0.97), STEEPEST))
             search = PressingSearch(self.world, pressing, self.rng, self._tables)
-            left = search.moves_left(state, self.goal)
-            levels.append((left, friction, search))
-        # with more friction than there is, presses must be made again, or end elsewhere
-        costs = [left / self.friction.least(friction) ** 2 for left, friction, _ in levels]
-        first = 0
-        for k, cost in enumerate(costs):
-            if cost < OFTEN * costs[first]:
-                first = k
+            levels.append((friction, search))
+        direct = levels[0][1].translation(state, self.goal, 0.6 * self.problem.tolerance)
+        if direct is not None:
+            self.leads = True
+            return direct
+        first, least = 0, inf
+        for k, (friction, search) in enumerate(levels):
+            # with more friction than there is, presses must be made again, or end elsewhere
+            often = self.friction.least(friction) ** 2
+            if kernels.CYCLE / often < OFTEN * least:  # else no table needs to be made
+                cost = search.moves_left(state, self.goal) / often
+                if cost < OFTEN * least:
+                    first, least = k, cost
         levels.insert(0, levels.pop(first))
         for rounds in (FAST, SLOW):
-            for left, _, search in levels:
-                rest = self._rest(search.pressing)
+            for _, search in levels:
+                self.chosen = search
+                rest = self._rest(search.pressing) if self.leads else None
                 if rest is not None and len(rest) <= FEW:
                     return rest
+                left = search.moves_left(state, self.goal)
                 if left >= kernels.MOST_LEFT - 1:
                     continue
                 if rounds == FAST and left > LONG and not isinstance(self.space, Region):
@@ -717,6 +740,7 @@ class _Loop(_Session):
                 if plans:
                     best = self._surest(search, plans)
                     self._near_by(len(best))
+                    self.leads = True
                     return best if rest is None or len(best) < len(rest) - 1 else rest
                 if rest is not None:
                     return rest
@@ -727,17 +751,22 @@ class _Loop(_Session):
 
     def _manoeuvre(self, search: PressingSearch) -> Points:
         """Return the moves of the manoeuvre after which the fewest moves are left."""
-        rng = np.random.default_rng(0)
-        bounds = Bounds(search.pressing.friction, ANGLE, GAIN)
-        turns, gains, frictions = bounds.scenarios(SCENARIOS, kernels.STEPS, rng)
-        gains[:] = self.gains.mean
-        frictions[:] = rng.choice(self.friction.values, SCENARIOS, p=self.friction.shares)
+        kept = None if self.leads else self._remaining(search.pressing)[0]
         moves, left = search.best_manoeuvre(
-            self.state, self.goal, self.problem.tolerance, (turns, gains, frictions)
+            self.state, self.goal, self.problem.tolerance, self._scenarios(search), kept
         )
         if len(moves):
+            self.leads = False
             self._near_by(left)
         return moves
+
+    def _scenarios(self, search: PressingSearch) -> tuple[Points, Points, Points]:
+        """Draw errors of moves, gains and frictions as likely as they are."""
+        rng = np.random.default_rng(len(self.inputs))
+        bounds = Bounds(search.pressing.friction, ANGLE, GAIN)
+        turns, _, _ = bounds.scenarios(SCENARIOS, kernels.STEPS, rng)
+        frictions = rng.choice(self.friction.values, SCENARIOS, p=self.friction.shares)
+        return turns, self.gains.draw(SCENARIOS, rng), frictions
 
     def _near_by(self, left: float) -> None:
         """Remember how few moves were left at least."""
@@ -748,16 +777,22 @@ class _Loop(_Session):
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
         if not self.steps:
             return None
+        moves, state = self._remaining(pressing)
+        missed = float(np.linalg.norm(state - self.goal, axis=1).max())
+        return moves if missed <= 0.8 * self.problem.tolerance else None
+
+    def _remaining(self, pressing: Any) -> tuple[Points, Points]:
+        """Return the moves of the steps that are left, from here, and where they lead."""
         state, moves = self.state, []
         world = kernels.with_friction(self.kernel_world, pressing.friction)
         last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
         spare, vector = np.empty(2), np.empty(2)
         for k, step in enumerate(self.steps):
-            move = self._move_of(step, state, k == last, k == len(self.steps) - 1)
+            final = self.leads and k == len(self.steps) - 1
+            move = self._move_of(step, state, self.leads and k == last, final)
             kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
             moves.append(move)
-        missed = float(np.linalg.norm(state - self.goal, axis=1).max())
-        return np.array(moves) if missed <= 0.8 * self.problem.tolerance else None
+        return np.array(moves).reshape(-1, 2), state
 
     def _move_of(self, step: _Step, state: Points, last_press: bool, last: bool) -> Points:
         """Return the input that leads from a state to the target of a step."""
@@ -805,19 +840,26 @@ class _Loop(_Session):
 
     def _surest(self, search: PressingSearch, plans: list[Points]) -> Points:
         """Return a plan with few moves, which often ends at the goals in spite of errors."""
-        bounds = Bounds(search.pressing.friction, ANGLE, GAIN)
-        costs = []
+        state, values = self.state, search.values(self.goal)
+        scenarios, costs = self._scenarios(search), []
         for plan in plans:
-            scenarios = bounds.scenarios(SCENARIOS, len(plan), np.random.default_rng(0))
-            scenarios[1][:] = self.gains.mean
-            ends = search.ends(self.state, plan, scenarios)
-            cost = kernels.mean_cost(ends, self.goal, self.problem.tolerance, 4.0)
+            soon = plan[:SOON]
+            ends = search.ends(state, soon, scenarios)
+            exact = search.ends(state, soon, self._without_errors(search))
+            more = kernels.mean_moves_left(ends, values) - kernels.mean_moves_left(exact, values)
             # the shorter way ahead, so that the loop does not turn from one wall to another
-            costs.append(len(plan) + path_length(plan) / self.size + 0.3 * cost)
+            costs.append(len(plan) + path_length(plan) / self.size + more)
         return plans[int(np.argmin(costs))]
+
+    def _without_errors(self, search: PressingSearch) -> tuple[Points, Points, Points]:
+        """Return the scenario in which the search has found its plans."""
+        turns = np.tile([1.0, 0.0], (1, kernels.STEPS, 1))
+        return turns, self.gains.mean[None].copy(), np.array([float(search.pressing.friction)])
 
     def _careful(self, move: Points) -> Points:
         """Return a shorter input where the error of a long one could not be taken back.
+
+        Before the gains are known, no particle shall touch a wall.
 
         A wall can only bring the particles nearer to each other in its direction, and with little
         friction nothing else brings them apart again. A long press therefore ends before the
@@ -829,6 +871,8 @@ class _Loop(_Session):
         free = np.hypot(*self.gains.mean.T) * float(np.hypot(*move))
         made = np.linalg.norm(after - before, axis=1) / np.maximum(free, 1e-300)
         held = int(np.argmin(made))
+        if self.gains.deviation > UNSURE:
+            return self._untouched(move)
         share = (
             CAREFUL * float(np.hypot(ANGLE, GAIN)) * max(self.gains.deviation / GAIN, 1.0) ** 0.5
         )
@@ -841,6 +885,17 @@ class _Loop(_Session):
             return np.asarray(move * max(1 - 1.5 * share, 0.5))
         if self.friction.quantile(0.8) < SLIPPERY:
             return np.asarray(move * max(made[held] - 1.5 * share, 0.3 * made[held]))
+        return move
+
+    def _untouched(self, move: Points) -> Points:
+        """Return an input that shows the gains, because both particles are free all the while."""
+        low, high = self.space.bounds
+        inward = (np.asarray(low) + high) / 2 - self.state.mean(axis=0)
+        for way in (move, inward):
+            share = kernels.free(self.state, *way.tolist(), self._pressing(1.0), self.kernel_world)
+            short = np.asarray(way * 0.7 * share)  # a gain may be larger than assumed
+            if float(np.hypot(*short)) > 0.05 * self.size:
+                return short
         return move
 
     def _next_move(self) -> Points:

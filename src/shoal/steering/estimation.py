@@ -16,6 +16,9 @@ INPUT = 0.02  # relative error of a move, beyond the gains
 MODEL = 3e-3  # relative to the size: error of predictions near walls
 GAP = 1e-3  # relative to the size: distance of a particle that is taken to touch a wall
 FRICTIONS = np.array([0, *np.geomspace(0.1, 10, 40).round(3), 1e9])
+STEP = 1.125  # ratio of two of them
+LOWER, HIGHER = 0.85, 1.25  # of the stated friction: less and more than this is named
+NAMING = 0.95  # probability with which it is
 LESS = 0.05  # probability of less friction than stated
 NEARBY = 1.5  # power with which more friction than stated becomes unlikely
 UNKNOWN = 0.5  # probability that the walls slip, if nothing is stated of them
@@ -43,6 +46,11 @@ class GainEstimate:
     def deviation(self) -> float:
         """Largest standard deviation of a part of a gain."""
         return float(np.sqrt(np.diag(self._spread).max()))
+
+    def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw gains as likely as they are, float64 of shape (count, particles, 2)."""
+        drawn = rng.multivariate_normal(self.mean.ravel(), self._spread, count, method="cholesky")
+        return np.ascontiguousarray(drawn.reshape(count, -1, 2))
 
     def learn(self, move: Points, moved: Points, free: NDArray[np.bool_], error: float) -> None:
         """Learn from how far the free particles moved; ``error`` is that of the observations."""
@@ -110,8 +118,14 @@ class FrictionEstimate:
     @property
     def slips(self) -> bool:
         """Whether the walls surely slip more than stated."""
-        less = 0.85 * min(self.stated, FRICTIONS[-1]) > self.values
-        return self.contacts > 0 and float(self.shares[less].sum()) > 0.95
+        less = LOWER * min(self.stated, FRICTIONS[-1]) > self.values
+        return self.contacts > 0 and float(self.shares[less].sum()) > NAMING
+
+    @property
+    def holds(self) -> bool:
+        """Whether the walls surely hold more than stated."""
+        more = self.values > HIGHER * self.stated
+        return self.contacts > 0 and float(self.shares[more].sum()) > NAMING
 
     @property
     def best(self) -> float:

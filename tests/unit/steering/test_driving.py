@@ -10,6 +10,8 @@ from shoal.steering import SteeringProblem, open_workspace, region
 from shoal.steering.contact.world import make_world
 from shoal.steering.driving import SteeringDriveError, follow, steer_rig
 from shoal.steering.estimation import FrictionEstimate
+from shoal.steering.kernels import pressing as kernels
+from shoal.steering.planners.sampling import world_of
 
 pytest.importorskip("pymunk")
 
@@ -137,6 +139,53 @@ def test_many_presses_near_the_limit_arrive():
     result = steer_rig(problem, plant, seed=2)
     assert result, result.reason
     assert np.linalg.norm(plant.points - result.goal, axis=1).max() <= result.problem.tolerance
+
+
+def presses_learnt(stated, truth, rng, presses=8):
+    """Return what is learnt of the friction from presses into a wall that slips at ``truth``."""
+    estimate, gains = FrictionEstimate(stated), np.tile([1.0, 0.0], (2, 1))
+    own = world_of(make_world(open_workspace("square")))._replace(flat=True)
+    move, spare = np.empty(2), np.empty(2)
+    for _ in range(presses):
+        before = np.array([[0.3, 0.0], [0.4, 0.3]])
+        sent = rng.uniform(0.1, 0.2) * np.array([rng.uniform(0, 4), -1.0])
+        seen = before.copy()
+        made = sent * (1 + 0.01 * rng.normal(size=2))
+        kernels.send_both(seen, *made, gains, kernels.with_friction(own, truth), move, spare)
+        seen += rng.normal(scale=5e-4, size=seen.shape)
+        estimate.learn(before, sent, seen, gains, own, error=5e-4, deviation=0.013)
+    return estimate
+
+
+@pytest.mark.parametrize(
+    ("stated", "slips", "holds"),
+    [(1.0, False, False), (0.9, False, False), (0.5, False, True), (2.0, True, False)],
+)
+def test_a_wrong_statement_of_friction_is_named_and_a_true_one_is_not(stated, slips, holds):
+    rng = np.random.default_rng(7)
+    learnt = [presses_learnt(stated, 1.0, rng) for _ in range(20)]
+    assert {one.slips for one in learnt} == {slips}
+    assert {one.holds for one in learnt} == {holds}
+    assert all(0.8 <= one.best <= 1.25 for one in learnt)
+
+
+def test_an_understated_friction_is_learnt_and_named():
+    problem = SteeringProblem("square", START, GOAL, friction_at_least=0.7)
+    result = steer_rig(problem, plant_of(problem, friction=10.0))
+    assert result, result.reason
+    assert result.estimates["holds"]
+    assert "the walls hold more than was stated" in result.reason
+
+
+def test_a_drive_learns_the_gains_before_it_touches_a_wall():
+    """Where the particles are near to each other, a press that errs cannot be taken back."""
+    start = [(0.25, 0.41), (0.34, 0.43)]
+    problem = SteeringProblem("square", start, GOAL, friction_at_least=1.35, max_moves=1)
+    plant = plant_of(problem, friction=1.5)
+    result = steer_rig(problem, plant)
+    assert plant.points[1] - plant.points[0] == pytest.approx(np.subtract(*start[::-1]), abs=0.01)
+    learnt = np.linalg.norm(result.seen[1] - result.seen[0], axis=1) / np.hypot(*result.inputs[0])
+    assert result.estimates["gain"] == pytest.approx(learnt, abs=0.05)
 
 
 def test_the_friction_that_is_stated_is_mostly_believed():

@@ -26,6 +26,7 @@ CELLS = 64  # of a table of differences, along each axis
 NEAR = 0.02  # relative to the size: error of a difference that the table allows
 STEEPEST = 5.0  # friction, more of which counts as this in the table
 SAMPLES, TRIED = 3_000, 24  # random manoeuvres, and how many of them are tried with errors
+STAY = 1.0  # moves that another manoeuvre must save, so that one that has begun is given up
 SPACING = 1 / 10  # relative to the size: distance of the places at which walls hold a particle
 ROUND_PLACES = 48  # number of them on a round wall
 
@@ -85,18 +86,14 @@ class PressingSearch:
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
-        found = []
+        direct = self.translation(start, goal, tolerance)
+        found = [] if direct is None or len(direct) > moves else [direct]
+        if found and shorter:
+            return found
         values = self.values(goal)
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
         nodes.keys[0] += kernels.LEFT * kernels.moves_left_of(nodes.states[0], values)
-        if hypot(x, y) <= kernels.WIDE * tolerance:
-            state = np.array(start, dtype=np.float64, order="C")
-            count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
-            if 0 <= count <= moves:
-                found.append(last[:count].copy())
-                if shorter:
-                    return found
         while rounds > 0 and len(found) < wanted and total < NODES:
             total, rounds, count = kernels.grow(
                 nodes,
@@ -115,6 +112,16 @@ class PressingSearch:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
                 moves = min(moves, len(found[-1])) if shorter else moves
         return found
+
+    def translation(self, start: Points, goal: Points, tolerance: float) -> Points | None:
+        """Return the moves that lead to the goals without a press, or None if they end farther."""
+        x, y = kernels.missing(start, goal, self.pressing)
+        if hypot(x, y) > kernels.WIDE * tolerance:
+            return None
+        state = np.array(start, dtype=np.float64, order="C")
+        moves = np.zeros((kernels.STEPS, 2))
+        count = kernels.finish(state, goal, tolerance, self.pressing, self.world, moves, 0)
+        return moves[:count] if count >= 0 else None
 
     def values(self, goal: Points) -> kernels.Values:
         """Return how many moves lead from each difference of the particles to that of the goals."""
@@ -140,10 +147,16 @@ class PressingSearch:
         return float(kernels.moves_left_of(state, self.values(goal)))
 
     def best_manoeuvre(
-        self, start: Points, goal: Points, tolerance: float, scenarios: tuple[Any, Any, Any]
+        self,
+        start: Points,
+        goal: Points,
+        tolerance: float,
+        scenarios: tuple[Any, Any, Any],
+        begun: Points | None = None,
     ) -> tuple[Points, float]:
         """Return the moves of the manoeuvre after which the fewest moves are left in the mean over
-        scenarios of errors, and the number of all moves; infinite if there is none.
+        scenarios of errors, and the number of all moves; infinite if there is none. What is left of
+        the manoeuvre that has ``begun`` is preferred, unless another saves a move.
         """
         made = np.zeros((TRIED, kernels.STEPS, 2))
         counts, values = np.zeros(TRIED, dtype=np.int64), self.values(goal)
@@ -161,12 +174,14 @@ class PressingSearch:
             counts,
         )
         best, least = made[0, :0], inf
-        for moves, count in zip(made, counts, strict=True):
-            if count:
-                ends = self.ends(start, moves[:count], scenarios)
-                cost = float(kernels.AHEAD * count + kernels.mean_moves_left(ends, values))
-                if cost < least:
-                    best, least = moves[:count], cost
+        others = [moves[:count] for moves, count in zip(made, counts, strict=True) if count]
+        for moves in [*others, begun]:
+            if moves is None or not len(moves):
+                continue
+            ends = self.ends(start, moves, scenarios)
+            cost = float(kernels.AHEAD * len(moves) + kernels.mean_moves_left(ends, values))
+            if cost < least or (moves is begun and cost < least + STAY):
+                best, least = moves, cost
         return best, least
 
     def _path(self, node: int) -> Points:
