@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 import shoal.envs
 from shoal.core.errors import MissingExtraError
+from shoal.envs import search_v0
 from shoal.envs.forms import ImageForm
 
 SMALL = {"map": "vessels:60", "particles": 12, "max_moves": 15}
@@ -128,3 +129,16 @@ def test_without_stable_baselines(monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(MissingExtraError, match="SB3VecEnv needs Stable-Baselines3: pip install"):
         shoal.envs.SB3VecEnv("shoal/Mapping-v0")
+
+
+def test_where_a_target_is_likely_is_a_channel_of_an_image():
+    options = {"region": "square:60", "robots": 2, "prior": ["ring:20,30:0.5=15"], "targets": 1}
+    plain, image = (
+        search_v0.parallel_env(**options, **form).reset(seed=1)[0]["robot_2"]
+        for form in ({}, {"observation": "image"})
+    )
+    height, width = plain["likely"].shape
+    expected = np.rint(255 * (plain["likely"] / plain["likely"].max()))
+    np.testing.assert_array_equal(image[-1, :height, :width], expected)
+    np.testing.assert_array_equal(image[:-1, :height, :width], plain["planes"] * 255)
+    assert image[-1].sum() == expected.sum()
