@@ -34,6 +34,7 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
 from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
+from shoal.search.problem.ground import Looks
 from shoal.search.problem.prior import with_contents
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
@@ -344,15 +345,9 @@ class SearchEpisode(Episode):
         return Visits(robots, times)
 
     @cached_property
-    def success(self) -> Success | None:
-        """The probability that a single target is found, over time, by the prior of the problem and
-        its probability of detection; None for a problem without a prior.
-
-        Each search of a cell finds a target in it with the probability of detection, if no search
-        before did. Robots that do not report the truth find nothing.
-        """
-        odds, detection = self.plan.tour_cost.odds, self.problem.detection
-        if odds is None:
+    def _looks(self) -> Looks | None:
+        """The searches of the ground by robots that report the truth; None without a prior."""
+        if self.plan.ground is None:
             return None
         cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
         for robot, log in enumerate(self.trace.robots):
@@ -360,27 +355,39 @@ class SearchEpisode(Episode):
                 seen = self.seen[robot]
                 cells += seen
                 times.append(np.repeat(self.clock(log.times, robot), [len(one) for one in seen]))
-        looked, moments = np.concatenate(cells), np.concatenate(times)
-        order = np.lexsort((moments, looked))
-        looked, moments = looked[order], moments[order]
-        earlier = np.arange(len(looked)) - np.searchsorted(looked, looked)
-        found = odds[looked] * detection * (1.0 - detection) ** earlier
-        order = np.argsort(moments, kind="stable")
-        return Success(moments[order], np.cumsum(found[order]))
+        return self.plan.ground.looks(np.concatenate(cells), np.concatenate(times))
 
-    @property
+    @cached_property
+    def success(self) -> Success | None:
+        """The probability that a single target is found, over time, by the prior of the problem and
+        its probability of detection; None for a problem without a prior.
+
+        Each search of a cell finds a target in it with the probability of detection, if no search
+        before did. Robots that do not report the truth find nothing.
+        """
+        looks, detection = self._looks, self.problem.detection
+        if looks is None or self.plan.ground is None:
+            return None
+        found = self.plan.ground.masses[looks.pieces] * detection
+        found *= (1.0 - detection) ** looks.earlier
+        order = np.argsort(looks.times, kind="stable")
+        return Success(looks.times[order], np.cumsum(found[order]))
+
+    @cached_property
     def expected_find(self) -> float | None:
-        """Expected time in seconds until a single target is found, if the search finds it, by the
-        prior of the problem. If each search of a cell finds a target in it, this is the sum of each
-        cell's probability times its first search.
+        """Expected time in seconds until a single target is found, by the prior of the problem, if
+        the target is at a place that robots search, and robots repeat the search until they find
+        it. If each search of a cell finds a target in it, this is the sum of each cell's
+        probability times its first search; see `shoal.search.problem.ground.Ground.expected_time`.
 
         None for a problem without a prior, and if nothing can be found.
         """
-        success = self.success
-        if success is None or not success.probability > 0:
+        looks, ground = self._looks, self.plan.ground
+        if looks is None or ground is None:
             return None
-        gains = np.diff(success.probabilities, prepend=0.0)
-        return float(gains @ success.times) / success.probability
+        period = self.makespan or float(looks.times.max(initial=0.0))
+        time = ground.expected_time(looks, self.problem.detection, period)
+        return time if time < inf else None
 
     def _prior_report(self) -> dict[str, Any] | None:
         tour_cost = self.plan.tour_cost

@@ -572,11 +572,6 @@ class SearchProblem(Problem):
                 raise InvalidInputError(
                     f"{name}: expected a prior together with it, got {getattr(self, name):g} alone"
                 )
-        if self.prior and (self.passes > 1 or len(self.bands or ()) > 1):
-            raise InvalidInputError(
-                "prior: expected one pass at one altitude, because a search of the same ground"
-                " again finds nothing new, got several"
-            )
         if self.crashes > self.robots:
             raise InvalidInputError(
                 f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}"

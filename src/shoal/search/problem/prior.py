@@ -25,6 +25,7 @@ from shoal.core.checks import (
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.layers import Grid, layers_of
+from shoal.search.problem.ground import Ground
 from shoal.search.regions.builder import list_of
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
@@ -208,13 +209,13 @@ class Prior:
     parts: tuple[tuple[float, Density], ...]
     elsewhere: float = 0.0
 
-    def odds(self, grid: Grid, tour: Tour) -> tuple[Floats, float]:
-        """Return the probability of each cell along a tour, together 1, and the probability that
-        the target is in the area of the region at all.
+    def ground(self, grid: Grid, tour: Tour) -> tuple[Ground, float]:
+        """Return the ground in the cells along a tour, and the probability that the target is in
+        the area of the region at all.
 
-        The probability of a place belongs to the cell whose footprint contains the place. In a
-        search of several layers, the target is in each layer with a probability in proportion to
-        the number of the layer's cells.
+        The probability of a place belongs to the cell whose footprint contains the place. Layers of
+        a box are different places: the target is in each with a probability in proportion to the
+        number of the layer's cells. All other layers show the same ground.
 
         Raises
         ------
@@ -222,37 +223,49 @@ class Prior:
             If the target is in no cell.
         """
         layers = layers_of(grid)
-        odds, inside = np.zeros(len(tour)), 0.0
-        known: dict[Any, tuple[Floats, float]] = {}
-        for up, layer in enumerate(layers):
-            if layer not in known:
-                known[layer] = self._masses(layer)
-            masses, whole = known[layer]
-            cells = layer.cells
-            columns = () if cells.shape[1] == tour.cells.shape[1] else (np.full(len(cells), up),)
-            share = layer.n_cells / sum(one.n_cells for one in layers)
-            odds[tour.position[(*columns, *cells.T)]] += share * masses[tuple(cells.T)]
+        position = tour.position if tour.position.ndim == 3 else tour.position[None]
+        heights = grid.altitudes if grid.region.height and len(layers) > 1 else np.zeros(len(layers))
+        counts = np.array([0 if layer.whole else layer.n_cells for layer in layers])
+        masses, cells, inside = [], [], 0.0
+        known: dict[Any, tuple[Any, Floats, float]] = {}
+        for height in np.unique(heights):
+            group = np.flatnonzero(heights == height).tolist()
+            bases = {up: layers[up].whole or layers[up] for up in group}
+            grids = tuple(dict.fromkeys(bases.values()))
+            if grids not in known:
+                known[grids] = self._pieces(grids)
+            flat, weights, whole = known[grids]
+            share = counts[group].sum() / counts.sum()
+            seen = np.full((len(flat), len(layers)), -1, dtype=np.int64)
+            for up, base in bases.items():
+                rows, columns = np.divmod(flat[:, grids.index(base)], base.shape[1])
+                seen[:, up] = position[up, rows, columns]
+            masses.append(share * weights)
+            cells.append(seen)
             inside += share * whole
-        total = float(odds.sum())
+        together = np.concatenate(masses)
+        total = float(together.sum())
         if not total > 0:
             raise InvalidInputError(
                 f"prior: expected some probability in the region {grid.region.name!r}, got none"
             )
-        return odds / total, inside
+        return Ground(together / total, np.concatenate(cells)), inside
 
-    def _masses(self, grid: Any) -> tuple[Floats, float]:
-        """Return the probability of each place of a lattice of cells, and of all together; float64,
-        shape (rows, columns).
+    def _pieces(self, grids: Sequence[Any]) -> tuple[NDArray[np.int64], Floats, float]:
+        """Return the pieces of the ground that one cell of each lattice shows: the numbers of these
+        cells, row by row; int64, shape (G, L); the probability of each piece; and that of all
+        together.
         """
         import shapely
 
-        fine = _FINE if grid.n_cells <= _SMALL else _COARSE
-        area, step = grid.region.area, grid.size / fine
+        first = grids[0]
+        fine = _FINE if first.n_cells <= _SMALL else _COARSE
+        area, step = first.region.area, first.size / fine
         shapely.prepare(area)
         west, south, east, north = area.bounds
         across = np.arange(west + step / 2, east, step)
         along = np.arange(south + step / 2, north, step)
-        masses, total = np.zeros(grid.shape), 0.0
+        found = [(np.zeros((0, len(grids)), dtype=np.int64), np.zeros(0))]
         strip = max(1, _AT_ONCE // len(across))
         for low in range(0, len(along), strip):
             x, y = np.meshgrid(across, along[low : low + strip])
@@ -263,9 +276,23 @@ class Prior:
             weights = np.full(len(points), self.elsewhere * step**2 / area.area)
             for weight, density in self.parts:
                 weights += weight * step**2 * density.density(points)
-            total += float(weights.sum())
-            np.add.at(masses, tuple(grid.cell_of(points).T), weights)
-        return masses, min(total, 1.0)
+            cells = [grid.cell_of(points) for grid in grids]
+            numbers = [
+                own[:, 0] * grid.shape[1] + own[:, 1]
+                for own, grid in zip(cells, grids, strict=True)
+            ]
+            found.append(_summed(np.column_stack(numbers), weights))
+        flat, masses = _summed(*map(np.concatenate, zip(*found, strict=True)))
+        return flat, masses, min(float(masses.sum()), 1.0)
+
+
+def _summed(rows: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return different rows of numbers, and the sum of the weights of each."""
+    key = rows[:, 0]
+    for column in rows.T[1:]:
+        key = np.unique(key, return_inverse=True)[1] * (column.max(initial=0) + 1) + column
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return rows[first], np.bincount(inverse, weights, minlength=len(first))
 
 
 def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
