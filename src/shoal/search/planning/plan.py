@@ -73,7 +73,7 @@ from shoal.search.planning.orientation import (
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.problem.ground import Ground
+from shoal.search.problem.ground import Ground, Looks, MovingGround
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
@@ -198,8 +198,8 @@ class SearchPlan:
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
-    ground : Ground, optional
-        Where the target of a prior may stand.
+    ground : Ground or MovingGround, optional
+        Where the target of a prior may be.
     prior_inside : float
         Probability that the target of a prior is in the area of the region.
     plain_seconds : float, optional
@@ -227,7 +227,7 @@ class SearchPlan:
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
-    ground: Ground | None = field(default=None, repr=False)
+    ground: Ground | MovingGround | None = field(default=None, repr=False)
     prior_inside: float = 1.0
     plain_seconds: float | None = None
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
@@ -711,6 +711,10 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 _TRIES = 6  # of a price of breaks
 _DEARER = 0.2  # share by which the price rises at least
 _LOOKS = 5  # at one cell at most
+# shares of the time of the plan, after which a target that moves is where robots look first
+_LATER = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.15, 0.2)
+_THINNED = 4  # of so many particles, planning follows one
+_ROUNDS = 4  # of mixing these probabilities with those at the times of the looks
 # shares of the time beyond that of the plan without a prior, that second looks may take
 _REVISITS = (0.15, 0.3, 0.45, 0.6, 0.75)
 
@@ -724,8 +728,14 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     prior = problem.open_prior()
     if prior is None:
         return plan
-    ground, inside = prior.ground(plan.grid, plan.tour)
-    odds = ground.shares(len(plan.tour), problem.detection)
+    ground: Ground | MovingGround
+    if problem.moves:
+        ground, inside = prior.moving(plan.grid, plan.tour, problem.drift or (0.0, 0.0, 0.0))
+        standing = ground.still(0.0)
+    else:
+        ground, inside = prior.ground(plan.grid, plan.tour)
+        standing = ground
+    odds = standing.shares(len(plan.tour), problem.detection)
     kept = replace(
         plan,
         tour_cost=replace(plan.tour_cost, odds=odds, at_most=0.0),
@@ -735,6 +745,9 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
         alternatives=(),
         flown={},
     )
+    if isinstance(ground, MovingGround):
+        rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
+        kept = replace(rough, ground=ground)
     layouts = [kept]
     again = 0 < problem.detection < 1 and isinstance(kept.grid, CellGrid)
     if again and not kept.tour_cost.stepwise:
@@ -828,12 +841,9 @@ def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> Sear
     )
     cost = _tour_cost(whole, plan.tour_cost.turn_cost, stepwise=problem.stepwise)
     assert plan.ground is not None
-    cells = plan.tour.cells[plan.ground.cells[:, 0]]
-    ground = Ground(
-        plan.ground.masses,
-        np.stack([whole.tour.position[(up, *cells.T)] for up in range(len(layers))], axis=1),
-    )
-    odds = ground.shares(len(whole.tour), problem.detection)
+    ground = plan.ground.along(plan.tour, whole.grid, whole.tour)
+    same = Ground(odds, np.arange(n)[:, None]).along(plan.tour, whole.grid, whole.tour)
+    odds = same.shares(len(whole.tour), problem.detection)
     more = replace(
         plan,
         grid=whole.grid,
@@ -845,12 +855,46 @@ def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> Sear
     return _allocated(more, plan.allocation, problem)
 
 
-def _expected_time(plan: SearchPlan, problem: SearchProblem) -> float:
-    """Return the expected time until the target of a prior is found by a plan, in seconds, if
-    robots repeat the plan until then.
+def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan with probabilities of cells for a target that moves.
+
+    The order of a search follows one probability for each cell. Good ones are those at which the
+    target is when robots get there. Compared are those at some times after the start, and mixtures
+    of the best with what the looks of its own plan find.
     """
-    cost, ground = plan.tour_cost, plan.ground
-    assert ground is not None
+    n, ground = len(plan.tour), plan.ground
+    assert isinstance(ground, MovingGround)
+
+    def tried(odds: NDArray[np.float64], thorough: bool) -> tuple[float, SearchPlan, Looks | None]:
+        layout = replace(plan, tour_cost=replace(plan.tour_cost, odds=odds, thorough=thorough))
+        found = _in_likely_order(layout, plan, problem)
+        if found is None:
+            return inf, layout, None
+        looks = _looks_of(found)
+        return _expected_time(found, problem, looks), layout, looks
+
+    plans = [
+        tried(ground.still(share * plan.planned_seconds).shares(n, problem.detection), False)
+        for share in _LATER
+    ]
+    best = min(plans, key=lambda one: one[0])
+    _, layout, looks = best
+    for _ in range(_ROUNDS):
+        if looks is None or layout.tour_cost.odds is None:
+            break
+        found = ground.masses[looks.pieces] * looks.chances(problem.detection)
+        mixed = (layout.tour_cost.odds + np.bincount(looks.cells, found, minlength=n)) / 2
+        plans.append(tried(mixed, False))
+        _, layout, looks = plans[-1]
+    best = min(plans, key=lambda one: one[0])
+    assert plan.tour_cost.odds is not None and best[1].tour_cost.odds is not None
+    plans += [tried(plan.tour_cost.odds, True), tried(best[1].tour_cost.odds, True)]
+    return min(plans, key=lambda one: one[0])[1]
+
+
+def _looks_of(plan: SearchPlan) -> Looks:
+    """Return the looks of a plan at the ground of its prior, with times in seconds."""
+    cost = plan.tour_cost
     cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for robot, place in enumerate(cost.points[plan.starts]):
         stops = plan.stops(robot)
@@ -862,9 +906,24 @@ def _expected_time(plan: SearchPlan, problem: SearchProblem) -> float:
         cells += seen
         moments = np.cumsum(np.array(ways) + 1.0) / plan.rates[robot]
         times.append(np.repeat(moments, [len(one) for one in seen]))
-    when = np.concatenate(times) / plan.allocation.makespan * plan.planned_seconds
-    looks = ground.looks(np.concatenate(cells), when)
-    return ground.expected_time(looks, problem.detection, plan.planned_seconds)
+    assert plan.ground is not None
+    when = np.concatenate(times)
+    if plan.flies:
+        when *= plan.planned_seconds / plan.allocation.makespan
+    else:
+        when = plan.seconds(0.0) + when * plan.cell_seconds
+    return plan.ground.looks(np.concatenate(cells), when)
+
+
+def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None = None) -> float:
+    """Return the expected time until a plan finds the target of a prior, in seconds."""
+    assert plan.ground is not None
+    if isinstance(plan.ground, Ground):
+        limit = plan.planned_seconds
+    else:
+        limit = problem.at_most * (plan.plain_seconds or 0.0)
+    looks = _looks_of(plan) if looks is None else looks
+    return plan.ground.expected_time(looks, problem.detection, limit)
 
 
 def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> SearchPlan:
@@ -1304,11 +1363,16 @@ def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False)
     return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **options)
 
 
+def _is_part(layer: GridTour) -> bool:
+    """Return whether a layer has only some cells of another."""
+    return isinstance(layer.grid, CellGrid) and layer.grid.whole is not None
+
+
 def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return the arguments of `TourCost` for a tour through several layers."""
     numbers = LayerNumbers(grid_tour.tour, tuple(layer.tour for layer in grid_tour.layers))
     own = {
-        layer: {} if straight else vars(_tour_cost(layer, 0.0))
+        layer: {"distances": None} if straight or _is_part(layer) else vars(_tour_cost(layer, 0.0))
         for layer in dict.fromkeys(grid_tour.layers)
     }
     seen = {

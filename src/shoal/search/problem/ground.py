@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import Grid, layers_of
 from shoal.search.regions.outline import Points
 from shoal.search.tours import Tour
@@ -16,33 +16,44 @@ from shoal.search.tours import Tour
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-_AT_ONCE = 500_000  # positions of particles
+_AT_ONCE = 40_000  # positions of particles
+_FEW = 1_000  # particles, of which none is left out
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Looks at pieces of the ground.
+    """Looks that may find a target.
 
     Parameters
     ----------
     pieces : ndarray of int64, shape (k,)
-        Increasing numbers of pieces.
+        Increasing numbers of pieces of the ground, or of particles.
+    cells : ndarray of int64, shape (k,)
+        Tour index of the cell that a robot searches.
     times : ndarray of float64, shape (k,)
         The times of the looks, which increase for each piece.
     earlier : ndarray of int64, shape (k,)
         Number of earlier looks at the same piece.
     """
 
-    pieces: NDArray[np.int64]
+    pieces: Numbers
+    cells: Numbers
     times: Floats
-    earlier: NDArray[np.int64]
+    earlier: Numbers
+
+    def chances(self, detection: float) -> Floats:
+        """Return, for a target in the piece of each look, the probability that this look finds it:
+        d (1 - d)^j after j others in vain, with the probability d of detection; float64, shape (k,).
+        """
+        return np.asarray(detection * (1.0 - detection) ** self.earlier)
 
 
-def looks_in_order(pieces: Numbers, times: Floats) -> Looks:
-    """Return looks at pieces of the ground, sorted by piece and time."""
+def _in_order(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
+    """Return looks sorted by piece and time."""
     order = np.lexsort((times, pieces))
-    pieces, times = pieces[order], times[order]
-    return Looks(pieces, times, np.arange(len(pieces)) - np.searchsorted(pieces, pieces))
+    pieces = pieces[order]
+    earlier = np.arange(len(pieces)) - np.searchsorted(pieces, pieces)
+    return Looks(pieces, cells[order], times[order], earlier)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +69,20 @@ class Ground:
     """
 
     masses: Floats
-    cells: NDArray[np.int64]
+    cells: Numbers
+
+    def along(self, before: Tour, grid: Grid, tour: Tour) -> Ground:
+        """Return the same ground along another tour, whose layers hold the cells of the tour
+        ``before`` again.
+        """
+        cells = before.cells[self.cells[:, 0]]
+        layers = [tour.position[(up, *cells.T)] for up in range(len(layers_of(grid)))]
+        return Ground(self.masses, np.stack(layers, axis=1))
 
     def shares(self, n: int, detection: float) -> Floats:
         """Return the probability that the search of each of n cells is the one that finds the
         target, if each piece is searched in the order of its cells, again and again; float64,
-        shape (n,). Together, they are 1.
+        shape (n,).
 
         Of k looks with the probability d of detection, the look after j others finds the target
         with the probability d (1 - d)^j / (1 - (1 - d)^k).
@@ -71,22 +90,23 @@ class Ground:
         there = self.cells >= 0
         earlier = np.cumsum(there, axis=1) - there
         shares = there * (1.0 - detection) ** earlier
-        shares *= (self.masses / shares.sum(axis=1))[:, None]
+        shares *= (self.masses / np.maximum(shares.sum(axis=1), 1e-300))[:, None]
         return np.bincount(self.cells[there], shares[there], minlength=n)
 
-    def looks(self, cells: NDArray[np.int64], times: Floats) -> Looks:
+    def looks(self, cells: Numbers, times: Floats) -> Looks:
         """Return the looks at each piece, in the order of their times, if robots search cells at
         given times; both of shape (k,).
         """
-        pieces, moments = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        pieces, numbers = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for column in self.cells.T:
             order = np.argsort(column, kind="stable")
             low, high = (np.searchsorted(column[order], cells, side) for side in ("left", "right"))
             counts = high - low
             within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
             pieces.append(order[np.repeat(low, counts) + within])
-            moments.append(np.repeat(times, counts))
-        return looks_in_order(np.concatenate(pieces), np.concatenate(moments))
+            numbers.append(np.repeat(np.arange(len(cells)), counts))
+        look = np.concatenate(numbers)
+        return _in_order(np.concatenate(pieces), cells[look], times[look])
 
     def expected_time(self, looks: Looks, detection: float, period: float) -> float:
         """Return the expected time until the target is found if robots repeat the search each
@@ -103,7 +123,7 @@ class Ground:
             return inf
         counts = np.bincount(looks.pieces, minlength=len(self.masses))
         seen, missed = counts > 0, (1.0 - detection) ** counts
-        chances = detection * (1.0 - detection) ** looks.earlier
+        chances = looks.chances(detection)
         found = np.bincount(looks.pieces, chances * looks.times, minlength=len(counts))
         each = (found + missed * period)[seen] / (1.0 - missed[seen])
         total = float(self.masses[seen].sum())
@@ -125,14 +145,18 @@ class Drift:
     points: Points
     velocities: Points
 
+    def thinned(self, step: int) -> Drift:
+        """Return every ``step``-th particle."""
+        return Drift(self.points[::step], self.velocities[::step])
+
     def at(self, times: Floats) -> Floats:
         """Return the positions at k times in seconds; float64, shape (k, M, 2)."""
-        return self.points + times[:, None, None] * self.velocities
+        return np.asarray(self.points + times[:, None, None] * self.velocities)
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Particles whose positions are known at some times, and move straight in between.
+    """Particles whose positions are known at some times, and that move straight in between.
 
     Parameters
     ----------
@@ -146,14 +170,18 @@ class Tracks:
     times: Floats
     points: Floats
 
+    def thinned(self, step: int) -> Tracks:
+        """Return every ``step``-th particle."""
+        return Tracks(self.times, self.points[::step])
+
     def at(self, times: Floats) -> Floats:
         """Return the positions at k times in seconds; float64, shape (k, M, 2)."""
+        rows = self.points.transpose(1, 0, 2)
         if len(self.times) == 1:
-            return np.repeat(self.points.transpose(1, 0, 2), len(times), axis=0)
+            return np.repeat(rows, len(times), axis=0)
         piece = np.clip(np.searchsorted(self.times, times, "right") - 1, 0, len(self.times) - 2)
         span = self.times[piece + 1] - self.times[piece]
         share = np.clip((times - self.times[piece]) / span, 0.0, 1.0)[:, None, None]
-        rows = self.points.transpose(1, 0, 2)
         return np.asarray(rows[piece] * (1.0 - share) + rows[piece + 1] * share)
 
 
@@ -175,58 +203,75 @@ class MovingGround:
     grid: Grid
     tour: Tour
 
-    def along(self, grid: Grid, tour: Tour) -> MovingGround:
+    def along(self, before: Tour, grid: Grid, tour: Tour) -> MovingGround:
         """Return the same particles over other cells."""
         return MovingGround(self.masses, self.motion, grid, tour)
 
-    def cells_at(self, time: float) -> Numbers:
-        """Return the tour index of the cell of the first layer in which each particle is at a time
-        in seconds, or -1; int64, shape (M,).
-        """
-        (found,) = self._numbers(np.array([time]))
-        position = self.tour.position if self.tour.position.ndim == 2 else self.tour.position[0]
-        flat = position.ravel()
-        size = layers_of(self.grid)[0].mask.size
-        columns = layers_of(self.grid)[0].shape[1]
-        rows, cols = np.divmod(np.where(found >= 0, found, 0), columns)
-        assert size
-        return np.where(found >= 0, flat[rows * position.shape[1] + cols], -1)
+    def thinned(self, step: int) -> MovingGround:
+        """Return the ground with every ``step``-th particle, or with all if they are few."""
+        if len(self.masses) < step * _FEW:
+            return self
+        masses = self.masses[::step]
+        return MovingGround(masses / masses.sum(), self.motion.thinned(step), self.grid, self.tour)
 
-    def _numbers(self, times: Floats, layer: int = 0) -> Numbers:
-        """Return the number of the square of a layer in which each particle is at k times, row by
-        row, or -1 beside the lattice; int64, shape (k, M).
+    def still(self, time: float) -> Ground:
+        """Return the ground on which the particles would stand if they stopped at a time in
+        seconds. Particles beside all cells have no cell.
         """
-        grid = layers_of(self.grid)[layer]
-        places = self.motion.at(times)
-        rows, columns = grid.lattice.cells_at(grid.lattice.from_region(places.reshape(-1, 2)))
-        height, width = grid.shape
-        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        return np.where(inside, rows * width + columns, -1).reshape(len(times), -1)
+        position = self.tour.position if self.tour.position.ndim == 3 else self.tour.position[None]
+        cells = []
+        for up, layer in enumerate(layers_of(self.grid)):
+            number = self._squares(np.array([time]), layer)[0]
+            rows, columns = np.divmod(np.maximum(number, 0), layer.shape[1])
+            cells.append(np.where(number >= 0, position[up, rows, columns], -1))
+        return Ground(self.masses, np.stack(cells, axis=1))
+
+    def outside(self, time: float) -> float:
+        """Return the probability that the target is outside the region's area at a time in
+        seconds.
+        """
+        import shapely
+
+        area = layers_of(self.grid)[0].region.area
+        shapely.prepare(area)
+        places = self.motion.at(np.array([time]))[0]
+        return float(self.masses @ ~shapely.contains_xy(area, *places.T))
 
     def looks(self, cells: Numbers, times: Floats) -> Looks:
         """Return the looks that meet each particle, in the order of their times, if robots search
         cells at given times in seconds; both of shape (k,).
         """
-        layers = layers_of(self.grid)
         own = self.tour.cells[cells]
         up = own[:, 0] if own.shape[1] == 3 else np.zeros(len(own), dtype=np.int64)
-        pieces, moments = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-        strip = max(1, _AT_ONCE // max(len(self.masses), 1))
-        for layer, grid in enumerate(layers):
-            numbers = own[:, -2] * grid.shape[1] + own[:, -1]
+        particles, numbers = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        strip = max(1, _AT_ONCE // len(self.masses))
+        for layer, grid in enumerate(layers_of(self.grid)):
+            squares = own[:, -2] * grid.shape[1] + own[:, -1]
             these = np.flatnonzero(up == layer)
             for low in range(0, len(these), strip):
                 part = these[low : low + strip]
-                met, particle = np.nonzero(
-                    self._numbers(times[part], layer) == numbers[part, None]
-                )
-                pieces.append(particle)
-                moments.append(times[part][met])
-        return looks_in_order(np.concatenate(pieces), np.concatenate(moments))
+                met, particle = np.nonzero(self._squares(times[part], grid) == squares[part, None])
+                particles.append(particle)
+                numbers.append(part[met])
+        look = np.concatenate(numbers)
+        return _in_order(np.concatenate(particles), cells[look], times[look])
 
-    def shares(self, looks: Looks, cells: Numbers) -> Floats:
-        raise NotImplementedError
+    def _squares(self, times: Floats, grid: CellGrid) -> Numbers:
+        """Return the number of the square of a lattice in which each particle is at k times, row by
+        row, or -1 beside the lattice; int64, shape (k, M).
+        """
+        places = self.motion.at(times).reshape(-1, 2)
+        rows, columns = grid.lattice.cells_at(grid.lattice.from_region(places))
+        height, width = grid.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        return np.where(inside, rows * width + columns, -1).reshape(len(times), -1)
 
-    def expected_time(self, looks: Looks, detection: float, period: float) -> float:
-        first = detection * (1.0 - detection) ** looks.earlier * self.masses[looks.pieces]
-        return float(first @ looks.times + (1.0 - first.sum()) * period)
+    def expected_time(self, looks: Looks, detection: float, horizon: float) -> float:
+        """Return the mean of the time until the target is found and, if it is not found before, of
+        the ``horizon``.
+
+        A search is not repeated until it finds a moving target: the target may have left.
+        """
+        found = looks.chances(detection) * self.masses[looks.pieces]
+        times = np.minimum(looks.times, horizon)
+        return float(found @ times + max(1.0 - found.sum(), 0.0) * horizon)
