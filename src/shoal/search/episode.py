@@ -33,8 +33,8 @@ from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
 from shoal.search.problem import CENTRE, SearchProblem
-from shoal.search.problem.network import Liar
 from shoal.search.problem.ground import Ground, Looks, MovingGround
+from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
@@ -403,7 +403,7 @@ class SearchEpisode(Episode):
             "left": (
                 ground.outside(self.makespan or self.plan.planned_seconds)
                 if isinstance(ground, MovingGround)
-                else 0.0
+                else None
             ),
             "success": 0.0 if self.success is None else self.success.probability,
             "at_most": self.problem.at_most,

@@ -815,7 +815,8 @@ def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> Sear
     Further looks are layers of their own, at the same altitude, which hold some of the cells.
     """
     grid = plan.grid
-    assert isinstance(grid, CellGrid) and plan.tour_cost.odds is not None
+    assert isinstance(grid, CellGrid)
+    assert plan.tour_cost.odds is not None
     odds, n = plan.tour_cost.odds, len(plan.tour)
     # probability that the look after j others finds the target
     gains = np.outer((1.0 - problem.detection) ** np.arange(1, _LOOKS), odds)
@@ -887,7 +888,8 @@ def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
         plans.append(tried(mixed, False))
         _, layout, looks = plans[-1]
     best = min(plans, key=lambda one: one[0])
-    assert plan.tour_cost.odds is not None and best[1].tour_cost.odds is not None
+    assert plan.tour_cost.odds is not None
+    assert best[1].tour_cost.odds is not None
     plans += [tried(plan.tour_cost.odds, True), tried(best[1].tour_cost.odds, True)]
     return min(plans, key=lambda one: one[0])[1]
 
@@ -1363,21 +1365,18 @@ def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False)
     return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **options)
 
 
-def _is_part(layer: GridTour) -> bool:
-    """Return whether a layer has only some cells of another."""
-    return isinstance(layer.grid, CellGrid) and layer.grid.whole is not None
-
-
 def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return the arguments of `TourCost` for a tour through several layers."""
     numbers = LayerNumbers(grid_tour.tour, tuple(layer.tour for layer in grid_tour.layers))
+    grids = layers_of(grid_tour.grid)
+    # a layer with some cells of another has its distances
+    bases = [grid_tour.layers[grids.index(grid.whole or grid)] for grid in grids]
     own = {
-        layer: {"distances": None} if straight or _is_part(layer) else vars(_tour_cost(layer, 0.0))
-        for layer in dict.fromkeys(grid_tour.layers)
+        layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(bases)
     }
     seen = {
         layer: RegionFootprint(grid, layer.tour)
-        for layer, grid in zip(grid_tour.layers, layers_of(grid_tour.grid), strict=True)
+        for layer, grid in zip(grid_tour.layers, grids, strict=True)
     }
     return {
         "footprint": LayeredFootprint(numbers, [seen[layer] for layer in grid_tour.layers]),
@@ -1388,6 +1387,6 @@ def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> d
         "distances": LayeredDistances(
             paths,
             numbers,
-            [own[layer]["distances"] for layer in grid_tour.layers] if not straight else (),
+            [own[layer]["distances"] for layer in bases] if not straight else (),
         ),
     }

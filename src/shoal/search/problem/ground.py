@@ -88,10 +88,10 @@ class Ground:
         with the probability d (1 - d)^j / (1 - (1 - d)^k).
         """
         there = self.cells >= 0
-        earlier = np.cumsum(there, axis=1) - there
+        earlier: Numbers = np.cumsum(there, axis=1) - there.astype(np.int64)
         shares = there * (1.0 - detection) ** earlier
         shares *= (self.masses / np.maximum(shares.sum(axis=1), 1e-300))[:, None]
-        return np.bincount(self.cells[there], shares[there], minlength=n)
+        return np.bincount(self.cells[there], shares[there], minlength=n).astype(np.float64)
 
     def looks(self, cells: Numbers, times: Floats) -> Looks:
         """Return the looks at each piece, in the order of their times, if robots search cells at

@@ -24,7 +24,7 @@ from shoal.core.checks import (
 )
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
-from shoal.search.cells.layers import Grid, layers_of
+from shoal.search.cells.layers import Grid, LayeredGrid, layers_of
 from shoal.search.problem.ground import Drift, Ground, MovingGround, Tracks
 from shoal.search.regions.builder import list_of
 from shoal.search.regions.outline import Points
@@ -276,7 +276,9 @@ class Prior:
         """
         layers = layers_of(grid)
         position = tour.position if tour.position.ndim == 3 else tour.position[None]
-        heights = grid.altitudes if grid.region.height and len(layers) > 1 else np.zeros(len(layers))
+        heights = np.zeros(len(layers))
+        if grid.region.height and isinstance(grid, LayeredGrid):
+            heights = grid.altitudes
         counts = np.array([0 if layer.whole else layer.n_cells for layer in layers])
         masses, cells, inside = [], [], 0.0
         known: dict[Any, tuple[Any, Floats, float]] = {}
@@ -352,7 +354,8 @@ def _summed(rows: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64]
     for column in rows.T[1:]:
         key = np.unique(key, return_inverse=True)[1] * (column.max(initial=0) + 1) + column
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return rows[first], np.bincount(inverse, weights, minlength=len(first))
+    sums = np.bincount(inverse, weights, minlength=len(first)).astype(np.float64)
+    return rows[first], sums
 
 
 def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:

@@ -18,8 +18,8 @@ from shoal.search.cells.footprint import check_widths
 from shoal.search.cells.layers import LayeredGrid, layers_of
 from shoal.search.flight.timing import climbing_seconds, working_seconds
 from shoal.search.planning.plan import SearchPlan
-from shoal.search.problem.ground import Ground
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.ground import Ground
 from shoal.search.problem.network import (
     Crash,
     Fault,

@@ -322,6 +322,13 @@ class LayerPanels:
         return rows, columns
 
     @property
+    def first_extent(self) -> tuple[float, float, float, float]:
+        """The left, right, bottom and top edges of the panel of the lowest layer, in metres."""
+        left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
+        down, right = (self._panel * self.step).tolist()
+        return left, left + right, top - down, top
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         """The left, right, bottom and top edges of all squares of the drawing, in metres."""
         left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
+from shoal.search.problem.ground import Ground
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure, plain_axes, set_title
 from shoal.views.search.history import SearchHistory
 
@@ -30,9 +31,13 @@ def success_figure(episode: SearchEpisode) -> Figure:
     InvalidInputError
         If the search has no prior.
     """
-    odds = episode.plan.tour_cost.odds
-    if odds is None:
+    where = episode.plan.ground
+    if where is None:
         raise InvalidInputError("figure success: expected a search with a prior, got one without")
+    still = where if isinstance(where, Ground) else where.still(0.0)
+    seen = still.cells[:, 0] >= 0
+    odds = np.zeros(len(episode.plan.tour))
+    np.add.at(odds, still.cells[seen, 0], still.masses[seen])
     history = SearchHistory(episode)
     figure = new_figure(8.0, 4.2)
     ground, chart = figure.subplots(1, 2, width_ratios=(1, 1.15))
@@ -45,9 +50,13 @@ def success_figure(episode: SearchEpisode) -> Figure:
     for part in history.panels.parts:
         for ring in part:
             ground.plot(*ring.T, color=_EDGE, lw=1.0)
+    # further layers are looks at the same ground
+    left, right, bottom, top = history.panels.first_extent
+    ground.set(xlim=(left, right), ylim=(bottom, top))
     ground.set_aspect("equal")
     bare_axes(ground)
-    set_title(ground, "where the target is likely")
+    at_start = "" if still is where else " at the start"
+    set_title(ground, f"where the target is likely{at_start}")
     success = episode.success
     assert success is not None
     times, found = success.times / 60.0, success.probabilities
