@@ -33,9 +33,9 @@ from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
 from shoal.search.problem import CENTRE, SearchProblem
-from shoal.search.problem.ground import Ground, Looks, MovingGround
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
+from shoal.search.problem.target import Ground, Looks, MovingGround
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
@@ -378,7 +378,7 @@ class SearchEpisode(Episode):
         None without a prior, and if nothing can be found.
 
         A target that stands still is at a place that robots search, and robots repeat the search
-        until they find it (`shoal.search.problem.ground.Ground.expected_time`). If each search of a
+        until they find it (`shoal.search.problem.target.Ground.expected_time`). If each search of a
         cell finds a target in it, this is the sum of each cell's probability times its first
         search. A target that moves and is not found counts as found after the longest time of the
         plan, `SearchProblem.at_most` times that without a prior.

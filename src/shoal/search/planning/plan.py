@@ -73,7 +73,7 @@ from shoal.search.planning.orientation import (
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.problem.ground import Ground, Looks, MovingGround
+from shoal.search.problem.target import Ground, Looks, MovingGround
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points

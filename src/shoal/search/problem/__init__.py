@@ -457,8 +457,9 @@ class SearchProblem(Problem):
             "Where a target is how likely: a file of numbers (.npy over the bounding box of the"
             " region, row 0 in the north, .tif or .asc), a .geojson file of polygons with a property"
             " probability or of points with spread_m, or ring:X,Y:SHARE=METRES,... around a last"
-            " known point (the option can be repeated; 2*FILE gives a part twice the weight). Robots"
-            " search likely cells early, and still search everything."
+            " known point (the option can be repeated; 2*FILE gives a part twice the weight); or a"
+            " .nc file of tracks of particles, as OpenDrift writes it. Robots search likely cells"
+            " early, and still search everything."
         ),
         metavar="FILE|RING",
         repeated=True,
@@ -491,7 +492,10 @@ class SearchProblem(Problem):
     )
     detection: float = option(
         1.0,
-        help="Probability that a robot detects a target when it searches the cell of the target.",
+        help=(
+            "Probability that a robot detects a target when it searches the cell of the target. With"
+            " --prior, robots search likely cells again where a search may miss the target."
+        ),
         least=0,
         most=1,
     )

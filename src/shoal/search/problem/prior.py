@@ -25,7 +25,7 @@ from shoal.core.checks import (
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.search.cells.layers import Grid, LayeredGrid, layers_of
-from shoal.search.problem.ground import Drift, Ground, MovingGround, Tracks
+from shoal.search.problem.target import Drift, Ground, MovingGround, Tracks
 from shoal.search.regions.builder import list_of
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion

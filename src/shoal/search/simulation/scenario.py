@@ -19,7 +19,6 @@ from shoal.search.cells.layers import LayeredGrid, layers_of
 from shoal.search.flight.timing import climbing_seconds, working_seconds
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.ground import Ground
 from shoal.search.problem.network import (
     Crash,
     Fault,
@@ -27,6 +26,7 @@ from shoal.search.problem.network import (
     WrongPosition,
     network_of,
 )
+from shoal.search.problem.target import Ground
 from shoal.search.protocol.state import Brief
 from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of

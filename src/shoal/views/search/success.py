@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
-from shoal.search.problem.ground import Ground
+from shoal.search.problem.target import Ground
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure, plain_axes, set_title
 from shoal.views.search.history import SearchHistory
 
