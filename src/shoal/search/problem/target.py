@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.lanes import LineLattice
 from shoal.search.cells.layers import Grid, layers_of
 from shoal.search.regions.outline import Points
 from shoal.search.tours import Tour
@@ -264,6 +265,11 @@ class MovingGround:
         rows, columns = grid.lattice.cells_at(grid.lattice.from_region(places))
         height, width = grid.shape
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        if isinstance(grid.lattice, LineLattice):  # which knows the nearest cell of any point
+            import shapely
+
+            shapely.prepare(grid.region.area)
+            inside &= shapely.contains_xy(grid.region.area, *places.T)
         return np.where(inside, rows * width + columns, -1).reshape(len(times), -1)
 
     def expected_time(self, looks: Looks, detection: float, horizon: float) -> float:
