@@ -118,7 +118,7 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
     if result["prior"] is None:
         return []
     if result["expected_find_s"] is None:
-        return [("target", "cannot be found: nobody searched where it may be")]
+        return [("target", "cannot be found: no search of a place where it may be detects it")]
     prior, mean = result["prior"], duration_text(result["expected_find_s"])
     inside = f"if it is in the region ({100 * prior['inside']:.3g} % by the prior)"
     found = f"{100 * prior['success']:.3g} %"

@@ -47,6 +47,7 @@ _RING = re.compile(r"ring:(?P<x>[^,:]+),(?P<y>[^,:]+):(?P<quantiles>.+)")
 _WEIGHTED = re.compile(r"(?P<weight>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\*(?P<what>.+)")
 _TRACKS = ".nc"
 _FILES = (".npy", ".tif", ".tiff", ".asc", ".geojson", ".json", _TRACKS)
+_FASTEST = 1_000.0  # metres per second
 _PARTICLES = 8_000  # that stand for a moving target
 
 
@@ -472,8 +473,11 @@ def check_drift(value: Any) -> tuple[float, float, float]:
         raise InvalidInputError(
             f"drift: expected two velocities and a standard deviation, got {shortened(value)}"
         )
-    east, north, *spread = (check_number(number, what="drift") for number in numbers)
-    return east, north, check_number(spread[0] if spread else 0.0, what="drift: spread", least=0)
+    east, north = (
+        check_number(number, what="drift", least=-_FASTEST, most=_FASTEST) for number in numbers[:2]
+    )
+    spread = numbers[2] if len(numbers) == 3 else 0.0
+    return east, north, check_number(spread, what="drift: spread", least=0, most=_FASTEST)
 
 
 def _open_tracks(part: Any, region: SearchRegion) -> Tracks:
