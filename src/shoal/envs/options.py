@@ -145,7 +145,7 @@ class SearchEnvOptions(EnvOptions):
     """
 
     part: ClassVar[str] = "search-environment"
-    decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
+    decided: ClassVar[tuple[str, ...]] = ("allocation", "at_most", "simulate", "live")
 
     observation: str = option(
         "dict",

@@ -19,9 +19,14 @@ from shoal.envs.options import (
     SearchEnvOptions,
     check_no_options,
     option_errors,
-    split_fields,
 )
-from shoal.envs.search_v0 import DIRECTIONS, PLANES, search_picture, search_text
+from shoal.envs.search_v0 import (
+    DIRECTIONS,
+    PLANES,
+    search_picture,
+    search_text,
+    split_search_fields,
+)
 from shoal.envs.worlds import WorldEnv, Worlds, WorldsVectorEnv
 from shoal.search.problem import SearchProblem
 from shoal.search.simulation.agents import SearchBatch
@@ -47,7 +52,7 @@ class SearchWorlds(Worlds):
     action_space: gymnasium.spaces.MultiDiscrete
 
     def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
-        self.problem, self.options = split_fields(fields, SearchProblem, SearchEnvOptions)
+        self.problem, self.options = split_search_fields(fields)
         if self.options.reward != "shared":
             raise OptionError(
                 "reward: expected shared, because a step has one reward for all robots (info"

@@ -7,7 +7,7 @@ The function ``search_v0.parallel_env(**options)`` creates the parallel environm
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from math import inf
@@ -129,9 +129,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     }
 
     def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
-        self.problem, self.options = split_fields(
-            {"region": "square:100", **fields}, SearchProblem, SearchEnvOptions
-        )
+        self.problem, self.options = split_search_fields({"region": "square:100", **fields})
         self.render_mode = check_render_mode(render_mode, MODES)
         with option_errors():
             self._plan = plan_search(self.problem)
@@ -551,6 +549,30 @@ class _Belief:
 
     def __init__(self, odds: NDArray[np.float64]) -> None:
         self.odds, self.known, self.visits = odds, 0, 0
+
+
+def split_search_fields(fields: Mapping[str, Any]) -> tuple[SearchProblem, SearchEnvOptions]:
+    """Return the problem and the options of a search environment.
+
+    Raises
+    ------
+    OptionError
+        If a field is unknown or invalid, or a prior is one that agents cannot observe.
+    """
+    problem, options = split_fields(fields, SearchProblem, SearchEnvOptions)
+    if not problem.prior:
+        return problem, options
+    if problem.moves:
+        raise OptionError(
+            "prior: expected a target that stands still, or one that moves by target_moves, got one"
+            " that drifts"
+        )
+    if problem.passes > 1 or len(problem.altitudes) > 1:
+        raise OptionError(
+            "prior: expected one pass at one altitude together with it, got several layers"
+        )
+    # the agents choose the order, and which cells they search again
+    return problem.replaced(at_most=1.0), options
 
 
 def _beside(position: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -12,9 +12,12 @@ from functools import reduce
 from operator import or_
 from typing import Any
 
+import numpy as np
+
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.robots.tasks import RobotTask
+from shoal.search.problem.target import Ground
 from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.simulation.live.ports import Radio
 from shoal.search.tours.masks import bits_to_array
@@ -102,13 +105,16 @@ class SearchWatch:
     @property
     def success(self) -> float | None:
         """With a prior, the probability that the target is found, if it is in the region: each cell
-        that robots say they have searched counts as searched once.
+        that robots say they have searched counts as searched once. None for a target that moves,
+        because robots do not say when they searched a cell.
         """
-        odds = self.task.plan.tour_cost.odds
-        if odds is None:
+        ground = self.task.plan.ground
+        if not isinstance(ground, Ground):
             return None
-        known = odds[bits_to_array(self._known, len(odds))]
-        return float(self.task.scenario.detection * known.sum())
+        known = np.zeros(len(self.task.plan.tour) + 1)  # the last for no cell, -1
+        known[bits_to_array(self._known, len(known))] = 1
+        looks = known[ground.cells].sum(axis=1)
+        return float(ground.masses @ (1.0 - (1.0 - self.task.scenario.detection) ** looks))
 
     @property
     def _known(self) -> int:

@@ -32,10 +32,17 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
-from shoal.search.planning.sightings import Sightings, chances, first_seen, mean_time, sightings_of
+from shoal.search.planning.sightings import (
+    Sightings,
+    Success,
+    first_seen,
+    sightings_of,
+    success_of,
+)
 from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
+from shoal.search.problem.target import MovingGround
 from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
@@ -67,27 +74,6 @@ class Visits:
 
     robots: NDArray[np.int64]
     times: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Success:
-    """The probability that a target is found, over time.
-
-    Parameters
-    ----------
-    times : ndarray of float64, shape (k,)
-        Increasing times of searches of cells, in seconds.
-    probabilities : ndarray of float64, shape (k,)
-        Probability that the target is found until each time.
-    """
-
-    times: NDArray[np.float64]
-    probabilities: NDArray[np.float64]
-
-    @property
-    def probability(self) -> float:
-        """Probability that the whole search finds the target."""
-        return float(self.probabilities[-1]) if len(self.probabilities) else 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -367,43 +353,53 @@ class SearchEpisode(Episode):
         """The probability that a single target is found, over time, by the prior of the problem and
         its probability of detection; None for a problem without a prior.
 
-        Each search of a cell finds a target in it with the probability of detection, if no search
+        Each search of a place finds a target in it with the probability of detection, if no search
         before did. Robots that do not report the truth find nothing. The first search of a vehicle
         counts from when its footprint, which moves along its flight, reaches each of 4 x 4 places in
         the cell.
         """
-        if self.plan.tour_cost.odds is None:
+        if self.plan.ground is None:
             return None
         none = Sightings(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
         honest = [robot not in self.liars for robot in range(1, len(self.sightings) + 1)]
-        return Success(
-            *chances(
-                self.plan,
-                [own if true else none for own, true in zip(self.sightings, honest, strict=True)],
-                [own if true else () for own, true in zip(self.seen, honest, strict=True)],
-                view=self.problem.view,
-                detection=self.problem.detection,
-            )
+        last = max((float(own.times[-1]) for own in self.sightings if len(own.times)), default=0.0)
+        return success_of(
+            self.plan,
+            [own if true else none for own, true in zip(self.sightings, honest, strict=True)],
+            [own if true else () for own, true in zip(self.seen, honest, strict=True)],
+            view=self.problem.view,
+            detection=self.problem.detection,
+            limit=self.problem.at_most * (self.plan.plain_seconds or 0.0)
+            if isinstance(self.plan.ground, MovingGround)
+            else self.makespan or last,
         )
 
     @property
     def expected_find(self) -> float | None:
-        """Expected time in seconds until a single target is found, if the search finds it, by the
-        prior of the problem. If each search of a cell finds a target in it, this is the sum of each
-        cell's probability times its first search.
+        """Expected time in seconds until a single target is found, by the prior of the problem;
+        None without a prior, and if nothing can be found.
 
-        None for a problem without a prior, and if nothing can be found.
+        A target that stands still is at a place that robots search, and robots repeat the search
+        until they find it (`shoal.search.problem.target.Ground.expected_time`). If each search of a
+        cell finds a target in it, this is the sum of each cell's probability times its first
+        search. A target that moves and is not found counts as found after the longest time of the
+        plan, `SearchProblem.at_most` times that without a prior.
         """
-        success = self.success
-        return None if success is None else mean_time(success.times, success.probabilities)
+        return None if self.success is None else self.success.mean
 
     def _prior_report(self) -> dict[str, Any] | None:
         tour_cost = self.plan.tour_cost
         if tour_cost.odds is None:
             return None
+        ground = self.plan.ground
         return {
             "inside": self.plan.prior_inside,
             "before": self.plan.prior_before,
+            "left": (
+                ground.outside(self.makespan or self.plan.planned_seconds)
+                if isinstance(ground, MovingGround)
+                else None
+            ),
             "success": 0.0 if self.success is None else self.success.probability,
             "at_most": self.problem.at_most,
             "plain_s": self.plan.plain_seconds,
@@ -412,18 +408,31 @@ class SearchEpisode(Episode):
     def save_visits(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file with the first search of each cell: the cell's centre in metres, the
         number of the robot, and the time in seconds. A search of several altitudes has a column for
-        the altitude. Cells that nobody searched have no row.
+        the altitude. Cells that nobody searched have no row, and second looks at cells have none
+        either.
         """
         visits, plan = self.visits, self.plan
-        cells = np.flatnonzero(visits.robots >= 0)
-        cells = cells[np.argsort(visits.times[cells], kind="stable")]
+        robots, times = visits.robots.copy(), visits.times.copy()
+        for up, layer in enumerate(layers_of(plan.grid)):
+            if layer.whole is None:
+                continue
+            base = layers_of(plan.grid).index(layer.whole)
+            again = np.flatnonzero(plan.tour.cells[:, 0] == up)
+            first = plan.tour.position[(base, *plan.tour.cells[again, 1:].T)]
+            earlier = times[again] < times[first]
+            robots[first[earlier]] = robots[again[earlier]]
+            times[first[earlier]] = times[again[earlier]]
+            robots[again] = -1
+        cells = np.flatnonzero(robots >= 0)
+        cells = cells[np.argsort(times[cells], kind="stable")]
         places = plan.positions(cells)
-        names = ["x_m", "y_m", *(["altitude_m"] if places.shape[1] == 3 else [])]
+        several = len(set(plan.altitudes)) > 1
+        names = ["x_m", "y_m", *(["altitude_m"] if several else [])]
         lines = [",".join([*names, "robot", "time_s"])]
         for place, robot, moment in zip(
-            places.tolist(),
-            visits.robots[cells].tolist(),
-            visits.times[cells].tolist(),
+            places[:, : 3 if several else 2].tolist(),
+            robots[cells].tolist(),
+            times[cells].tolist(),
             strict=True,
         ):
             numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
@@ -479,7 +488,10 @@ class SearchEpisode(Episode):
                 "angle_degrees": self.plan.row_angle,
                 "no_go_zones": grid.region.no_go_zones,
             },
-            "layers": [self._layer(number) for number in range(len(self.coverages))],
+            "layers": [
+                self._layer(number, seen)
+                for number, seen in zip(self._whole_layers, self.coverages, strict=True)
+            ],
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
@@ -514,8 +526,14 @@ class SearchEpisode(Episode):
         """
         return self.plan.cells(seconds) if self.plan.flies else cells
 
-    def _layer(self, number: int) -> dict[str, Any]:
-        grid, seen = layers_of(self.plan.grid)[number], self.coverages[number]
+    @property
+    def _whole_layers(self) -> list[int]:
+        """Numbers of the layers that are no second looks at another."""
+        layers = layers_of(self.plan.grid)
+        return [number for number, layer in enumerate(layers) if layer.whole is None]
+
+    def _layer(self, number: int, seen: AreaCoverage) -> dict[str, Any]:
+        grid = layers_of(self.plan.grid)[number]
         return {
             "altitude_m": self.plan.altitudes[number],
             "ground_sample_m": self.problem.vehicle_at(self.plan.altitudes[number]).ground_sample,

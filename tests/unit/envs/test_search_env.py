@@ -11,7 +11,8 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, sta
 
 import shoal
 import shoal.envs
-from shoal.envs import search_v0
+from shoal.envs import SearchEnv, search_v0
+from shoal.envs.options import OptionError
 from shoal.search import SearchProblem
 
 SMALL = {"region": "square:50", "robots": 4, "max_cycles": 40}
@@ -347,3 +348,22 @@ def test_options_of_targets_need_targets(more, match):
         search_v0.parallel_env(**SMALL, **more)
     with pytest.raises(shoal.envs.OptionError, match="only search_v0"):
         shoal.envs.SearchEnv(region="square:50", targets=1, until="found")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"drift": (0.2, 0.0, 0.0)}, "prior: expected a target that stands still"),
+        ({"passes": 2}, "prior: expected one pass at one altitude"),
+        ({"at_most": 1.5}, "at_most: expected no such option"),
+    ],
+)
+def test_priors_that_agents_cannot_observe_are_refused(more, words):
+    for make in (search_v0.parallel_env, SearchEnv):
+        with pytest.raises(OptionError, match=words):
+            make(region="square:60", prior=["ring:20,30:0.5=15"], **more)
+
+
+def test_agents_decide_themselves_where_they_look_again():
+    env = search_v0.parallel_env(region="square:60", prior=["ring:20,30:0.5=15"], detection=0.7)
+    assert env.reset(seed=1)[0]["robot_1"]["likely"].shape == (6, 6)

@@ -9,6 +9,7 @@ from math import exp
 
 import numpy as np
 import pytest
+from scipy.io import netcdf_file
 
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
@@ -245,7 +246,13 @@ def test_a_target_that_is_nowhere_in_the_region_is_refused():
     [
         ({"at_most": 1.1}, "at_most: expected a prior"),
         ({"elsewhere": 0.1}, "elsewhere: expected a prior"),
-        ({"prior": ["ring:0,0:0.5=9"], "passes": 2}, "one pass at one altitude"),
+        ({"drift": (1.0, 0.0)}, "drift: expected a prior"),
+        ({"prior": ["ring:0,0:0.5=9"], "drift": (1.0,)}, "two velocities"),
+        ({"prior": ["ring:0,0:0.5=9"], "drift": (1.0, 0.0, -1.0)}, "spread"),
+        ({"prior": ["ring:0,0:0.5=9"], "drift": (1.0, 0.0), "targets": 2}, "stand still"),
+        ({"prior": ["tracks.nc"], "elsewhere": 0.1}, "tracks of particles alone"),
+        ({"prior": ["tracks.nc", "ring:0,0:0.5=9"]}, "tracks of particles alone"),
+        ({"prior": ["tracks.nc"], "bands": (10, 20)}, "one altitude"),
         ({"prior": ["ring:0,0:0.5=9"], "at_most": 0.9}, "at_most: expected"),
     ],
 )
@@ -254,24 +261,240 @@ def test_fields_that_contradict_each_other_are_refused(fields, message):
         SearchProblem(**SQUARE, **fields)
 
 
-def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path):
-    file, _values = corner(tmp_path)
-    problem = SearchProblem(
-        **SQUARE, prior=[file], elsewhere=0.5, detection=0.7, faults="crash:1@30", loss=0.5
-    )
-    episode = run(problem, seed=3)
-    rng = np.random.default_rng(1)
-    looks = [[] for _ in range(100)]
+def looks_at(episode, side=10.0):
+    """Return the times of all searches of the squares of a lattice with row 0 in the south."""
+    looks = [[] for _ in range(int(100 / side) ** 2)]
     for robot, log in enumerate(episode.trace.robots):
-        for cell, moment in zip(log.cells, episode.clock(log.times, robot), strict=True):
-            looks[cell].append(moment)
-    assert max(map(len, looks)) > 1  # messages were lost: some cells were searched again
-    times = []
-    for cell in rng.choice(100, size=20_000, p=episode.plan.tour_cost.odds):
-        found = [moment for moment in sorted(looks[cell]) if rng.random() < 0.7]
-        times += found[:1]
-    assert len(times) / 20_000 == pytest.approx(episode.success.probability, abs=0.02)
+        squares = (episode.plan.positions(log.cells)[:, :2] // side).astype(int) @ (1, 100 // side)
+        times = episode.clock(log.times, robot)
+        for square, moment in zip(squares.astype(int).tolist(), times.tolist(), strict=True):
+            looks[square].append(moment)
+    return [sorted(own) for own in looks]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"faults": "crash:1@30", "loss": 0.5, "at_most": 1.0},
+        {"at_most": 1.4},
+        {"passes": 2},
+        {"at_most": 1.4, "footprint": (10.0, 30.0)},
+    ],
+)
+def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path, fields):
+    file, values = corner(tmp_path)
+    problem = SearchProblem(**SQUARE, prior=[file], detection=0.7).replaced(**fields)
+    episode = run(problem, seed=3)
+    assert episode.status == "complete"
+    if "footprint" in fields:  # a wide robot sees cells around its own
+        looks = [[] for _ in range(100)]
+        for robot, log in enumerate(episode.trace.robots):
+            for seen, moment in zip(
+                episode.plan.seen(robot, log.cells),
+                episode.clock(log.times, robot).tolist(),
+                strict=True,
+            ):
+                places = episode.plan.positions(seen)[:, :2] // 10
+                for square in (places @ (1, 10)).astype(int):
+                    looks[square].append(moment)
+        looks = [sorted(own) for own in looks]
+    else:
+        looks = looks_at(episode)
+    assert min(map(len, looks)) >= 1
+    assert max(map(len, looks)) > 1
+    rng, last = np.random.default_rng(1), episode.makespan
+    odds = np.flipud(values).ravel()
+    times, found = [], 0
+    for square in rng.choice(100, size=20_000, p=odds):
+        look, own = int(rng.geometric(0.7)) - 1, looks[square]
+        times.append(own[look % len(own)] + look // len(own) * last)
+        found += look < len(own)
+    assert found / len(times) == pytest.approx(episode.success.probability, abs=0.01)
     assert np.mean(times) == pytest.approx(episode.expected_find, rel=0.02)
+
+
+def test_likely_cells_are_searched_again_where_a_search_may_miss_the_target(tmp_path):
+    file, _ = corner(tmp_path)
+    problem = SearchProblem(**SQUARE, prior=[file], detection=0.5, at_most=1.3)
+    plan = plan_search(problem, seed=1)
+    assert plan.planned_seconds <= 1.3 * plan.plain_seconds * (1 + 1e-9)
+    places = plan.positions(np.concatenate([plan.stops(robot) for robot in range(2)]))[:, :2]
+    squares, counts = np.unique((places // 10).astype(int) @ (1, 10), return_counts=True)
+    assert squares.tolist() == list(range(100))
+    assert counts[99] == counts.max() > 2
+    sure = plan_search(problem.replaced(detection=1.0), seed=1)
+    assert len(sure.tour) == 100
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_nothing_is_left_out_with_second_looks_and_one_survivor_finishes(seed):
+    # around an obstacle, so that ways between looks at the same place are measured
+    problem = SearchProblem(
+        "ring:100x70",
+        robots=4,
+        footprint=10,
+        prior=["ring:40,35:0.5=10,0.9=30"],
+        detection=0.6,
+        at_most=1.4,
+        loss=0.4,
+        faults="crash:1@9,crash:2@25,crash:4@70" if seed % 2 else "",
+    )
+    episode = run(problem, seed=seed)
+    assert episode.status == "complete"
+    assert len(episode.plan.tour) > len(np.unique(episode.plan.ground.cells[:, 0]))
+    assert episode.coverage.covered_fraction > 1 - 1e-6
+    assert np.isfinite(episode.visits.times).all()
+    assert len(episode.report()["layers"]) == 1
+    assert episode.verify()
+
+
+def test_missions_contain_second_looks(tmp_path):
+    file, _ = corner(tmp_path)
+    problem = SearchProblem(
+        **SQUARE, prior=[file], detection=0.6, at_most=1.5, vehicle="multirotor", margin=0.0
+    )
+    missions = MissionSet.from_problem(problem, MissionOptions(format=("csv",)), seed=1).run()
+    assert missions.status == "complete"
+    assert len(missions.plan.tour) > 100
+    assert missions.plan.planned_seconds <= 1.5 * missions.plan.plain_seconds * (1 + 1e-9)
+
+
+def test_the_file_of_visits_has_each_cell_once(tmp_path):
+    file, _ = corner(tmp_path)
+    problem = SearchProblem(**SQUARE, prior=[file], detection=0.5, at_most=1.3)
+    episode = run(problem, seed=1)
+    assert len(episode.plan.tour) > 100
+    episode.save_visits(tmp_path / "visits.csv")
+    rows = list(csv.DictReader((tmp_path / "visits.csv").read_text().splitlines()))
+    assert list(rows[0]) == ["x_m", "y_m", "robot", "time_s"]
+    first = {int(float(row["x_m"]) // 10 + float(row["y_m"]) // 10 * 10): row for row in rows}
+    assert len(first) == len(rows) == 100
+    for square, looks in enumerate(looks_at(episode)):
+        assert float(first[square]["time_s"]) == pytest.approx(looks[0])
+
+
+def drifting(tmp_path, **fields):
+    file, _ = corner(tmp_path)
+    return SearchProblem(**SQUARE, prior=[file], drift=(-0.2, 0.0, 0.05)).replaced(**fields)
+
+
+@pytest.mark.parametrize("fields", [{}, {"detection": 0.7, "at_most": 1.4}, {"passes": 2}])
+def test_times_of_moving_targets_are_those_of_many_simulated_ones(tmp_path, fields):
+    problem = drifting(tmp_path, **fields)
+    episode = run(problem, seed=1)
+    assert episode.status == "complete"
+    plan, rng, count = episode.plan, np.random.default_rng(5), 4000
+    _, values = corner(tmp_path)
+    rows, columns = np.divmod(rng.choice(100, size=count, p=values.ravel()), 10)
+    begins = (np.column_stack([columns, 9 - rows]) + rng.random((count, 2))) * 10
+    velocities = np.array([-0.2, 0.0]) + 0.05 * rng.normal(size=(count, 2))
+    horizon = problem.at_most * plan.plain_seconds
+    times = np.full(count, horizon)
+    looks = [
+        (moment, place)
+        for robot, log in enumerate(episode.trace.robots)
+        for moment, place in zip(
+            episode.clock(log.times, robot), plan.positions(log.cells)[:, :2], strict=True
+        )
+    ]
+    found = np.zeros(count, dtype=bool)
+    for moment, place in sorted(looks, key=lambda look: look[0]):
+        there = (np.abs(begins + moment * velocities - place) <= 5).all(axis=1)
+        there &= ~found & (rng.random(count) < problem.detection)
+        times[there], found = np.minimum(moment, horizon), found | there
+    assert found.mean() == pytest.approx(episode.success.probability, abs=0.02)
+    assert times.mean() == pytest.approx(episode.expected_find, rel=0.03)
+    gone = begins + episode.makespan * velocities
+    outside = ((gone < 0) | (gone > 100)).any(axis=1).mean()
+    assert episode.report()["prior"]["left"] == pytest.approx(outside, abs=0.02)
+
+
+def test_a_plan_that_knows_the_drift_finds_the_target_earlier(tmp_path):
+    moving = plan_search(drifting(tmp_path, robots=1), seed=2)
+    still = plan_search(drifting(tmp_path, robots=1, drift=None), seed=2)
+    ignoring = replace(still, ground=moving.ground.along(still.tour, still.grid, still.tour))
+    problem = drifting(tmp_path, robots=1)
+    assert moving.planned_seconds <= 1.25 * moving.plain_seconds * (1 + 1e-9)
+    cells = np.concatenate([moving.stops(0)])
+    assert sorted(cells.tolist()) == list(range(100))
+    knowing = planning._expected_time(moving, problem)
+    assert knowing < planning._expected_time(ignoring, problem)
+
+
+def tracks_file(path, *, version):
+    """Write tracks as OpenDrift does: of three particles, one is taken out, and one released
+    later.
+    """
+    lon = np.array([[8.0, 8.001, np.nan], [8.0005, 8.0005, 8.0005], [np.nan, 8.0, 8.0]])
+    lat = np.array([[50.0, 50.0, np.nan], [50.0005, 50.001, 50.001], [np.nan, 50.0, 50.0]])
+    time = np.array([1000.0, 1060.0, 1120.0])
+    units = "seconds since 1970-01-01 00:00:00"
+    if version == 3:
+        with netcdf_file(path, "w") as file:
+            file.createDimension("trajectory", 3)
+            file.createDimension("time", 3)
+            file.createVariable("time", "d", ("time",))[:] = time
+            file.variables["time"].units = units
+            for name, values in (("lon", lon), ("lat", lat)):
+                variable = file.createVariable(name, "f", ("trajectory", "time"))
+                variable._FillValue = np.float32(-999.0)
+                variable[:] = np.where(np.isnan(values), -999.0, values)
+        return
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["time"] = time
+        file["time"].attrs["units"] = units
+        for name, values in (("lon", lon), ("lat", lat)):
+            file[name] = values.astype(np.float32)
+            file[name].attrs["_FillValue"] = np.float32([np.nan])
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_tracks_of_particles_move_as_in_the_file(tmp_path, version):
+    tracks_file(tmp_path / "tracks.nc", version=version)
+    outline = [[7.999, 49.999], [8.002, 49.999], [8.002, 50.002], [7.999, 50.002], [7.999, 49.999]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    region = open_region(str(tmp_path / "area.geojson"))
+    tracks = open_prior([str(tmp_path / "tracks.nc")], 0.0, region).tracks
+    assert tracks.times.tolist() == [0.0, 60.0, 120.0]
+    places = tracks.at(np.array([0.0, 30.0, 60.0, 500.0]))
+    degrees = region.frame.to_degrees(places.reshape(-1, 2)).reshape(4, 2, 2)
+    expected = [[8.0, 50.0], [8.0005, 50.0], [8.001, 50.0], [8.001, 50.0]]
+    np.testing.assert_allclose(degrees[:, 0], expected, atol=1e-6)
+    np.testing.assert_allclose(degrees[:, 1, 1], [50.0005, 50.00075, 50.001, 50.001], atol=1e-5)
+    problem = SearchProblem(
+        str(tmp_path / "area.geojson"), robots=2, footprint=20, prior=[str(tmp_path / "tracks.nc")]
+    )
+    episode = run(problem, seed=1)
+    assert episode.status == "complete"
+    assert episode.expected_find <= 1.25 * episode.plan.plain_seconds
+    episode.save(tmp_path / "episode.json")
+    (tmp_path / "tracks.nc").unlink()
+    assert SearchEpisode.load(tmp_path / "episode.json").expected_find == episode.expected_find
+
+
+@pytest.mark.parametrize("content", [b"CDF\x01", b"\x89HDF\r\n\x1a\n", b"text"])
+def test_files_that_hold_no_tracks_are_refused(tmp_path, content):
+    (tmp_path / "tracks.nc").write_bytes(content)
+    outline = [[7.999, 49.999], [8.002, 49.999], [8.002, 50.002], [7.999, 49.999]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    with pytest.raises(InvalidInputError, match=r"tracks\.nc: expected"):
+        open_prior([str(tmp_path / "tracks.nc")], 0.0, open_region(str(tmp_path / "area.geojson")))
+    with pytest.raises(InvalidInputError, match="on Earth"):
+        open_prior([str(tmp_path / "tracks.nc")], 0.0, open_region("square:100"))
+
+
+def test_drift_on_the_command_line(tmp_path, capsys):
+    file, _ = corner(tmp_path)
+    words = ["search", "square:100", "--robots", "2", "--footprint", "10", "--prior", file]
+    assert shoal([*words, "--drift", "-0.2,0:0.05", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["prior"]["left"] > 0
+    assert shoal([*words, "--drift", "fast"]) == 2
+    assert "VX,VY" in capsys.readouterr().err
 
 
 def test_random_targets_are_where_the_prior_says(tmp_path):

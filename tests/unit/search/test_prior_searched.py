@@ -36,7 +36,7 @@ def test_what_was_seen_surely_is_neither_likely_nor_searched(tmp_path):
 def test_with_a_detection_below_1_robots_look_again_where_it_is_still_likely(tmp_path):
     """Each track counts: twice over the west half, the target was missed with .2 squared."""
     prior = quarters(tmp_path, (3, 1), (2, 2))
-    given = {**FIELD, "elsewhere": 0.0, "prior": [prior], "detection": 0.8}
+    given = {**FIELD, "elsewhere": 0.0, "prior": [prior], "detection": 0.8, "at_most": 1.0}
     for looks in (1, 2):
         plan = plan_search(SearchProblem(**given, searched=[WEST] * looks), seed=1)
         assert len(plan.tour) == 4

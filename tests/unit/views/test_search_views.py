@@ -517,7 +517,7 @@ def test_labels_stand_nearer_to_their_own_place_than_to_any_other():
 
 
 def test_heat_cools_where_robots_look():
-    ring = {"prior": ["ring:20,60:0.5=15,0.9=30"], "detection": 0.7}
+    ring = {"prior": ["ring:20,60:0.5=15,0.9=30"], "detection": 0.7, "at_most": 1.0}
     episode = run(SearchProblem("square:80", robots=2, **ring), seed=1)
     history, odds = SearchHistory(episode), episode.plan.tour_cost.odds
     first, middle = history.first[0], history.end / 3
@@ -536,3 +536,30 @@ def test_heat_cools_where_robots_look():
     assert heat.max() == 255
     plain = page_data(run(SearchProblem("square:80", robots=2), seed=1))
     assert plain["heat"] is None
+
+
+def test_second_looks_cool_the_ground_again():
+    ring = {"prior": ["ring:20,60:0.5=15,0.9=30"], "detection": 0.7, "at_most": 1.4}
+    episode = run(SearchProblem("square:80", robots=2, **ring), seed=1)
+    history, ground = SearchHistory(episode), episode.plan.ground
+    looks = (ground.cells >= 0).sum(axis=1)
+    again = looks > 1
+    assert again.any()
+    before, after = history.likely(-np.inf), history.likely(history.end)
+    cells = ground.cells[again, 0]
+    np.testing.assert_allclose(after[cells], 0.3 ** looks[again] * before[cells])
+    np.testing.assert_allclose(before[ground.cells[again, 1]], before[cells])
+    assert history.success_at(history.end) == pytest.approx(episode.success.probability)
+    assert episode.success.probability == pytest.approx(1 - after[ground.cells[:, 0]].sum())
+
+
+def test_heat_follows_a_target_that_moves():
+    drift = {"prior": ["ring:20,40:0.9=10"], "drift": (0.3, 0.0, 0.0)}
+    episode = run(SearchProblem("square:80", robots=2, **drift), seed=1)
+    history = SearchHistory(episode)
+    across = episode.plan.positions(np.arange(history.n_cells))[:, 0]
+    start, late = history.likely(-np.inf), history.likely(history.end / 8)
+    assert across @ late / late.sum() > across @ start / start.sum() + 5
+    assert history.success_at(history.end) == pytest.approx(episode.success.probability, abs=0.02)
+    assert page_data(episode)["heat"] is None
+    assert len(page_data(episode)["success"][0]) > 0

@@ -109,7 +109,8 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> prior = {"inside": 0.9, "before": 0.0, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
+    >>> prior = {"inside": 0.9, "success": 1.0, "at_most": 1.25, "plain_s": 900.0}
+    >>> prior |= {"before": 0.0, "left": None}
     >>> prior_rows({"prior": prior, "expected_find_s": 300.0})
     [('target', 'found after 0:05:00 on average, if it is in the region (90 % by the prior)')]
     """
@@ -118,16 +119,23 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
     if result["prior"] is None:
         return []
     if result["expected_find_s"] is None:
-        return [("target", "cannot be found: nobody searched where it may be")]
-    prior = result["prior"]
-    sure = prior["success"] > 1 - 1e-9
-    detected = "" if sure else f" with a probability of {100 * prior['success']:.3g} %,"
-    told = (
-        f"found{detected} after {duration_text(result['expected_find_s'])} on average, if it is in"
-        f" the region ({100 * prior['inside']:.3g} % by the prior)"
-    )
+        return [("target", "cannot be found: no search of a place where it may be detects it")]
+    prior, mean = result["prior"], duration_text(result["expected_find_s"])
+    inside = f"if it is in the region ({100 * prior['inside']:.3g} % by the prior)"
+    found = f"{100 * prior['success']:.3g} %"
+    if prior["left"] is not None:
+        limit = duration_text(prior["at_most"] * prior["plain_s"])
+        text = (
+            f"found with a probability of {found}, {inside} at the start; on average after"
+            f" {mean}, where {limit} stands for not found; out of the region at the end with"
+            f" {100 * prior['left']:.3g} %"
+        )
+    else:
+        text = f"found after {mean} on average, {inside}"
+        if prior["success"] < 1 - 1e-9:
+            text += f" and robots repeat the search until then; one search finds it with {found}"
     seen = f"the tracks would have found the target with a probability of {100 * prior['before']:.3g} %"
-    return [("target", told), *([("searched", seen)] if prior["before"] else [])]
+    return [("target", text), *([("searched", seen)] if prior["before"] else [])]
 
 
 def finding_text(expected: float | None, success: float | None) -> str:

@@ -612,6 +612,12 @@ def _likely_first(tour_cost: TourCost, team: Team, shared: list[list[Arc]]) -> l
 
     The longest time of a robot may become `TourCost.at_most` times as long.
     """
+    key = (
+        *(array.tobytes() for array in (team.starts, team.rates, team.places, team.gains)),
+        tuple(map(tuple, shared)),
+    )
+    if key in tour_cost.orders:
+        return list(tour_cost.orders[key])
     ready = max(
         work_time(tour_cost, work, place, int(start) if len(team.far) else None) / power
         for work, place, start, power in zip(
@@ -624,7 +630,8 @@ def _likely_first(tour_cost: TourCost, team: Team, shared: list[list[Arc]]) -> l
         [[(arc.first, arc.count, arc.step) for arc in work] for work in shared],
         tour_cost.at_most * ready * team.rates,
     )
-    return [[Arc(*run) for run in runs] for runs in ordered]
+    tour_cost.orders[key] = [[Arc(*run) for run in runs] for runs in ordered]
+    return list(tour_cost.orders[key])
 
 
 def _team(

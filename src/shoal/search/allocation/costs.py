@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import cached_property
 from itertools import pairwise
 from math import dist, inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,14 +61,17 @@ class TourCost:
         Whether the allocators use the lengths of paths around walls. If false, the allocators use
         straight distances.
     odds : array_like of float64, shape (N,), optional
-        Probability that the single target of the search is in each cell. With probabilities,
-        robots search likely cells early; see `shoal.search.allocation.likely`.
+        Probability that the search of each cell is the one that finds the single target. With
+        probabilities, robots search likely cells early; see `shoal.search.allocation.likely`.
     at_most : float
         Longest time of the search with probabilities, divided by its time without; with 0, the
         probabilities change no order.
     break_cost : float
         What it costs in cells to leave the tour for a cell elsewhere, beyond the way there and one
         turn, where robots choose their order by probabilities.
+    thorough : bool
+        Whether the order by probabilities is one that random changes improve no more, and not only
+        the first that no small change improves.
     """
 
     tour: Tour
@@ -83,6 +86,7 @@ class TourCost:
     odds: Floats | None = None
     at_most: float = 1.25
     break_cost: float = 0.0
+    thorough: bool = True
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
@@ -166,6 +170,11 @@ class TourCost:
         """
         assert self.odds is not None
         return partial_sums(np.tile(self.odds, 2))
+
+    @cached_property
+    def orders(self) -> dict[Any, Any]:
+        """Cache of the orders by probabilities that were found for teams of robots."""
+        return {}
 
     @cached_property
     def arrays(self) -> TourArrays:

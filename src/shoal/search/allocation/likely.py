@@ -15,7 +15,7 @@ from shoal.search.kernels.latency import Blocks, Routes
 from shoal.search.kernels.shares import Team
 
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
-_NEAR = 8  # blocks from each end of a block, to which a robot may go on
+_NEAR = 6  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
 _KICKS = 1_000  # at most; twice as many as blocks in small searches
 _WIDEST = 50  # blocks of two stretches that a kick exchanges
@@ -84,7 +84,8 @@ def likely_first(
         np.ones(count, dtype=np.bool_),
         np.zeros(2 * count + 2, dtype=np.int64),
     )
-    latency.improve(blocks, routes, _LONGEST, min(_KICKS, 2 * count), _WIDEST)
+    kicks = min(_KICKS, 2 * count) if tour_cost.thorough else 0
+    latency.improve(blocks, routes, _LONGEST, kicks, _WIDEST)
     found = []
     for robot in range(m):
         items = order[robot, : counts[robot]].tolist()
@@ -146,6 +147,12 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
     cells = tour_cost.tour.cells.astype(np.int64)
     if cells.shape[1] == 2:
         cells, free = np.column_stack([np.zeros(n, dtype=np.int64), cells]), free[None]
+    # what lies between the cells of a layer lies between those that robots search again, too
+    for layer in range(1, len(free)):
+        for other in range(layer):
+            if not (free[layer] & ~free[other]).any():
+                cells[cells[:, 0] == layer, 0] = other
+                break
     return Blocks(
         ends,
         times,

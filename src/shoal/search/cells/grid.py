@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -62,6 +63,8 @@ class CellGrid:
     own : ndarray of int64, shape (H, W)
         Number of each cell's own piece, numbered as in `Portals`. Positions without a cell have the
         number -1.
+    whole : CellGrid, optional
+        The grid of which this one has some cells, which robots search again.
     """
 
     region: SearchRegion
@@ -73,6 +76,20 @@ class CellGrid:
     viewpoints: Points
     viewpoint_starts: NDArray[np.int64]
     own: NDArray[np.int64]
+    whole: CellGrid | None = None
+
+    def subset(self, mask: NDArray[np.bool_]) -> CellGrid:
+        """Return a grid with some of the cells, over the same region; ``mask`` has the shape of the
+        grid.
+        """
+        kept, counts = mask[self.mask], np.diff(self.viewpoint_starts)
+        return replace(
+            self,
+            mask=mask & self.mask,
+            viewpoints=self.viewpoints[np.repeat(kept, counts)],
+            viewpoint_starts=partial_sums(counts[kept]),
+            whole=self,
+        )
 
     @property
     def size(self) -> float:

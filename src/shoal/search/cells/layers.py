@@ -309,8 +309,8 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        For each layer, the distances between its cells. The sequence ``layers`` is empty if all
-        horizontal paths are straight.
+        For each layer, the distances between its cells. A layer with some cells of another needs
+        none of its own. The sequence ``layers`` is empty if all horizontal paths are straight.
     """
 
     stepwise = False
@@ -321,6 +321,8 @@ class LayeredDistances:
         self._paths, self._numbers, self._layers = paths, numbers, layers
         grid = paths.grid
         self._sizes = [layer.size / grid.size for layer in grid.layers]
+        # the layer whose cells each layer has, or some of them
+        self._bases = [grid.layers.index(layer.whole or layer) for layer in grid.layers]
         self._known: dict[tuple[int, int], float] = {}
 
     @cached_property
@@ -350,10 +352,16 @@ class LayeredDistances:
         up = abs(float(self._ups[here] - self._ups[cell]))
         if not self._layers:
             return float(np.hypot(*(places[1] - places[0]))) / size + up
-        (layer, one), (above, other) = self._numbers.own(here), self._numbers.own(cell)
+        (layer, one), (above, other) = self._own(here), self._own(cell)
         if layer == above:
             return self._layers[layer].length(one, other) * self._sizes[layer]
         return self._paths.legs(places).length / size + up
+
+    def _own(self, number: int) -> tuple[int, int]:
+        """Return the first layer that has a cell, and the index of the cell on its tour."""
+        layer, row, col = self._numbers.tour.cells[number].tolist()
+        base = self._bases[layer]
+        return base, int(self._numbers.layers[base].position[row, col])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
@@ -363,11 +371,15 @@ class LayeredDistances:
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
-        for layer, distances in enumerate(self._layers):
-            own = self._numbers.layers[layer]
-            row, col = grid.layers[layer].cell_of(place[None, :2])[0]
-            far = distances.lengths(int(own.position[row, col])) * self._sizes[layer]
-            found[self._numbers.whole(layer, np.arange(len(own)))] = far
+        far: dict[int, NDArray[np.float64]] = {}
+        for layer, base in enumerate(self._bases if self._layers else ()):
+            own, cells = self._numbers.layers[base], self._numbers.layers[layer].cells
+            if base not in far:
+                row, col = grid.layers[base].cell_of(place[None, :2])[0]
+                lengths = self._layers[base].lengths(int(own.position[row, col]))
+                far[base] = lengths * self._sizes[base]
+            numbers = self._numbers.whole(layer, np.arange(len(cells)))
+            found[numbers] = far[base][own.position[tuple(cells.T)]]
         return np.asarray(found + np.abs(self._ups - self._ups[here]))
 
 

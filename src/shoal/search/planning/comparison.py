@@ -16,11 +16,12 @@ from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
+    knowing,
     plan_search,
     plans_along,
     price_of_turns,
 )
-from shoal.search.planning.sightings import chances, mean_time, sightings_of
+from shoal.search.planning.sightings import sightings_of, success_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.tours import TOURS
@@ -52,7 +53,7 @@ class PlanFigures:
     by_prior : bool
         Whether robots search in the order that follows the prior.
     expected_find : float or None
-        With a prior, the expected time until the target is found, if it is found, in seconds.
+        With a prior, the expected time until the target is found, in seconds.
     success : float or None
         With a prior, the probability that the target is found.
     refusal : str or None
@@ -129,13 +130,17 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
         places = tuple((x, y) for x, y in first[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
     rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
-    plans = _with_odds([*first, *rest], problem)
-    found = [_figures(plan, problem) for plan in plans]
+    plans, limit = _all_knowing([*first, *rest], problem), None
+    found = []
+    if problem.prior:
+        best = plan_search(problem, seed=seed)
+        if problem.moves:
+            limit = problem.at_most * (best.plain_seconds or 0.0)
+        found.append(_figures(best, problem, limit, by_prior=True))
+    found += [_figures(plan, problem, limit) for plan in plans]
     if problem.tour == AUTO and problem.allocation == AUTO:
         patterns = pattern_plans(problem, seed, {})
-        found += [_figures(plan, problem, pattern=name) for name, plan in patterns]
-    if problem.prior:
-        found.append(_figures(plan_search(problem, seed=seed), problem, by_prior=True))
+        found += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
     return sorted(found, key=_rank)
 
 
@@ -144,19 +149,25 @@ def _rank(one: PlanFigures) -> tuple[bool, bool, float]:
     return one.refusal is not None, one.share < 1, first
 
 
-def _with_odds(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+def _all_knowing(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
     """Return plans that know the prior of the problem, in their own orders."""
-    prior = problem.open_prior()
-    if prior is None:
+    if not problem.prior:
         return list(plans)
-    known: dict[int, tuple[Any, float, float]] = {}
+    known: dict[int, SearchPlan] = {}
     found = []
     for plan in plans:
         if id(plan.tour) not in known:
-            known[id(plan.tour)] = prior.odds(plan.grid, plan.tour)
-        odds, inside, before = known[id(plan.tour)]
-        cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
-        found.append(replace(plan, tour_cost=cost, prior_inside=inside, prior_before=before))
+            known[id(plan.tour)] = knowing(plan, problem)
+        like = known[id(plan.tour)]
+        found.append(
+            replace(
+                plan,
+                tour_cost=replace(plan.tour_cost, odds=like.tour_cost.odds, at_most=0.0),
+                ground=like.ground,
+                prior_inside=like.prior_inside,
+                prior_before=like.prior_before,
+            )
+        )
     return found
 
 
@@ -184,17 +195,32 @@ def _ways(plan: SearchPlan) -> list[tuple[int, Points]]:
 
 
 def _figures(
-    plan: SearchPlan, problem: SearchProblem, *, pattern: str | None = None, by_prior: bool = False
+    plan: SearchPlan,
+    problem: SearchProblem,
+    limit: float | None,
+    *,
+    pattern: str | None = None,
+    by_prior: bool = False,
 ) -> PlanFigures:
+    """Return the figures of a plan. ``limit`` counts for a moving target that is not found; a search
+    for one that stands still is repeated.
+    """
     ways = _ways(plan)
     robots = range(len(plan.places))
     seen = [plan.seen(robot, plan.stops(robot)) for robot in robots]
     cells = np.unique(np.concatenate([one for own in seen for one in own]))
     success, expected = None, None
-    if plan.tour_cost.odds is not None:
+    if plan.ground is not None:
         sightings = [sightings_of(plan, robot, plan.stops(robot)) for robot in robots]
-        curve = chances(plan, sightings, seen, view=problem.view, detection=problem.detection)
-        success, expected = float(curve[1][-1]), mean_time(*curve)
+        found = success_of(
+            plan,
+            sightings,
+            seen,
+            view=problem.view,
+            detection=problem.detection,
+            limit=plan.planned_seconds if limit is None else limit,
+        )
+        success, expected = found.probability, found.mean
     times = [end_of(sorties) for sorties in plan.sorties] if plan.flies else _own_times(plan)
     last = max(times, default=0.0)
     return PlanFigures(

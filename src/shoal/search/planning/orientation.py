@@ -366,8 +366,29 @@ def in_layers(
             if key not in known:
                 known[key] = grid_tour(area, side, tour, angle=key[1], **given)
             layers.append(known[key])
+    return through_layers(
+        layers,
+        np.repeat(np.asarray(altitudes, dtype=np.float64), passes),
+        climb=climb,
+        turn=given.get("turn_cost", 0.0),
+        compared=first.compared,
+    )
+
+
+def through_layers(
+    layers: Sequence[GridTour],
+    altitudes: Floats,
+    *,
+    climb: float,
+    turn: float,
+    compared: tuple[Candidate, ...] = (),
+) -> GridTour:
+    """Join the tours of several layers at given altitudes in metres to one tour.
+
+    The argument ``climb`` is that of `LayeredGrid`, and ``turn`` the cost of a turn in cells.
+    """
     grids = tuple(layer.grid for layer in layers if not isinstance(layer.grid, LayeredGrid))
-    grid = LayeredGrid(grids, np.repeat(np.asarray(altitudes, dtype=np.float64), passes), climb)
+    grid = LayeredGrid(grids, altitudes, climb)
     points = [
         with_climb_cost(
             grid,
@@ -378,13 +399,11 @@ def in_layers(
         / grid.size
         for cells, layer, altitude in zip(grids, layers, grid.altitudes.tolist(), strict=True)
     ]
-    joined_tour = joined(
-        [layer.tour for layer in layers], points, turn=max(given.get("turn_cost", 0.0), TIE)
-    )
+    joined_tour = joined([layer.tour for layer in layers], points, turn=max(turn, TIE))
     paths = LayeredPaths(
         grid, [layer.paths for layer in layers if isinstance(layer.paths, RegionPaths)]
     )
-    return GridTour(grid, joined_tour, paths, first.compared, tuple(layers))
+    return GridTour(grid, joined_tour, paths, compared, tuple(layers))
 
 
 def best_grid_tour(

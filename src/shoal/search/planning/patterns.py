@@ -5,7 +5,6 @@ its own part of the region.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.allocate import Arc
 from shoal.search.cells.grid import CellGrid
-from shoal.search.planning.plan import SearchPlan, plans_along, with_work
+from shoal.search.planning.plan import SearchPlan, knowing, plans_along, with_work
 from shoal.search.problem import SearchProblem
 
 Cells = NDArray[np.int64]
@@ -137,11 +136,7 @@ def pattern_plans(
     plan = plans_along(turned, "boustrophedon", seed, known)[0]
     if not isinstance(plan.grid, CellGrid):
         return []
-    prior = problem.open_prior()
-    if prior is not None:
-        odds, inside, before = prior.odds(plan.grid, plan.tour)
-        cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
-        plan = replace(plan, tour_cost=cost, prior_inside=inside, prior_before=before, flown={})
+    plan = knowing(plan, problem)
     found = []
     for name in PATTERNS:
         try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from shoal.search.allocation.allocate import (
     in_passes,
     numbers_of,
     time_of,
+    way_to,
 )
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
@@ -66,9 +69,12 @@ from shoal.search.planning.orientation import (
     compared_allocations,
     in_layers,
     other_angles,
+    through_layers,
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
+from shoal.search.problem.prior import Prior
+from shoal.search.problem.target import Ground, Looks, MovingGround
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
@@ -193,6 +199,8 @@ class SearchPlan:
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
+    ground : Ground or MovingGround, optional
+        Where the target of a prior may be.
     prior_inside : float
         Probability that the target of a prior is in the area of the region.
     prior_before : float
@@ -222,6 +230,7 @@ class SearchPlan:
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
+    ground: Ground | MovingGround | None = field(default=None, repr=False)
     prior_inside: float = 1.0
     prior_before: float = 0.0
     plain_seconds: float | None = None
@@ -706,49 +715,240 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 
 _TRIES = 6  # of a price of breaks
 _DEARER = 0.2  # share by which the price rises at least
+_LOOKS = 5  # at one cell at most
+# shares of the time of the plan, after which a target that moves is where robots look first
+_LATER = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.15, 0.2)
+_THINNED = 4  # of so many particles, planning follows one
+_ROUNDS = 4  # of mixing these probabilities with those at the times of the looks
+# shares of the time beyond that of the plan without a prior, that second looks may take
+_REVISITS = (0.15, 0.3, 0.45, 0.6, 0.75)
 
 
 def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan in which robots search the cells early that are likely by the prior of the
-    problem, along the same tour.
+    problem, along the same tour, and some of them again if a search may miss the target.
 
-    The planned time is at most `SearchProblem.at_most` times as long. Where a robot leaves the tour,
-    vehicles need more time for their turns than the cost in cells tells: what they need more is
-    then counted for each such break of the tour.
+    The planned time is at most `SearchProblem.at_most` times as long.
     """
     prior = problem.open_prior()
     if prior is None:
         return plan
-    odds, inside, before = prior.odds(plan.grid, plan.tour)
-    cost = replace(plan.tour_cost, odds=odds, at_most=0.0)
-    plain = plan.planned_seconds
+    kept = _knowing(plan, problem, prior)
+    ground = kept.ground
     kept = replace(
-        plan,
-        tour_cost=cost,
-        prior_inside=inside,
-        prior_before=before,
-        plain_seconds=plain,
+        kept,
+        plain_seconds=plan.planned_seconds,
         alternatives=(),
         flown={},
     )
+    if isinstance(ground, MovingGround):
+        rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
+        kept = replace(rough, ground=ground)
+    layouts = [kept]
+    again = 0 < problem.detection < 1 and isinstance(kept.grid, CellGrid)
+    if again and not kept.tour_cost.stepwise:
+        budget = (problem.at_most - 1.0) * len(plan.tour)
+        more = [_with_revisits(kept, round(share * budget), problem) for share in _REVISITS]
+        layouts += [one for one in more if one is not None]
+    if len(layouts) > 1:
+        layouts = _by_expected_time(layouts, kept, problem)
+    for layout in layouts:
+        found = _in_likely_order(layout, kept, problem)
+        if found is not None:
+            return found
+    tell_once(
+        "prior: robots search in the order of the plan without it, because no other order that was"
+        f" tried takes at most {problem.at_most:g} times as long; --at-most sets another limit"
+    )
+    return kept
+
+
+def knowing(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan that knows where the target of the problem's prior may be, with its own order
+    of cells.
+    """
+    prior = problem.open_prior()
+    return plan if prior is None else _knowing(plan, problem, prior)
+
+
+def _knowing(plan: SearchPlan, problem: SearchProblem, prior: Prior) -> SearchPlan:
+    ground: Ground | MovingGround
+    if problem.moves:
+        ground, inside = prior.moving(plan.grid, plan.tour, problem.drift or (0.0, 0.0, 0.0))
+        standing, before = ground.still(0.0), 0.0
+    else:
+        ground, inside, before = prior.ground(plan.grid, plan.tour)
+        standing = ground
+    odds = standing.shares(len(plan.tour), problem.detection)
+    return replace(
+        plan,
+        tour_cost=replace(plan.tour_cost, odds=odds, at_most=0.0),
+        ground=ground,
+        prior_inside=inside,
+        prior_before=before,
+        flown={},
+    )
+
+
+def _by_expected_time(
+    layouts: Sequence[SearchPlan], plain: SearchPlan, problem: SearchProblem
+) -> list[SearchPlan]:
+    """Return plans with different numbers of second looks, the best first, as far as orders tell
+    that are quickly found.
+    """
+    times: list[float] = []
+    for layout in layouts:
+        rough = replace(layout, tour_cost=replace(layout.tour_cost, thorough=False))
+        found = _in_likely_order(rough, plain, problem)
+        times.append(inf if found is None else _expected_time(found, problem))
+    return [layouts[k] for k in np.argsort(times, kind="stable").tolist()]
+
+
+def _in_likely_order(
+    plan: SearchPlan, plain: SearchPlan, problem: SearchProblem
+) -> SearchPlan | None:
+    """Return a plan whose robots search likely cells early, or None if no order that was tried
+    keeps the limit beside the plain plan.
+
+    Where a robot leaves the tour, vehicles need more time for their turns than the cost in cells
+    tells: what they need more is then counted for each such break of the tour.
+    """
     limit, price = problem.at_most, 0.0
+    least = plan.allocation.makespan / plain.allocation.makespan
     for _ in range(_TRIES):
-        cost = replace(cost, at_most=limit, break_cost=price)
-        trial = _allocated(replace(kept, tour_cost=cost), plan.allocation, problem)
-        seconds = trial.planned_seconds
-        if seconds <= limit * plain * (1 + 1e-9) and (
-            trial.refusal is None or plan.refusal is not None
+        cost = replace(plan.tour_cost, at_most=max(limit / least, 1e-9), break_cost=price)
+        trial = _allocated(replace(plan, tour_cost=cost), plan.allocation, problem)
+        seconds, refused = trial.planned_seconds, trial.refusal is not None
+        if seconds <= limit * plain.planned_seconds * (1 + 1e-9) and (
+            not refused or plain.refusal is not None
         ):
             return trial
         # what the time by cells leaves out, for each break of the tour
-        beyond = seconds / plain - trial.allocation.makespan / plan.allocation.makespan
+        beyond = seconds / plain.planned_seconds
+        beyond -= trial.allocation.makespan / plain.allocation.makespan
         breaks = max(len(work) for work in trial.allocation.work)
-        price += max(beyond * plan.allocation.makespan / breaks, _DEARER * (price + 1.0))
-    tell_once(
-        "prior: robots search in the order of the plan without it, because no other order that was"
-        f" tried takes at most {limit:g} times as long; --at-most sets another limit"
+        price += max(beyond * plain.allocation.makespan / breaks, _DEARER * (price + 1.0))
+    return None
+
+
+def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> SearchPlan | None:
+    """Return a plan in which robots search so many cells once more, where further looks find the
+    target most probably, or None if there are none.
+
+    Further looks are layers of their own, at the same altitude, which hold some of the cells.
+    """
+    grid = plan.grid
+    assert isinstance(grid, CellGrid)
+    assert plan.tour_cost.odds is not None
+    odds, n = plan.tour_cost.odds, len(plan.tour)
+    # probability that the look after j others finds the target
+    gains = np.outer((1.0 - problem.detection) ** np.arange(1, _LOOKS), odds)
+    count = min(count, int(np.count_nonzero(gains)))
+    if count < 1:
+        return None
+    chosen = np.zeros(gains.size, dtype=np.bool_)
+    chosen[np.argsort(-gains, axis=None, kind="stable")[:count]] = True
+    layers = [GridTour(grid, plan.tour, RegionPaths(grid, transit=plan.transit))]
+    for again in chosen.reshape(-1, n):
+        if not again.any():
+            break
+        mask = np.zeros(grid.shape, dtype=np.bool_)
+        mask[tuple(plan.tour.cells[again].T)] = True
+        part = grid.subset(mask)
+        cells = replace(plan.tour, cells=plan.tour.cells[again])
+        layers.append(GridTour(part, cells, RegionPaths(part, transit=plan.transit)))
+    whole = through_layers(
+        layers,
+        np.full(len(layers), plan.altitudes[0]),
+        climb=1.0,
+        turn=plan.tour_cost.turn_cost,
     )
-    return kept
+    cost = _tour_cost(whole, plan.tour_cost.turn_cost, stepwise=problem.stepwise)
+    assert plan.ground is not None
+    ground = plan.ground.along(plan.tour, whole.grid, whole.tour)
+    same = Ground(odds, np.arange(n)[:, None]).along(plan.tour, whole.grid, whole.tour)
+    odds = same.shares(len(whole.tour), problem.detection)
+    more = replace(
+        plan,
+        grid=whole.grid,
+        tour_cost=replace(cost, odds=odds, at_most=0.0),
+        starts=whole.tour.position[tuple(whole.grid.cell_of(plan.places).T)],
+        ground=ground,
+        flown={},
+    )
+    return _allocated(more, plan.allocation, problem)
+
+
+def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan with probabilities of cells for a target that moves.
+
+    The order of a search follows one probability for each cell. Good ones are those at which the
+    target is when robots get there. Compared are those at some times after the start, and mixtures
+    of the best with what the looks of its own plan find.
+    """
+    n, ground = len(plan.tour), plan.ground
+    assert isinstance(ground, MovingGround)
+
+    def tried(odds: NDArray[np.float64], thorough: bool) -> tuple[float, SearchPlan, Looks | None]:
+        layout = replace(plan, tour_cost=replace(plan.tour_cost, odds=odds, thorough=thorough))
+        found = _in_likely_order(layout, plan, problem)
+        if found is None:
+            return inf, layout, None
+        looks = _looks_of(found)
+        return _expected_time(found, problem, looks), layout, looks
+
+    plans = [
+        tried(ground.still(share * plan.planned_seconds).shares(n, problem.detection), False)
+        for share in _LATER
+    ]
+    best = min(plans, key=lambda one: one[0])
+    _, layout, looks = best
+    for _ in range(_ROUNDS):
+        if looks is None or layout.tour_cost.odds is None:
+            break
+        found = ground.masses[looks.pieces] * looks.chances(problem.detection)
+        mixed = (layout.tour_cost.odds + np.bincount(looks.cells, found, minlength=n)) / 2
+        plans.append(tried(mixed, False))
+        _, layout, looks = plans[-1]
+    best = min(plans, key=lambda one: one[0])
+    assert plan.tour_cost.odds is not None
+    assert best[1].tour_cost.odds is not None
+    plans += [tried(plan.tour_cost.odds, True), tried(best[1].tour_cost.odds, True)]
+    return min(plans, key=lambda one: one[0])[1]
+
+
+def _looks_of(plan: SearchPlan) -> Looks:
+    """Return the looks of a plan at the ground of its prior, with times in seconds."""
+    cost = plan.tour_cost
+    cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for robot, place in enumerate(cost.points[plan.starts]):
+        stops = plan.stops(robot)
+        if not len(stops):
+            continue
+        ways = [way_to(cost, int(stops[0]), place, int(plan.starts[robot]))]
+        ways += [cost.way(int(one), int(other)) for one, other in pairwise(stops)]
+        seen = plan.seen(robot, stops)
+        cells += seen
+        moments = np.cumsum(np.array(ways) + 1.0) / plan.rates[robot]
+        times.append(np.repeat(moments, [len(one) for one in seen]))
+    assert plan.ground is not None
+    when = np.concatenate(times)
+    if plan.flies:
+        when *= plan.planned_seconds / plan.allocation.makespan
+    else:
+        when = plan.seconds(0.0) + when * plan.cell_seconds
+    return plan.ground.looks(np.concatenate(cells), when)
+
+
+def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None = None) -> float:
+    """Return the expected time until a plan finds the target of a prior, in seconds."""
+    assert plan.ground is not None
+    if isinstance(plan.ground, Ground):
+        limit = plan.planned_seconds
+    else:
+        limit = problem.at_most * (plan.plain_seconds or 0.0)
+    looks = _looks_of(plan) if looks is None else looks
+    return plan.ground.expected_time(looks, problem.detection, limit)
 
 
 def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> SearchPlan:
@@ -1205,13 +1405,15 @@ def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False)
 def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return the arguments of `TourCost` for a tour through several layers."""
     numbers = LayerNumbers(grid_tour.tour, tuple(layer.tour for layer in grid_tour.layers))
+    grids = layers_of(grid_tour.grid)
+    # a layer with some cells of another has its distances
+    bases = [grid_tour.layers[grids.index(grid.whole or grid)] for grid in grids]
     own = {
-        layer: {} if straight else vars(_tour_cost(layer, 0.0))
-        for layer in dict.fromkeys(grid_tour.layers)
+        layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(bases)
     }
     seen = {
         layer: RegionFootprint(grid, layer.tour)
-        for layer, grid in zip(grid_tour.layers, layers_of(grid_tour.grid), strict=True)
+        for layer, grid in zip(grid_tour.layers, grids, strict=True)
     }
     return {
         "footprint": LayeredFootprint(numbers, [seen[layer] for layer in grid_tour.layers]),
@@ -1222,6 +1424,6 @@ def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> d
         "distances": LayeredDistances(
             paths,
             numbers,
-            [own[layer]["distances"] for layer in grid_tour.layers] if not straight else (),
+            [own[layer]["distances"] for layer in bases] if not straight else (),
         ),
     }

@@ -5,6 +5,7 @@ cell, by the flights of their vehicles.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import inf
 
@@ -16,6 +17,7 @@ from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
 from shoal.search.cells.grid import CellGrid
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
+from shoal.search.problem.target import Ground
 
 Floats = NDArray[np.float64]
 
@@ -121,25 +123,49 @@ def first_seen(
     return robots.reshape(n, -1), times.reshape(n, -1)
 
 
-def chances(
+@dataclass(frozen=True, eq=False)
+class Success:
+    """The probability that a target is found, over time, by the prior of a plan.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (k,)
+        Increasing times of searches, in seconds.
+    probabilities : ndarray of float64, shape (k,)
+        Probability that the target is found until each time.
+    mean : float or None
+        Expected time in seconds (`shoal.search.problem.target`), or None if nothing can be found.
+    """
+
+    times: Floats
+    probabilities: Floats
+    mean: float | None
+
+    @property
+    def probability(self) -> float:
+        """Probability that the whole search finds the target."""
+        return float(self.probabilities[-1]) if len(self.probabilities) else 0.0
+
+
+def success_of(
     plan: SearchPlan,
     sightings: Sequence[Sightings],
     seen: Sequence[Sequence[NDArray[np.int64]]],
     *,
     view: ArrayLike,
     detection: float,
-) -> tuple[Floats, Floats]:
-    """Return increasing times, in seconds, and the probability that a single target is found until
-    each of them; float64, each of shape (k,).
+    limit: float,
+) -> Success:
+    """Return the probability that robots find the target of a prior, over time.
 
-    Each search of a cell finds a target in it with the probability ``detection``, if no search
-    before did. The first search of a vehicle counts from when its footprint, which moves along its
-    flight, reaches each of 4 x 4 places in the cell.
+    Each search of a place finds a target in it with the probability ``detection``, if no search
+    before did. A vehicle's first search of a target that stands still counts from when its
+    footprint, which moves along its flight, reaches each of 4 x 4 places in the cell.
 
     Parameters
     ----------
     plan : SearchPlan
-        A plan with the probability of each cell.
+        A plan that knows where the target may be.
     sightings : sequence of Sightings
         Those of each robot.
     seen : sequence of sequence of ndarray of int64
@@ -147,37 +173,31 @@ def chances(
     view : float, or array_like of float, shape (m,)
         Side of what each robot sees, in metres.
     detection : float
+    limit : float
+        Time in seconds after which a search in vain is repeated, or for a target that moves, the
+        time that counts if it is not found.
     """
-    odds = plan.tour_cost.odds
-    assert odds is not None
+    ground = plan.ground
+    assert ground is not None
     cells = [np.zeros(0, dtype=np.int64)] + [one for own in seen for one in own]
     times = [np.zeros(0)] + [
         np.repeat(own.times, [len(one) for one in stops])
         for own, stops in zip(sightings, seen, strict=True)
     ]
-    looked, moments = np.concatenate(cells), np.concatenate(times)
-    order = np.lexsort((moments, looked))
-    looked, moments = looked[order], moments[order]
-    earlier = np.arange(len(looked)) - np.searchsorted(looked, looked)
-    found = odds[looked] * detection * (1.0 - detection) ** earlier
-    # vehicles first see parts of a cell on their way, before they are at a stop
-    fine = _PLACES if any(len(own.track) for own in sightings) else 1
-    first = first_seen(plan, sightings, view, fine=fine)[1]
-    first = np.minimum(first[looked], moments[:, None])[earlier == 0]
-    parts = np.repeat(found[earlier == 0] / fine**2, fine**2)
-    moments = np.concatenate([first.ravel(), moments[earlier > 0]])
-    found = np.concatenate([parts, found[earlier > 0]])
-    order = np.argsort(moments, kind="stable")
-    return moments[order], np.cumsum(found[order])
-
-
-def mean_time(times: Floats, probabilities: Floats) -> float | None:
-    """Return the mean of the times that `chances` returns, if the target is found, or None if it
-    cannot be found.
-    """
-    if not len(times) or not probabilities[-1] > 0:
-        return None
-    return float(np.diff(probabilities, prepend=0.0) @ times / probabilities[-1])
+    looks = ground.looks(np.concatenate(cells), np.concatenate(times))
+    moments = looks.times[:, None]
+    if isinstance(ground, Ground) and any(len(own.track) for own in sightings):
+        # vehicles first see parts of a cell on their way, before they are at a stop
+        first = first_seen(plan, sightings, view, fine=_PLACES)[1][looks.cells]
+        moments = np.where((looks.earlier == 0)[:, None], np.minimum(first, moments), moments)
+    found = ground.masses[looks.pieces] * looks.chances(detection)
+    parts = np.repeat(found / moments.shape[1], moments.shape[1])
+    order = np.argsort(moments, axis=None, kind="stable")
+    # the mean is linear in the times
+    mean = ground.expected_time(replace(looks, times=moments.mean(axis=1)), detection, limit)
+    return Success(
+        moments.ravel()[order], np.cumsum(parts[order]), mean if len(found) and mean < inf else None
+    )
 
 
 def _by_cost(plan: SearchPlan, robot: int, cells: NDArray[np.int64]) -> Floats:

@@ -37,7 +37,14 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.problem.network import Fault, check_faults, fault_text
-from shoal.search.problem.prior import Prior, check_priors, open_prior
+from shoal.search.problem.prior import (
+    Prior,
+    check_drift,
+    check_priors,
+    is_tracks,
+    open_prior,
+    parse_drift,
+)
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
@@ -452,8 +459,9 @@ class SearchProblem(Problem):
             "Where a target is how likely: a file of numbers (.npy over the bounding box of the"
             " region, row 0 in the north, .tif or .asc), a .geojson file of polygons with a property"
             " probability or of points with spread_m, or ring:X,Y:SHARE=METRES,... around a last"
-            " known point (the option can be repeated; 2*FILE gives a part twice the weight). Robots"
-            " search likely cells early, and still search everything."
+            " known point (the option can be repeated; 2*FILE gives a part twice the weight); or a"
+            " .nc file of tracks of particles, as OpenDrift writes it. Robots search likely cells"
+            " early, and still search everything."
         ),
         metavar="FILE|RING",
         repeated=True,
@@ -473,9 +481,23 @@ class SearchProblem(Problem):
         ),
         least=1,
     )
+    drift: tuple[float, float, float] | None = option(
+        None,
+        help=(
+            "With --prior: velocity of a target that moves, to the east and to the north, and the"
+            " standard deviation of the velocity along each axis."
+        ),
+        unit="m/s",
+        metavar="VX,VY[:SPREAD]",
+        parse=parse_drift,
+        check=check_drift,
+    )
     detection: float = option(
         1.0,
-        help="Probability that a robot detects a target when it searches the cell of the target.",
+        help=(
+            "Probability that a robot detects a target when it searches the cell of the target. With"
+            " --prior, robots search likely cells again where a search may miss the target."
+        ),
         least=0,
         most=1,
     )
@@ -569,16 +591,13 @@ class SearchProblem(Problem):
                 " detection of"
                 f" {self.detection:g}"
             )
-        for name in ("elsewhere", "at_most"):
-            if name in self.given and not self.prior:
+        for name in ("elsewhere", "at_most", "drift"):
+            if name in self.given and not self.prior and getattr(self, name) is not None:
                 raise InvalidInputError(
-                    f"{name}: expected a prior together with it, got {getattr(self, name):g} alone"
+                    f"{name}: expected a prior together with it, got"
+                    f" {shortened(getattr(self, name))} alone"
                 )
-        if self.prior and (self.passes > 1 or len(self.bands or ()) > 1):
-            raise InvalidInputError(
-                "prior: expected one pass at one altitude, because a search of the same ground"
-                " again finds nothing new, got several"
-            )
+        self._check_motion()
         if self.crashes > self.robots:
             raise InvalidInputError(
                 f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}"
@@ -605,6 +624,29 @@ class SearchProblem(Problem):
                 raise InvalidInputError(
                     "live: expected only crashes and slow robots as faults, got other faults"
                 )
+
+    def _check_motion(self) -> None:
+        """Refuse what contradicts a target that moves."""
+        tracks = any(map(is_tracks, self.prior))
+        if tracks and (len(self.prior) > 1 or self.elsewhere or self.drift is not None):
+            raise InvalidInputError(
+                "prior: expected tracks of particles alone, without other parts, elsewhere or drift,"
+                f" got {shortened(self.prior)}"
+            )
+        if self.moves and not (isinstance(self.targets, int) and self.targets == 0):
+            raise InvalidInputError(
+                "targets: expected none together with a target that moves, because targets of a"
+                f" simulation stand still, got {shortened(self.targets)}"
+            )
+        if self.moves and (self._volume or len(self.bands or ()) > 1):
+            raise InvalidInputError(
+                "prior: expected one altitude for a target that moves, got several"
+            )
+
+    @property
+    def moves(self) -> bool:
+        """Whether the target of the prior moves."""
+        return self.drift is not None or any(map(is_tracks, self.prior))
 
     def _check_along(self) -> None:
         """Refuse what contradicts rows along a line."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf, tau
 from pathlib import Path
@@ -23,8 +23,9 @@ from shoal.core.checks import (
     shortened,
 )
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
-from shoal.search.cells.layers import Grid, layers_of
+from shoal.core.errors import InvalidInputError, import_extra
+from shoal.search.cells.layers import Grid, LayeredGrid, layers_of
+from shoal.search.problem.target import Drift, Ground, MovingGround, Tracks
 from shoal.search.regions.builder import list_of
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
@@ -42,9 +43,14 @@ _AT_ONCE = 200_000  # samples
 _MOST_LOOKED = 4_000_000  # samples of the ground that was seen before
 _CERTAIN = 1.0 - 1e-6
 _SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
+_DRIFT = re.compile(r"([^,:]+),([^,:]+)(?::([^,:]+))?")
+_UNITS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}  # of times, in seconds
 _RING = re.compile(r"ring:(?P<x>[^,:]+),(?P<y>[^,:]+):(?P<quantiles>.+)")
 _WEIGHTED = re.compile(r"(?P<weight>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\*(?P<what>.+)")
-_FILES = (".npy", ".tif", ".tiff", ".asc", ".geojson", ".json")
+_TRACKS = ".nc"
+_FILES = (".npy", ".tif", ".tiff", ".asc", ".geojson", ".json", _TRACKS)
+_FASTEST = 1_000.0  # metres per second
+_PARTICLES = 8_000  # that stand for a moving target
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,23 +215,76 @@ class Prior:
     detection : float
         Probability that an earlier look at a place (`SearchRegion.looks`) would have found a target
         there.
+    tracks : Tracks, optional
+        Tracks of particles, in place of parts.
     """
 
     parts: tuple[tuple[float, Density], ...]
     elsewhere: float = 0.0
     detection: float = 1.0
+    tracks: Tracks | None = None
 
-    def odds(self, grid: Grid, tour: Tour) -> tuple[Floats, float, float]:
-        """Return the probability of each cell along a tour, together 1, the probability that the
-        target is in the area of the region at all, and that with which earlier looks would have
-        found it.
+    def moving(
+        self, grid: Grid, tour: Tour, drift: tuple[float, float, float]
+    ) -> tuple[MovingGround, float]:
+        """Return particles of a target that moves, and the probability that it is in the area of
+        the region at the start.
 
-        The probability of a place belongs to the cell whose footprint contains the place. In a
-        search of several layers, the target is in each layer with a probability in proportion to
-        the number of the layer's cells.
+        Parameters
+        ----------
+        grid, tour
+        drift : tuple of float
+            Mean velocity along both axes, and the standard deviation of the velocity along each
+            axis, in metres per second. Tracks do not need it.
+        """
+        import shapely
 
-        What was seen before changes these probabilities by Bayes: at a place that k tracks have seen, the target
-        was missed with the probability (1 - detection)^k.
+        region = layers_of(grid)[0].region
+        area = region.area
+        if region.looks:
+            raise InvalidInputError(
+                "searched: expected a target that stands still together with a prior, because the"
+                " tracks saw where it was before, got one that moves"
+            )
+        if self.tracks is not None:
+            shapely.prepare(area)
+            places = self.tracks.at(np.zeros(1))[0]
+            there = shapely.contains_xy(area, *places.T)
+            if not there.any():
+                raise InvalidInputError(
+                    f"prior: expected a particle in the region {grid.region.name!r} at the start,"
+                    f" got {len(places)} elsewhere"
+                )
+            motion = Tracks(self.tracks.times, self.tracks.points[there])
+            count = int(there.sum())
+            ground = MovingGround(np.full(count, 1.0 / count), motion, grid, tour)
+            return ground, count / len(places)
+        step, samples = self._samples(layers_of(grid)[0])
+        points, weights = map(np.concatenate, zip(*samples, strict=True))
+        ahead, rng = np.cumsum(weights), np.random.default_rng(_PARTICLES)
+        if not ahead[-1] > 0:
+            raise InvalidInputError(
+                f"prior: expected some probability in the region {grid.region.name!r}, got none"
+            )
+        # equally spaced quantiles: fewer particles tell as much as many random ones
+        wanted = (np.arange(_PARTICLES) + 0.5) / _PARTICLES * ahead[-1]
+        chosen = points[np.searchsorted(ahead, wanted)]
+        chosen = chosen + step * (rng.random(chosen.shape) - 0.5)
+        velocities = np.array(drift[:2]) + drift[2] * rng.normal(size=chosen.shape)
+        masses = np.full(_PARTICLES, 1.0 / _PARTICLES)
+        ground = MovingGround(masses, Drift(chosen, velocities), grid, tour)
+        return ground, min(float(ahead[-1]), 1.0)
+
+    def ground(self, grid: Grid, tour: Tour) -> tuple[Ground, float, float]:
+        """Return the ground in the cells along a tour, the probability that the target is in the
+        area of the region at all, and that with which earlier looks would have found it.
+
+        The probability of a place belongs to the cell whose footprint contains the place. Layers of
+        a box are different places: the target is in each with a probability in proportion to the
+        number of the layer's cells. All other layers show the same ground.
+
+        What was seen before changes these probabilities by Bayes: at a place that k tracks have
+        seen, the target was missed with the probability (1 - detection)^k.
 
         Raises
         ------
@@ -234,27 +293,58 @@ class Prior:
         """
         layers = layers_of(grid)
         before = self._found_before(layers[0])
-        odds, inside = np.zeros(len(tour)), 0.0
-        known: dict[Any, tuple[Floats, float]] = {}
-        for up, layer in enumerate(layers):
-            if layer not in known:
-                known[layer] = self._masses(layer)
-            masses, whole = known[layer]
-            cells = layer.cells
-            columns = () if cells.shape[1] == tour.cells.shape[1] else (np.full(len(cells), up),)
-            share = layer.n_cells / sum(one.n_cells for one in layers)
-            odds[tour.position[(*columns, *cells.T)]] += share * masses[tuple(cells.T)]
+        position = tour.position if tour.position.ndim == 3 else tour.position[None]
+        heights = np.zeros(len(layers))
+        if grid.region.height and isinstance(grid, LayeredGrid):
+            heights = grid.altitudes
+        counts = np.array([0 if layer.whole else layer.n_cells for layer in layers])
+        masses, cells, inside = [], [], 0.0
+        known: dict[Any, tuple[Any, Floats, float]] = {}
+        for height in np.unique(heights):
+            group = np.flatnonzero(heights == height).tolist()
+            bases = {up: layers[up].whole or layers[up] for up in group}
+            grids = tuple(dict.fromkeys(bases.values()))
+            if grids not in known:
+                known[grids] = self._pieces(grids)
+            flat, weights, whole = known[grids]
+            share = counts[group].sum() / counts.sum()
+            seen = np.full((len(flat), len(layers)), -1, dtype=np.int64)
+            for up, base in bases.items():
+                rows, columns = np.divmod(flat[:, grids.index(base)], base.shape[1])
+                seen[:, up] = position[up, rows, columns]
+            masses.append(share * weights)
+            cells.append(seen)
             inside += share * whole
-        total = float(odds.sum())
+        together = np.concatenate(masses)
+        total = float(together.sum())
         if not total > 0:
             raise InvalidInputError(
                 f"prior: expected some probability in the region {grid.region.name!r}, got none"
             )
-        return odds / total, min(1.0, inside / (1.0 - before)), before
+        return (
+            Ground(together / total, np.concatenate(cells)),
+            min(1.0, inside / (1.0 - before)),
+            before,
+        )
 
-    def _masses(self, grid: Any) -> tuple[Floats, float]:
-        """Return the probability of each place of a lattice of cells, and of all together; float64,
-        shape (rows, columns).
+    def _pieces(self, grids: Sequence[Any]) -> tuple[NDArray[np.int64], Floats, float]:
+        """Return the pieces of the ground that one cell of each lattice shows: the numbers of these
+        cells, row by row; int64, shape (G, L); the probability of each piece; and that of all
+        together.
+        """
+        found = [(np.zeros((0, len(grids)), dtype=np.int64), np.zeros(0))]
+        for points, weights in self._samples(grids[0])[1]:
+            numbers = []
+            for grid in grids:
+                rows, columns = grid.cell_of(points).T
+                numbers.append(rows * grid.shape[1] + columns)
+            found.append(_summed(np.column_stack(numbers), weights))
+        flat, masses = _summed(*map(np.concatenate, zip(*found, strict=True)))
+        return flat, masses, min(float(masses.sum()), 1.0)
+
+    def _samples(self, grid: Any) -> tuple[float, Iterator[tuple[Points, Floats]]]:
+        """Return the distance between sample points in the area of a grid, in metres, and the
+        points with their probabilities, strip by strip.
         """
         import shapely
 
@@ -265,19 +355,18 @@ class Prior:
         west, south, east, north = area.bounds
         across = np.arange(west + step / 2, east, step)
         along = np.arange(south + step / 2, north, step)
-        masses, total = np.zeros(grid.shape), 0.0
         strip = max(1, _AT_ONCE // len(across))
-        for low in range(0, len(along), strip):
-            x, y = np.meshgrid(across, along[low : low + strip])
-            points = np.column_stack([x.ravel(), y.ravel()])
-            points = points[shapely.contains_xy(area, *points.T)]
-            if not len(points):
-                continue
-            weights = step**2 * self._density(points, whole)
-            weights *= self._missed(points, grid.region)
-            total += float(weights.sum())
-            np.add.at(masses, tuple(grid.cell_of(points).T), weights)
-        return masses, min(total, 1.0)
+
+        def strips() -> Iterator[tuple[Points, Floats]]:
+            for low in range(0, len(along), strip):
+                x, y = np.meshgrid(across, along[low : low + strip])
+                points = np.column_stack([x.ravel(), y.ravel()])
+                points = points[shapely.contains_xy(area, *points.T)]
+                if len(points):
+                    weights = step**2 * self._density(points, whole)
+                    yield points, weights * self._missed(points, grid.region)
+
+        return step, strips()
 
     def _found_before(self, grid: Any) -> float:
         """Return the probability that the earlier looks at a region would have found the target.
@@ -346,6 +435,16 @@ def _with_searched(region: SearchRegion) -> Any:
     return whole
 
 
+def _summed(rows: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return different rows of numbers, and the sum of the weights of each."""
+    key = rows[:, 0]
+    for column in rows.T[1:]:
+        key = np.unique(key, return_inverse=True)[1] * (column.max(initial=0) + 1) + column
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    sums = np.bincount(inverse, weights, minlength=len(first)).astype(np.float64)
+    return rows[first], sums
+
+
 def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
     """Return the values at rows and columns, and 0 outside."""
     height, width = values.shape
@@ -399,23 +498,13 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
     >>> [round(weight, 2) for weight, _ in ring.parts], ring.elsewhere
     ([0.9], 0.1)
     """
+    if any(map(is_tracks, parts)):
+        return Prior((), tracks=_open_tracks(parts[0], region))
     found: list[tuple[float, Density]] = []
     for part in parts:
         if isinstance(part, dict):
-            from base64 import b64decode
-            from binascii import Error
-
-            try:
-                content = b64decode(part["data"], validate=True)
-                if Path(part["name"]).suffix.lower() in (".geojson", ".json"):
-                    content.decode()
-            except (Error, ValueError):
-                raise InvalidInputError(
-                    f"prior: {part['name']}: expected its contents in base 64, got others"
-                ) from None
-            found.append(
-                (float(part["weight"]), _read(Path(part["name"]), io.BytesIO(content), region))
-            )
+            content = io.BytesIO(_contents(part))
+            found.append((float(part["weight"]), _read(Path(part["name"]), content, region)))
             continue
         weight, what = _split(part)
         if what.startswith("ring:"):
@@ -428,6 +517,128 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
     return Prior(
         tuple((weight / total * (1.0 - elsewhere), density) for weight, density in found), elsewhere
     )
+
+
+def _contents(part: dict[str, Any]) -> bytes:
+    """Return the contents of a file that a problem holds."""
+    from base64 import b64decode
+    from binascii import Error
+
+    try:
+        content = b64decode(part["data"], validate=True)
+        if Path(part["name"]).suffix.lower() in (".geojson", ".json"):
+            content.decode()
+    except (Error, ValueError):
+        raise InvalidInputError(
+            f"prior: {part['name']}: expected its contents in base 64, got others"
+        ) from None
+    return content
+
+
+def is_tracks(part: Any) -> bool:
+    """Return whether a part of a prior is a file of tracks."""
+    name = part["name"] if isinstance(part, dict) else _split(str(part))[1]
+    return Path(name).suffix.lower() == _TRACKS
+
+
+def parse_drift(text: str) -> tuple[float, ...]:
+    """Parse VX,VY or VX,VY:SPREAD from the command line."""
+    match = _DRIFT.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError
+        return tuple(float(word) for word in match.groups("0"))
+    except ValueError:
+        raise ValueError(f"expected VX,VY or VX,VY:SPREAD in m/s, got {text[:80]!r}") from None
+
+
+def check_drift(value: Any) -> tuple[float, float, float]:
+    """Check a mean velocity along both axes and the standard deviation of the velocity, in m/s."""
+    numbers = list_of(value)
+    if len(numbers) not in (2, 3):
+        raise InvalidInputError(
+            f"drift: expected two velocities and a standard deviation, got {shortened(value)}"
+        )
+    east, north = (
+        check_number(number, what="drift", least=-_FASTEST, most=_FASTEST) for number in numbers[:2]
+    )
+    spread = numbers[2] if len(numbers) == 3 else 0.0
+    return east, north, check_number(spread, what="drift: spread", least=0, most=_FASTEST)
+
+
+def _open_tracks(part: Any, region: SearchRegion) -> Tracks:
+    """Return the tracks of particles in a file of NetCDF, as OpenDrift writes it: ``lon`` and
+    ``lat`` in degrees along the dimensions ``trajectory`` and ``time``, with numbers that are
+    missing before a particle is released and after it is taken out, and ``time`` in a unit since
+    some date. The search begins at the first time; particles that are released later do not count.
+    """
+    if isinstance(part, dict):
+        source, content = Path(part["name"]), _contents(part)
+    else:
+        source = Path(_split(part)[1])
+        check_file(source, what="prior", most=LARGEST_PRIOR)
+        content = source.read_bytes()
+    if region.frame is None:
+        raise InvalidInputError(
+            f"{source}: expected a region on Earth for tracks of particles, got {region.name!r}"
+        )
+    try:
+        times, degrees = _variables(content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise InvalidInputError(
+            f"{source}: expected a NetCDF file with lon, lat and time, got {shortened(str(error))}"
+        ) from None
+    degrees = degrees[np.isfinite(degrees[:, 0]).all(axis=1)]
+    good = len(times) and np.isfinite(times).all() and (np.diff(times) > 0).all()
+    if not good or not len(degrees):
+        raise InvalidInputError(
+            f"{source}: expected increasing times and particles at the first of them, got"
+            f" {len(times)} times and {len(degrees)} particles"
+        )
+    # a particle that is taken out, such as on a beach, stays where it was last
+    known = np.isfinite(degrees).all(axis=2)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(times)), 0), axis=1)
+    degrees = np.take_along_axis(degrees, last[:, :, None], axis=1)
+    if not ((np.abs(degrees) <= (360.0, 90.0)).all()):
+        raise InvalidInputError(f"{source}: expected degrees, got numbers beyond")
+    points = region.frame.to_metres(degrees.reshape(-1, 2)).reshape(degrees.shape)
+    return Tracks(times - times[0], points)
+
+
+def _variables(content: bytes) -> tuple[Floats, Floats]:
+    """Return the times in seconds, shape (T,), and the longitudes and latitudes, shape (M, T, 2),
+    of a file of NetCDF.
+    """
+    names = ("time", "lon", "lat")
+    if content[:3] == b"CDF":
+        from scipy.io import netcdf_file
+
+        file: Any = netcdf_file(io.BytesIO(content), mmap=False)
+        variables: Any = file.variables
+        attributes = [vars(variables[name])["_attributes"] for name in names]
+        dimensions = variables["lon"].dimensions
+    else:
+        h5py = import_extra("h5py", "tracks in a NetCDF file of version 4 need h5py", extra="envs")
+        variables = h5py.File(io.BytesIO(content), "r")
+        attributes = [dict(variables[name].attrs) for name in names]
+        dimensions = tuple(
+            Path(scale[0].name).name if len(scale) else "" for scale in variables["lon"].dims
+        )
+    arrays = []
+    for name, about in zip(names, attributes, strict=True):
+        values = np.array(variables[name][:], dtype=np.float64)
+        for missing in ("_FillValue", "missing_value"):
+            if missing in about:
+                values[values == np.float64(np.ravel(about[missing])[0])] = np.nan
+        arrays.append(values)
+    time, *degrees = arrays
+    if dimensions == ("time", "trajectory"):
+        degrees = [one.T for one in degrees]
+    if time.ndim != 1 or any(one.ndim != 2 or one.shape[1] != len(time) for one in degrees):
+        raise ValueError(f"shapes {[one.shape for one in arrays]} of time, lon and lat")
+    units = attributes[0].get("units", "seconds")
+    unit = (units.decode() if isinstance(units, bytes) else str(units)).split()[0]
+    return time * _UNITS[unit.rstrip("s")], np.stack(degrees, axis=2)
 
 
 def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:

@@ -26,6 +26,7 @@ from shoal.search.problem.network import (
     WrongPosition,
     network_of,
 )
+from shoal.search.problem.target import Ground
 from shoal.search.protocol.state import Brief
 from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of
@@ -257,8 +258,8 @@ def _cells_of(
     """Return the tour indices of cells that are given as a number of random cells, as points, or as
     a file of points.
 
-    A given point selects a cell in each layer. A random obstacle lies in all layers, but a random
-    target lies in one layer.
+    A given point selects a cell in each layer that has one there. A random obstacle lies in all
+    layers. A random target lies in one layer or, with a prior, where all layers show the same place.
     """
     if isinstance(given, int):
         columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)
@@ -269,23 +270,32 @@ def _cells_of(
             raise InvalidInputError(
                 f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}"
             )
-        odds = plan.tour_cost.odds if what == "targets" else None
-        if odds is not None and given > np.count_nonzero(odds):
-            raise InvalidInputError(
-                f"targets: expected at most {np.count_nonzero(odds)}, the cells that may hold one by"
-                f" the prior, got {given}"
-            )
-        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False, p=odds)
+        if what == "targets" and isinstance(plan.ground, Ground):
+            return _targets_of(plan.ground, given, seed)
+        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
         if not columns:
             return tuple(sorted(int(cell) for cell in chosen))
         inside = plan.positions(chosen)[:, :2]
     else:
         inside = points_inside(given, plan.grid.region, what=what)
-    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]
+    found = [(layer.whole or layer).cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
         found = [
             np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)
         ]
-    return tuple(
-        sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]})
-    )
+    numbers = {int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}
+    return tuple(sorted(numbers - {-1}))
+
+
+def _targets_of(ground: Ground, count: int, seed: list[int]) -> tuple[int, ...]:
+    """Return the cells from which robots see so many random places of the ground."""
+    most = np.count_nonzero(ground.masses)
+    if count > most:
+        raise InvalidInputError(
+            f"targets: expected at most {most}, the places that may hold one by the prior, got"
+            f" {count}"
+        )
+    rng = np.random.default_rng(seed)
+    pieces = rng.choice(len(ground.masses), size=count, replace=False, p=ground.masses)
+    cells = np.unique(ground.cells[pieces])
+    return tuple(cells[cells >= 0].tolist())

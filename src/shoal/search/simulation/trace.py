@@ -373,15 +373,18 @@ def coverages(
     plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]
 ) -> tuple[AreaCoverage, ...]:
     """Return, for each layer from the lowest to the highest, the coverage by the robots with the
-    numbers ``robots`` (from 0).
+    numbers ``robots`` (from 0). A layer of second looks at some cells of another counts with it.
     """
     layers, coverages = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
+        if layer.whole is not None:
+            continue
+        same = [number, *(up for up, other in enumerate(layers) if other.whole is layer)]
         ways = [
             (way, sides[robot] * layer.footprint)
             for robot in robots
-            for way in _ways(plan, trace, routes, robot, number)
+            for way in _ways(plan, trace, routes, robot, same)
         ]
         footprints = [side for _, side in ways] or layer.footprint
         coverages.append(
@@ -397,9 +400,13 @@ def coverages(
 
 
 def _ways(
-    plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: int, layer: int
+    plan: SearchPlan,
+    trace: SearchTrace,
+    routes: Sequence[Route],
+    robot: int,
+    layers: Sequence[int],
 ) -> list[NDArray[np.float64]]:
-    """Return a robot's paths inside a layer, without its path from a launch point outside the
+    """Return a robot's paths inside layers, without its path from a launch point outside the
     region and without climbs.
     """
     route, log = routes[robot], trace.robots[robot]
@@ -411,7 +418,7 @@ def _ways(
     return [
         route.points[spans[begin, 0] : spans[end - 1, 1] + 1, :2]
         for begin, end in pairwise(borders)
-        if there[begin] == layer
+        if there[begin] in layers
     ]
 
 

@@ -20,6 +20,7 @@ from shoal.search.cells.lanes import LineLattice
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar, Slow, WrongPosition
+from shoal.search.problem.target import Ground, Looks, MovingGround
 from shoal.search.simulation.trace import Finding, cell_spans
 from shoal.views.drawing.canvas import rings_of
 
@@ -326,6 +327,13 @@ class LayerPanels:
         return rows, columns
 
     @property
+    def first_extent(self) -> tuple[float, float, float, float]:
+        """The left, right, bottom and top edges of the panel of the lowest layer, in metres."""
+        left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
+        down, right = (self._panel * self.step).tolist()
+        return left, left + right, top - down, top
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         """The left, right, bottom and top edges of all squares of the drawing, in metres."""
         left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
@@ -619,51 +627,69 @@ class SearchHistory:
         return times, by
 
     @cached_property
-    def _looks(self) -> tuple[Numbers, Floats]:
-        """The cell and the time of each search by a robot that tells the truth, in the order of
-        time.
+    def _seconds(self) -> tuple[float, float]:
+        """The second at which the time of the drawing begins, and the seconds of one cell time."""
+        start, one = (float(moment) for moment in self.episode.clock([0.0, 1.0]))
+        return start, one - start
+
+    @cached_property
+    def _looks(self) -> Looks | None:
+        """The looks of robots that tell the truth at where the target may be, with their times in
+        seconds; None without a prior.
         """
+        ground = self.episode.plan.ground
+        if ground is None:
+            return None
         cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
         for number, log in enumerate(self.logs, start=1):
             if number not in self.liars and log.cells.size:
                 seen = self.episode.seen[number - 1]
                 cells += seen
                 times.append(np.repeat(log.times, [len(one) for one in seen]))
-        order = np.argsort(np.concatenate(times), kind="stable")
-        return np.concatenate(cells)[order], np.concatenate(times)[order]
+        start, one = self._seconds
+        return ground.looks(np.concatenate(cells), start + one * np.concatenate(times))
 
     def likely(self, time: float) -> Floats:
         """Return the probability that the target is in each cell and not found up to a given time;
         float64, shape (n,). Without a prior, it is 0 everywhere.
+
+        Cells of several layers that show the same ground have the same probability.
         """
-        odds = self.episode.plan.tour_cost.odds
-        if odds is None:
-            return np.zeros(self.n_cells)
-        cells, times = self._looks
-        searches = np.bincount(cells[: np.searchsorted(times, time, "right")], minlength=len(odds))
-        return np.asarray(odds * (1.0 - self.episode.problem.detection) ** searches)
+        ground, looks = self.episode.plan.ground, self._looks
+        found = np.zeros(self.n_cells)
+        if ground is None or looks is None:
+            return found
+        start, one = self._seconds
+        seconds = start + one * time
+        searches = np.bincount(looks.pieces[looks.times <= seconds], minlength=len(ground.masses))
+        left = ground.masses * (1.0 - self.episode.problem.detection) ** searches
+        still = ground if isinstance(ground, Ground) else ground.still(max(seconds, 0.0))
+        for column in still.cells.T:
+            np.add.at(found, column[column >= 0], left[column >= 0])
+        return found
 
     def heat(self, time: float) -> Floats:
         """Return how strongly each cell is coloured because the target is likely there and not found
         up to a given time, from 0 to 1; float64, shape (n,).
         """
-        most = np.quantile(self.likely(-inf), _STRONGEST)
-        return np.asarray(np.clip(self.likely(time) / max(float(most), 1e-300), 0.0, 1.0) ** SHADE)
+        return np.asarray(np.clip(self.likely(time) / self._most, 0.0, 1.0) ** SHADE)
+
+    @cached_property
+    def _most(self) -> float:
+        return max(float(np.quantile(self.likely(-inf), _STRONGEST)), 1e-300)
 
     @cached_property
     def success(self) -> tuple[Floats, Floats]:
         """Times of searches, in the unit of the trace, and the probability that the target is found
         until each of them. They are empty without a prior.
         """
-        odds = self.episode.plan.tour_cost.odds
-        if odds is None:
+        ground, looks = self.episode.plan.ground, self._looks
+        if ground is None or looks is None:
             return np.zeros(0), np.zeros(0)
-        cells, times = self._looks
-        left, found = self.likely(-inf), np.zeros(len(cells))
-        for k, cell in enumerate(cells.tolist()):
-            found[k] = self.episode.problem.detection * left[cell]
-            left[cell] -= found[k]
-        return times, np.cumsum(found)
+        order = np.argsort(looks.times, kind="stable")
+        found = ground.masses[looks.pieces] * looks.chances(self.episode.problem.detection)
+        start, one = self._seconds
+        return (looks.times[order] - start) / one, np.cumsum(found[order])
 
     def success_at(self, time: float) -> float:
         """Return the probability that the target is found up to a given time."""
@@ -697,9 +723,13 @@ class SearchHistory:
             taken[over[self.first[1][over] == robot + 1]] = True
         return taken
 
-    def looked(self, time: float) -> int:
-        """Return the number of searches of cells up to a given time."""
-        return int(np.searchsorted(self._looks[1], time, "right"))
+    def looked(self, time: float) -> tuple[int, int]:
+        """Return numbers that differ between times at which other cells are searched, or a target
+        that moves is elsewhere.
+        """
+        if isinstance(self.episode.plan.ground, MovingGround):
+            return self.searched(time), int(time)
+        return self.searched(time), int(np.searchsorted(self.success[0], time, "right"))
 
     def searched(self, time: float) -> int:
         """Return the number of cells that robots have searched up to a given time."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
+from shoal.search.problem.target import Ground
 from shoal.search.simulation.trace import Finding
 from shoal.views.player import render
 from shoal.views.search.history import SHADE, RobotTrajectory, SearchHistory, sizes_text
@@ -69,8 +70,8 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
 
         ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles
         that the robots found. ``findings`` is a list of [x, y, time of the first discovery,
-        confidence]. With a prior, ``heat`` (uint8, for each square) states how likely the target is
-        there before the search, ``left`` is the part of this that remains after a search, and ``success``
+        confidence]. With a prior, ``heat`` (uint8, for each square) states how likely a target that
+        does not move is there before the search, ``left`` is the part of this that remains after a search, and ``success``
         holds times (float32) and the probability that the target is found until then (float32).
         ``north`` is the direction of north in degrees clockwise from up, or null.
         ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or
@@ -141,8 +142,10 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
 
 
 def _heat(history: SearchHistory) -> str | None:
-    """Return how likely the target is in each square of the drawing, as a text of bytes."""
-    if history.episode.plan.tour_cost.odds is None:
+    """Return how likely the target is in each square of the drawing, as a text of bytes; None
+    without a prior, and for a target that moves.
+    """
+    if not isinstance(history.episode.plan.ground, Ground):
         return None
     return _text(np.rint(255 * history.raster(history.heat(-inf), 0.0)).ravel(), "<u1")
 

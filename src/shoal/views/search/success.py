@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
+from shoal.search.problem.target import Ground
 from shoal.views.drawing.charts import (
     INK,
     MUTED,
@@ -37,7 +38,8 @@ def success_figure(episode: SearchEpisode) -> Figure:
     InvalidInputError
         If the search has no prior.
     """
-    if episode.plan.tour_cost.odds is None:
+    where = episode.plan.ground
+    if where is None:
         raise InvalidInputError("figure success: expected a search with a prior, got one without")
     history = SearchHistory(episode)
     figure, (ground, chart) = new_panels(8.0, 4.2, 2, ratios=(1, 1.15))
@@ -50,9 +52,13 @@ def success_figure(episode: SearchEpisode) -> Figure:
     for part in history.panels.parts:
         for ring in part:
             ground.plot(*ring.T, color=_EDGE, lw=1.0)
+    # further layers are looks at the same ground
+    left, right, bottom, top = history.panels.first_extent
+    ground.set(xlim=(left, right), ylim=(bottom, top))
     ground.set_aspect("equal")
     bare_axes(ground)
-    set_title(ground, "where the target is likely")
+    at_start = "" if isinstance(where, Ground) else " at the start"
+    set_title(ground, f"where the target is likely{at_start}")
     success = episode.success
     assert success is not None
     times, found = success.times / 60.0, success.probabilities

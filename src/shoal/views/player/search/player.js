@@ -44,7 +44,7 @@
     ].map(([sign, words]) => `<li><i class="sign-${sign}" aria-hidden="true"></i>${words}</li>`).join("");
     fillRows($("details"), [
       ["Findings", ""],
-      ...(history.heat ? [["Probability of success", ""]] : []),
+      ...(history.success[0].length ? [["Probability of success", ""]] : []),
       ...(history.obstacles.length ? [["Obstacles met", number(history.obstacles.length)]] : []),
       ["Side of a cell", history.cellSize],
       ["Allocation", history.allocation],
@@ -142,7 +142,7 @@
       $("clock").textContent = `${lasting(seconds)} of ${lasting(history.climb + history.end * history.cellTime)}`;
       const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`, cell = $("details").querySelector("dd");
       if (cell.textContent !== found) cell.textContent = found;
-      if (history.heat) $("details").querySelectorAll("dd")[1].textContent = `${Math.round(100 * history.successAt(time))} %`;
+      if (history.success[0].length) $("details").querySelectorAll("dd")[1].textContent = `${Math.round(100 * history.successAt(time))} %`;
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / history.end);
       history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
