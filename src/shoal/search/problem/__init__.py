@@ -53,7 +53,7 @@ AUTO_TOUR = "spanning-tree"
 shortest in every region.
 """
 
-AUTO_TOURS = ("boustrophedon", "strips", "spanning-tree")
+AUTO_TOURS = ("boustrophedon", "strips", "headland", "spanning-tree")
 """The tours that ``auto`` compares if the problem names a vehicle or what it prefers, or if the
 planner chooses the angle of the rows.
 """

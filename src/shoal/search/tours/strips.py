@@ -35,7 +35,7 @@ def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """
     along = mask if np.count_nonzero(mask) > MOST_CELLS else _along_rows(mask)
     across = np.ascontiguousarray((mask & ~along).T)
-    return np.concatenate([_runs(along), _runs(across)[..., ::-1]])
+    return np.concatenate([runs_in(along), runs_in(across)[..., ::-1]])
 
 
 def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -72,7 +72,7 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return along
 
 
-def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return first and last cell of all runs of a mask in reading order; int64, shape (R, 2, 2)."""
     edges = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edges > 0)
