@@ -525,22 +525,26 @@ def _ranked_by_tours(
     costs = []
     for angle, shift in orientations:
         flat = rotated_shape(simple, -angle)
-        lattice = lattice_over(flat, size, angle, shift)
-        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
         shapely.prepare(flat)
-        # less than a fiftieth of a cell is not worth a row
-        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
-        if not mask.any():
+        masks = {}
+        for along in {0.0, shift[0]}:
+            lattice = lattice_over(flat, size, angle, (along, shift[1]))
+            boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
+            # less than a fiftieth of a cell is not worth a row
+            mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+            masks[along] = mask.reshape(lattice.shape)
+        along = min(masks, key=lambda by: (np.count_nonzero(masks[by]), by))
+        if not masks[along].any():
             return orientations
-        costs.append(
-            (
-                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
-                angle,
-                shift,
-            )
-        )
+        cost = min(_rough_cost(maker, masks[along], turn) for maker in makers)
+        costs.append((cost, angle, (along, shift[1])))
     ranked = _varied([(angle, shift) for _, angle, shift in sorted(costs)])
-    return list(dict.fromkeys([orientations[0], *ranked]))[:count]
+    return sorted(ranked, key=lambda one: not _is_alike(one, orientations[0]))[:count]
+
+
+def _is_alike(one: Orientation, other: Orientation) -> bool:
+    """Return whether two orientations have the same rows."""
+    return one[0] == other[0] and one[1][1] == other[1][1]
 
 
 def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
