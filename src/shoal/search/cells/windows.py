@@ -85,9 +85,7 @@ def _with_corners(
     far = np.flatnonzero(np.abs(np.roll(cells, -1, axis=0) - cells).max(axis=1) > 1)
     then = (far + 1) % len(index)
     hidden = far[~inside(grid.region, left[far], entered[then])]
-    corners = [
-        paths.leg(left[k], entered[(k + 1) % len(index)])[1:-1] for k in hidden.tolist()
-    ]
+    corners = [paths.leg(left[k], entered[(k + 1) % len(index)])[1:-1] for k in hidden.tolist()]
     places = np.repeat(hidden + 1, [len(bends) for bends in corners])
     bends = np.concatenate([np.zeros((0, 2)), *corners])
     return (

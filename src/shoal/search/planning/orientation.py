@@ -446,9 +446,7 @@ def best_grid_tour(
     known = {} if known is None else known
     if "orientations" not in known:
         found = (
-            [(angle, (0.0, 0.0))]
-            if angle is not None
-            else _estimated(region.area, size, turn_cost)
+            [(angle, (0.0, 0.0))] if angle is not None else _estimated(region.area, size, turn_cost)
         )
         looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
         if angle is None and looked_at > tried:

@@ -22,6 +22,7 @@ Cells = NDArray[np.int64]
 _ROUND = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # clockwise
 _STRAIGHT = 0.75  # cells: a lane whose cells are nearer to a line is flown straight
 _SIDES = 8  # number of the longest sides of a border at which lanes begin and end
+_WORK = 64_000  # cells times squared number of such sides: large regions have fewer
 
 
 @TOURS.register("headland")
@@ -51,13 +52,16 @@ class HeadlandTour(BoustrophedonTour):
 
     def _in_order(self, region: NDArray[np.bool_]) -> Cells:
         plain = super()._in_order(region)
-        if components(region).max() > 1:
+        sides = min(_SIDES, int((_WORK / len(plain)) ** 0.5))
+        if not sides or components(region).max() > 1:
             return plain
+        columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
+        divisions = (runs_in, fewest_strips) if columns else (runs_in,)
         found: list[tuple[float, int, list[Cells]]] = []
-        for lane, bends in _lanes(region):
+        for lane, bends in _lanes(region, sides):
             rest = region.copy()
             rest[tuple(lane.T)] = False
-            for divide in (runs_in, fewest_strips):
+            for divide in divisions:
                 strips = [lane, *(_cells_of(strip) for strip in divide(rest))]
                 if len(strips) > MOST_RUNS:
                     return plain
@@ -78,19 +82,17 @@ def _slanted_ends(region: NDArray[np.bool_], strips: list[Cells]) -> int:
     """Return the number of ends of strips at a border that is slanted by less than 45 degrees to
     them, where a path without a lane must follow the border.
     """
-    inside = np.pad(region, 2)
-    count = 0
-    for strip in strips:
-        for end, before in ((strip[-1], strip[0]), (strip[0], strip[-1])):
-            ahead = np.sign(end - before)
-            if not ahead.any():
-                continue
-            side, at = ahead[::-1], end + 2
-            count += not inside[tuple(at + ahead)] and (
-                inside[tuple(at + side + 2 * ahead)] != inside[tuple(at - side + 2 * ahead)]
-                or inside[tuple(at + side - ahead)] != inside[tuple(at - side - ahead)]
-            )
-    return count
+    ends = np.array([strip[[0, -1]] for strip in strips], dtype=np.int64).reshape(-1, 2, 2)
+    at, ahead = ends + 2, np.sign(ends - ends[:, ::-1])
+    inside, side = np.pad(region, 2), ahead[..., ::-1]
+
+    def differs(steps: int) -> NDArray[np.bool_]:
+        one, other = at + side + steps * ahead, at - side + steps * ahead
+        return np.asarray(inside[one[..., 0], one[..., 1]] != inside[other[..., 0], other[..., 1]])
+
+    beyond = at + ahead
+    open_ends = ahead.any(axis=-1) & ~inside[beyond[..., 0], beyond[..., 1]]
+    return int((open_ends & (differs(2) | differs(-1))).sum())
 
 
 def _cells_of(strip: Cells) -> Cells:
@@ -100,9 +102,9 @@ def _cells_of(strip: Cells) -> Cells:
     return np.asarray(way)
 
 
-def _lanes(region: NDArray[np.bool_]) -> list[tuple[Cells, int]]:
-    """Return lanes along one side or several sides of the outer border of a region: their cells,
-    int64, shape (k, 2), and the number of their bends.
+def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
+    """Return lanes along the outer border of a region: their cells, int64, shape (k, 2), and the
+    number of their bends. Each begins and ends with one of the ``sides`` longest sides.
     """
     import shapely
 
@@ -117,13 +119,15 @@ def _lanes(region: NDArray[np.bool_]) -> list[tuple[Cells, int]]:
     for corner in kept:
         at += int(np.flatnonzero((loop[at:] == corner).all(axis=1))[0])
         corners.append(at)
-    longest = np.sort(np.argsort(-np.diff([*corners, len(loop)]), kind="stable")[:_SIDES])
+    longest = np.sort(np.argsort(-np.diff([*corners, len(loop)]), kind="stable")[:sides])
     lanes = []
     for first, count in product(longest.tolist(), range(1, len(corners))):
         last = (first + count) % len(corners)
         if (last - 1) % len(corners) in longest:
             begin, end = corners[first], corners[last]
-            lane = loop[begin : end + 1] if begin < end else np.vstack([loop[begin:], loop[: end + 1]])
+            lane = (
+                loop[begin : end + 1] if begin < end else np.vstack([loop[begin:], loop[: end + 1]])
+            )
             lanes.append((_without_repeats(lane), count - 1))
     return lanes
 
