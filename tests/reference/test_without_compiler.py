@@ -151,7 +151,7 @@ for order in (0, 1, 2, 3, 4, 19, 20):
     print(order, cells.tolist(), hilbert_encode(cells, order=order).tolist())
 for name in TOURS:
     # Rows are put in order by many random exchanges, which take long without the compiler.
-    for shape in ((1, 9), (2, 9), (3, 9), (5, 6)) if name in ("boustrophedon", "strips") else ((1, 9), (5, 7), (16, 16), (17, 30)):
+    for shape in ((1, 9), (2, 9), (3, 9), (5, 6)) if name in ("boustrophedon", "strips", "headland") else ((1, 9), (5, 7), (16, 16), (17, 30)):
         for share in (1.0, 0.9, 0.5):
             mask = rng.random(shape) < share
             mask.flat[0] = True

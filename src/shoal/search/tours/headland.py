@@ -14,7 +14,7 @@ from shoal.search.tours.rows import (
     BoustrophedonTour,
     joined_strips,
 )
-from shoal.search.tours.strips import fewest_strips, runs_in
+from shoal.search.tours.strips import cells_of_strip, fewest_strips, runs_in
 from shoal.search.tours.tour import TOURS
 
 Cells = NDArray[np.int64]
@@ -62,7 +62,7 @@ class HeadlandTour(BoustrophedonTour):
             rest = region.copy()
             rest[tuple(lane.T)] = False
             for divide in divisions:
-                strips = [lane, *(_cells_of(strip) for strip in divide(rest))]
+                strips = [lane, *(cells_of_strip(strip) for strip in divide(rest))]
                 if len(strips) > MOST_RUNS:
                     return plain
                 tour = joined_strips(strips, self.turn, 0)
@@ -95,20 +95,13 @@ def _slanted_ends(region: NDArray[np.bool_], strips: list[Cells]) -> int:
     return int((open_ends & (differs(2) | differs(-1))).sum())
 
 
-def _cells_of(strip: Cells) -> Cells:
-    """Return all cells between the first and the last cell of a strip; int64, shape (k, 2)."""
-    steps = np.abs(strip[1] - strip[0]).max()
-    way = strip[0] + np.arange(steps + 1)[:, None] * np.sign(strip[1] - strip[0])
-    return np.asarray(way)
-
-
 def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
     """Return lanes along the outer border of a region: their cells, int64, shape (k, 2), and the
     number of their bends. Each begins and ends with one of the ``sides`` longest sides.
     """
     import shapely
 
-    loop = _border(region)
+    loop = border_of(region)
     if len(loop) < 4:
         return []
     middle = loop.mean(axis=0)
@@ -136,7 +129,7 @@ def _without_repeats(lane: Cells) -> Cells:
     return lane[np.sort(np.unique(lane, axis=0, return_index=True)[1])]
 
 
-def _border(region: NDArray[np.bool_]) -> Cells:
+def border_of(region: NDArray[np.bool_]) -> Cells:
     """Return the cells on the outer border of a connected region, clockwise from its first cell;
     int64, shape (k, 2). A cell of a narrow part occurs more than once.
     """

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
-from shoal.search.tours.strips import fewest_strips
+from shoal.search.tours.strips import cells_of_strip, fewest_strips
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
 MOST_RUNS = 1500
@@ -104,10 +104,7 @@ class StripsTour(TourByOrder):
         self.turn, self.disturbances = float(turn), disturbances
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        strips = [
-            np.linspace(*strip, int(np.abs(strip[1] - strip[0]).max()) + 1).round().astype(np.int64)
-            for strip in fewest_strips(region)
-        ]
+        strips = [cells_of_strip(strip) for strip in fewest_strips(region)]
         return np.concatenate(joined_strips(strips, self.turn, self.disturbances))
 
 

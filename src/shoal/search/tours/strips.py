@@ -38,6 +38,12 @@ def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.concatenate([runs_in(along), runs_in(across)[..., ::-1]])
 
 
+def cells_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return all cells of a strip that is given by its first and last cell; int64, shape (k, 2)."""
+    step = strip[1] - strip[0]
+    return np.asarray(strip[0] + np.arange(np.abs(step).max() + 1)[:, None] * np.sign(step))
+
+
 def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the cells whose strips run along their rows."""
     from shoal.search.kernels.cuts import source_side
