@@ -5,9 +5,9 @@ the region into equal strips at each of 180 angles, flies the middle of each str
 the nearest end next, and keeps the fastest plan; it may leave the region, but flies around zones
 and holes. Several robots share its strips by length. "Kept inside" is the same plan with its points
 moved into the region and its legs led around corners: it stays inside as Shoal's plans do, but no
-longer sees everything. Time is that of the whole search, with the way
-out and home, at 1 m/s and with a turn that takes as long as a footprint (``--turn``); a turn is a
-change of direction of more than a degree. With --pictures, a picture of each pair is written.
+longer sees everything. Time is that of the whole search, with the way out and home, at 1 m/s and
+with a turn that takes as long as a footprint (``--turn``); a turn is a change of direction of more
+than a degree. With --pictures, a picture of each pair is written.
 """
 
 from __future__ import annotations
