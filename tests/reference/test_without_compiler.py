@@ -263,7 +263,7 @@ LINES = {
     "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,
-    "tours": 20 + 7 + 9 * 12 + 2,
+    "tours": 20 + 7 + 10 * 12 + 2,
     "allocations": 12 * 5,
     "noise": 18,
     "batches": 3 * 3 * 2 * 12,
