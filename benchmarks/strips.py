@@ -3,9 +3,11 @@
 40 seeded regions of many kinds, footprints of 10 to 60 m, 1 and 3 robots. The strip planner divides
 the region into equal strips at each of 180 angles, flies the middle of each strip from end to end,
 the nearest end next, and keeps the fastest plan; it may leave the region, but flies around zones
-and holes. Several robots share its strips by length. Time is that of the whole search, with the way
-out and home, at 1 m/s and with a turn that takes as long as a footprint (``--turn``); a turn is a
-change of direction of more than a degree. With --pictures, a picture of each pair is written.
+and holes. Several robots share its strips by length. "Kept inside" is the same plan with its points
+moved into the region and its legs led around corners: it stays inside as Shoal's plans do, but no
+longer sees everything. Time is that of the whole search, with the way out and home, at 1 m/s and
+with a turn that takes as long as a footprint (``--turn``); a turn is a change of direction of more
+than a degree. With --pictures, a picture of each pair is written.
 """
 
 from __future__ import annotations
@@ -24,8 +26,11 @@ from shapely.affinity import rotate, scale, translate
 
 from benchmarks.turns import own_outlines
 from shoal.search import SearchProblem, SearchRegion, coverage_check, plan_search, region_of
+from shoal.search.cells.grid import cells_of
+from shoal.search.cells.routing import RegionPaths
 from shoal.search.flight.timing import turns_of
 
+INNER = 0.005  # metres: so far from the border are points that are moved inside
 SHORT = 2.0  # footprints: a shorter leg within a search is counted as short
 
 
@@ -201,6 +206,13 @@ def shared(order: np.ndarray, homes: np.ndarray, ways: Ways, turn: float) -> lis
     return [path(parts[p], homes[r], ways) for r, p in zip(robot, part, strict=True)]
 
 
+def kept_inside(way: np.ndarray, region: SearchRegion, size: float) -> np.ndarray:
+    """Return a way with its points moved into the region and its legs led around corners."""
+    inner = region.area.buffer(-INNER)
+    points = shapely.get_coordinates(shapely.shortest_line(inner, shapely.points(way)))[::2]
+    return RegionPaths(cells_of(region, size)).legs(points).points
+
+
 def short_legs(way: np.ndarray, size: float) -> int:
     """Return the number of legs between two turns that are shorter than two footprints, but longer
     than the step from row to row.
@@ -234,7 +246,7 @@ def compare(
             sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways),
             sum(short_legs(way, size) for way in ways),
         )
-        for ways in (ours, theirs)
+        for ways in (ours, theirs, [kept_inside(way, region, size) for way in theirs])
     ]
     return (figures, seen.covered_fraction, seen.outside_m, plan), ours, theirs, region
 
@@ -274,22 +286,24 @@ def main() -> None:
     options = parser.parse_args()
     fields = {} if options.prefer is None else {"prefer": options.prefer}
     print(
-        "| region | robots | tour | grid | time | turns | of strips | two a strip | length | short legs"
-        " | seen |"
+        "| region | robots | tour | grid | time | turns | of strips | two a strip | length | kept"
+        " inside: time | turns | short legs | seen |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
-    found_ratios, of_least = [], []
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
+    found_ratios, of_least, of_inside = [], [], []
     for name, area, size in outlines(options.regions)[options.first :]:
         for robots in (int(word) for word in options.robots.split(",")):
             found, ours, theirs, region = compare(name, area, size, robots, options.turn, **fields)
-            (our, their), seen, outside, plan = found
+            (our, their, inner), seen, outside, plan = found
             ratio = np.array(our[:3]) / np.array(their[:3])
             found_ratios.append(ratio)
+            of_inside.append(np.array(our[:3]) / np.array(inner[:3]))
             least = least_turns(area, size)
             of_least.append([our[1] / least, their[1] / least])
             print(
                 f"| {name} | {robots} | {plan.tour.name} | {plan.grid.angle:.1f} | {ratio[0]:.3f} |"
-                f" {our[1]} | {their[1]} | {least} | {ratio[2]:.3f} | {our[3]}, {their[3]} |"
+                f" {our[1]} | {their[1]} | {least} | {ratio[2]:.3f} |"
+                f" {of_inside[-1][0]:.3f} | {inner[1]} | {our[3]}, {their[3]} |"
                 f" {100 * seen:.4f} %, {outside:.1f} m outside |",
                 flush=True,
             )
@@ -305,6 +319,11 @@ def main() -> None:
         " length"
     )
     own, strips = np.exp(np.log(of_least).mean(axis=0))
+    time, turns, length = np.exp(np.log(of_inside).mean(axis=0))
+    print(
+        f"beside the strip planner kept inside: {time:.3f} times the time, {turns:.3f} times the"
+        f" turns, {length:.3f} times the length"
+    )
     print(f"turns beside two a strip: {own:.3f} times, of the strip planner {strips:.3f} times")
 
 

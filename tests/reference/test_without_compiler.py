@@ -151,7 +151,7 @@ for order in (0, 1, 2, 3, 4, 19, 20):
     print(order, cells.tolist(), hilbert_encode(cells, order=order).tolist())
 for name in TOURS:
     # Rows are put in order by many random exchanges, which take long without the compiler.
-    for shape in ((1, 9), (2, 9), (3, 9), (5, 6)) if name in ("boustrophedon", "strips") else ((1, 9), (5, 7), (16, 16), (17, 30)):
+    for shape in ((1, 9), (2, 9), (3, 9), (5, 6)) if name in ("boustrophedon", "strips", "headland") else ((1, 9), (5, 7), (16, 16), (17, 30)):
         for share in (1.0, 0.9, 0.5):
             mask = rng.random(shape) < share
             mask.flat[0] = True
@@ -263,7 +263,7 @@ LINES = {
     "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,
-    "tours": 20 + 7 + 9 * 12 + 2,
+    "tours": 20 + 7 + 10 * 12 + 2,
     "allocations": 12 * 5,
     "noise": 18,
     "batches": 3 * 3 * 2 * 12,

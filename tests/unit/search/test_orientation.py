@@ -185,17 +185,19 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
     assert plan_search(problem).tour.name == "spanning-tree"
     plan = plan_search(problem.replaced(vehicle="ideal,turn_time=30"), seed=1)
     tours = [one for one in plan.compared if one.allocation is None]
-    assert {one.tour for one in tours} == {"boustrophedon", "spanning-tree"}
+    assert {one.tour for one in tours} == {"headland", "boustrophedon", "spanning-tree"}
     assert (plan.tour.name, plan.grid.angle) == (tours[0].tour, 0.0)
     assert tours[0].cells == min(one.cells for one in tours)
 
 
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
-    region = blob(3)
-    free, dear = (
-        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0)
+    problem = SearchProblem(blob(3), robots=1, footprint=30, angle="auto", tour="boustrophedon")
+    free, quick = (
+        plan_search(problem.replaced(vehicle=f"ideal,cruise_speed=5,turn_time={seconds}"), seed=1)
+        for seconds in (0, 3)
     )
-    assert free.grid.angle == pytest.approx(dear.grid.angle, abs=0.5)
+    assert np.array_equal(free.tour.cells, quick.tour.cells)
+    assert free.grid.angle == quick.grid.angle
 
 
 def test_the_check_of_coverage_loses_no_footprints():
@@ -510,7 +512,7 @@ def test_rows_and_returns_of_a_real_region_are_short():
     plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, angle="auto"))
     route = plan.paths.route(np.concatenate([plan.tour.cells, plan.tour.cells[:1]]))
     assert route.length / 40.0 <= 1.056 * region.area_m2 / 1600
-    assert turns_of(route.points).sum() <= 170
+    assert turns_of(route.points).sum() <= 180
 
 
 def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_path):
@@ -541,7 +543,7 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
     problem = SearchProblem(
         str(file),
         robots=1,
-        footprint=20.0,
+        footprint=18.0,
         vehicle="fixed-wing",
         tour="boustrophedon",
         transit=True,

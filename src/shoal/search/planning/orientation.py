@@ -39,6 +39,7 @@ from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
+from shoal.search.tours.headland import HeadlandTour
 from shoal.search.tours.rows import (
     BoustrophedonTour,
     CombTour,
@@ -169,14 +170,19 @@ _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
 _STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
     "boustrophedon": BoustrophedonTour,
     "strips": StripsTour,
+    "headland": HeadlandTour,
 }
 """Tours of long straight rows, whose order depends on the cost of a turn."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
+_PARALLEL = 0.5  # degrees between rows and sides of the outline along which rows may begin
+_ALIKE = 2  # shifts of one angle that are looked at before other angles
+_LONG = 3.0  # cells: length of such sides
 _TRIED = 4  # number of orientations that are planned in full
 _ROUGH = 12  # number of orientations, the best estimated ones, for which rough tours are made
+_ROUGH_TOURS = ("boustrophedon", "strips")  # the path along a headland has other bends than cells
 _ROUGH_DISTURBANCES = 20
 _ROUGH_WORK = 4_000  # total number of cells of rough tours, which larger regions do without
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
@@ -307,7 +313,7 @@ def _through(
     if (
         tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
     ):  # long rows have few bends at their ends
-        grid = along_tour(grid, cell_tour.cells, turn_cost)
+        grid = along_tour(grid, cell_tour.cells, turn_cost, RegionPaths(grid, transit=transit))
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
@@ -458,7 +464,9 @@ def best_grid_tour(
         angle = 0.0
     known = {} if known is None else known
     if "orientations" not in known:
-        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        found = (
+            [(angle, (0.0, 0.0))] if angle is not None else _estimated(region.area, size, turn_cost)
+        )
         looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
         if angle is None and looked_at > tried:
             likeliest = found[:looked_at]
@@ -471,7 +479,7 @@ def best_grid_tour(
         for (direction, offset), tour in each:
             if (direction, offset) not in known:
                 known[direction, offset] = (
-                    cells_of(region, size, angle=direction, offset=(0.0, offset))
+                    cells_of(region, size, angle=direction, offset=offset)
                     if line is None
                     else cells_along(region, size, line)
                 )
@@ -515,9 +523,9 @@ def _ranked_by_tours(
     size: float,
     tours: Sequence[str],
     turn: float,
-    orientations: list[tuple[float, float]],
+    orientations: list[Orientation],
     count: int,
-) -> list[tuple[float, float]]:
+) -> list[Orientation]:
     """Return ``count`` orientations to plan in full: the best estimated one, and those of the next
     ones with the best rough tours, from centre to centre of the cells.
 
@@ -525,7 +533,7 @@ def _ranked_by_tours(
     """
     import shapely
 
-    makers = [_STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _STRAIGHT]
+    makers = [_STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _ROUGH_TOURS]
     if not makers or count < 2:
         return orientations
     simple = shapely.simplify(area, size / 4)
@@ -534,22 +542,26 @@ def _ranked_by_tours(
     costs = []
     for angle, shift in orientations:
         flat = rotated_shape(simple, -angle)
-        lattice = lattice_over(flat, size, angle, (0.0, shift))
-        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
         shapely.prepare(flat)
-        # less than a fiftieth of a cell is not worth a row
-        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
-        if not mask.any():
+        masks = {}
+        for along in {0.0, shift[0]}:
+            lattice = lattice_over(flat, size, angle, (along, shift[1]))
+            boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
+            # less than a fiftieth of a cell is not worth a row
+            mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+            masks[along] = mask.reshape(lattice.shape)
+        along = min(masks, key=lambda by: (np.count_nonzero(masks[by]), by))
+        if not masks[along].any():
             return orientations
-        costs.append(
-            (
-                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
-                angle,
-                shift,
-            )
-        )
-    ranked = [(angle, shift) for _, angle, shift in sorted(costs)]
-    return list(dict.fromkeys([orientations[0], *ranked]))[:count]
+        cost = min(_rough_cost(maker, masks[along], turn) for maker in makers)
+        costs.append((cost, angle, (along, shift[1])))
+    ranked = _varied([(angle, shift) for _, angle, shift in sorted(costs)])
+    return sorted(ranked, key=lambda one: not _is_alike(one, orientations[0]))[:count]
+
+
+def _is_alike(one: Orientation, other: Orientation) -> bool:
+    """Return whether two orientations have the same rows."""
+    return one[0] == other[0] and one[1][1] == other[1][1]
 
 
 def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
@@ -569,9 +581,15 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
     return list(dict.fromkeys([*best, *_ALL_AROUND]))
 
 
-def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
-    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round
-    of a tour.
+Orientation = tuple[float, tuple[float, float]]
+"""Angle of the rows in degrees, and shift along and across the rows, relative to their width."""
+
+
+def _estimated(area: Any, size: float, turn: float) -> list[Orientation]:
+    """Return orientations of the rows of cells, sorted by the estimated cost of one round of a
+    tour.
+
+    The shift along the rows is the one that columns would have, for tours with both.
     """
     import shapely
 
@@ -584,12 +602,53 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
         shapely.get_rings(shapely.get_parts(simple)), return_index=True
     )
     here = np.flatnonzero(ring[1:] == ring[:-1])
-    costs = []
+    costs: dict[float, dict[float, float]] = {}
     for angle in sorted(angles):
         flat = rotated(points, -angle)
         sides = flat[here], flat[here + 1]
-        costs += [(_cost_of_rows(*sides, size, turn, shift), angle, shift) for shift in _SHIFTS]
-    return [(angle, shift) for _, angle, shift in sorted(costs)]
+        costs[angle] = {
+            shift: _cost_of_rows(*sides, size, turn, shift)
+            for shift in (*_SHIFTS, *_flush_shifts(*sides, size))
+        }
+    found = []
+    for angle, by_shift in costs.items():
+        across = costs.get((angle + 90.0) % 180.0, {0.0: 0.0})
+        along = min(across, key=lambda shift: (across[shift], shift))
+        along = along if angle >= 90.0 else -along % 1.0
+        found += [(cost, angle, (along, shift)) for shift, cost in by_shift.items()]
+    return _varied([(angle, shift) for _, angle, shift in sorted(found)])
+
+
+def _varied(orientations: list[Orientation]) -> list[Orientation]:
+    """Return orientations in their order, but not more than `_ALIKE` of one angle before others."""
+    seen: dict[float, int] = {}
+    ranks = []
+    for angle, _ in orientations:
+        ranks.append(seen.setdefault(angle, 0) // _ALIKE)
+        seen[angle] += 1
+    return [orientations[k] for k in np.argsort(ranks, kind="stable").tolist()]
+
+
+def _flush_shifts(
+    begins: NDArray[np.float64], ends: NDArray[np.float64], size: float
+) -> list[float]:
+    """Return the shifts at which a row begins along one of the longest sides of an outline that are
+    parallel to the rows. The arguments are those of `_cost_of_rows`.
+    """
+    steps = ends - begins
+    lengths = np.hypot(*steps.T)
+    slope = np.tan(np.radians(_PARALLEL))
+    flat = np.flatnonzero(
+        (np.abs(steps[:, 1]) < slope * np.abs(steps[:, 0])) & (lengths > _LONG * size)
+    )
+    low, high = begins[:, 1].min(), begins[:, 1].max()
+    rows = max(1, int(np.ceil((high - low) / size - 1e-9)))
+    y = (begins[flat, 1] + ends[flat, 1]) / 2
+    shifts = np.round(((y - (low + high) / 2) / size + rows / 2) % 1.0, 3) % 1.0
+    shares: dict[float, float] = {}
+    for shift, length in zip(shifts.tolist(), lengths[flat].tolist(), strict=True):
+        shares[shift] = shares.get(shift, 0.0) + length
+    return sorted(set(shares) - set(_SHIFTS), key=lambda shift: -shares[shift])[:_SIDES]
 
 
 def _long_sides(area: Any) -> list[float]:

@@ -1117,12 +1117,12 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         if problem.tour == AUTO and problem.passes == 1
         else {}
     )
-    tours = [
-        first,
-        *(_grid_tour(problem, speeds, tour=name, scale=scale, known=known) for name in names),
-    ]
-    # the best tour is also the best of its name: its plans are made once
-    tours = [first, *(grid_tour for grid_tour in tours[1:] if not _is_same(grid_tour, first))]
+    tours = [first]
+    for name in names:
+        grid_tour = _grid_tour(problem, speeds, tour=name, scale=scale, known=known)
+        # the best tour is also the best of its name, and others may be equal: planned once
+        if not any(_is_same(grid_tour, other) for other in tours):
+            tours.append(grid_tour)
     all_plans = [
         plan
         for grid_tour in tours

@@ -60,10 +60,13 @@ AUTO_TOUR = "spanning-tree"
 shortest in every region.
 """
 
-AUTO_TOURS = ("boustrophedon", "strips", "spanning-tree")
+AUTO_TOURS = ("boustrophedon", "strips", "headland", "spanning-tree")
 """The tours that ``auto`` compares if the problem names a vehicle or what it prefers, or if the
 planner chooses the angle of the rows.
 """
+
+TWO_WAY_TOURS = ("strips", "headland")
+"""Tours of long straight rows that run in two directions."""
 
 TURN_PRICES = {"time": 0.85, "rows": 3.0}
 """What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
@@ -260,8 +263,8 @@ class SearchProblem(Problem):
         help=(
             f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means"
             " boustrophedon. With a vehicle or --prefer, or if Shoal chooses the angle of the rows,"
-            " auto means the best of boustrophedon, strips (without a given angle) and"
-            " spanning-tree. In any other search, auto means spanning-tree."
+            " auto means the best of boustrophedon, spanning-tree and, without a given angle, strips"
+            " and headland. In any other search, auto means spanning-tree."
         ),
         names=tuple(TOURS),
     )
@@ -570,7 +573,7 @@ class SearchProblem(Problem):
             )
         if (
             self.prefer is not None
-            and self.tour not in (AUTO, "boustrophedon", "strips")
+            and self.tour not in (AUTO, "boustrophedon", *TWO_WAY_TOURS)
             and isinstance(self.angle, float)
             and self.vehicle is None
         ):
@@ -691,9 +694,9 @@ class SearchProblem(Problem):
         compares = turn_cost or self.chosen_angle is None or self.prefer or self.vehicle is not None
         if not compares:
             return (AUTO_TOUR,)
-        # strips run in two directions, and a given angle is that of the rows
+        # a given angle is that of the rows
         along = isinstance(self.angle, float)
-        return tuple(name for name in AUTO_TOURS if not along or name != "strips")
+        return tuple(name for name in AUTO_TOURS if not along or name not in TWO_WAY_TOURS)
 
     def turn_price(self, turn_cost: float) -> float:
         """Return what a turn costs in comparisons of plans, in cells, if it takes the time for

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import shoal.search.tours.rows  # noqa: F401 - registers its tours, as the module `curves` does
+import shoal.search.tours.headland  # noqa: F401 - registers tours, as the modules `rows` and `curves` do
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import configured
 from shoal.search.tours.curves import joined

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
-from shoal.search.tours.strips import fewest_strips
+from shoal.search.tours.strips import cells_of_strip, fewest_strips
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
 MOST_RUNS = 1500
@@ -104,23 +104,29 @@ class StripsTour(TourByOrder):
         self.turn, self.disturbances = float(turn), disturbances
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        from shoal.search.kernels.runs import shorten
+        strips = [cells_of_strip(strip) for strip in fewest_strips(region)]
+        return np.concatenate(joined_strips(strips, self.turn, self.disturbances))
 
-        strips = fewest_strips(region)
-        order, backwards = _nearest_next(strips)
-        if len(strips) <= MOST_RUNS:
-            shorten(strips.astype(np.float64), order, backwards, self.turn, self.disturbances)
-        ways = []
-        for strip, back in zip(strips[order], backwards[order], strict=True):
-            (row, col), (last_row, last_col) = strip[::-1] if back else strip
-            count = int(abs(last_row - row) + abs(last_col - col)) + 1
-            ways.append(
-                np.stack(
-                    [np.linspace(row, last_row, count), np.linspace(col, last_col, count)], axis=1
-                )
-            )
-        cells: NDArray[np.int64] = np.rint(np.concatenate(ways)).astype(np.int64)
-        return cells
+
+def joined_strips(
+    strips: list[NDArray[np.int64]], turn: float, disturbances: int
+) -> list[NDArray[np.int64]]:
+    """Return strips in an order, and each in a direction, with short links and few turns.
+
+    Parameters
+    ----------
+    strips : list of ndarray of int64, each of shape (k, 2)
+        The cells of each strip in the order of a path.
+    turn, disturbances
+        Parameters of `StripsTour`.
+    """
+    from shoal.search.kernels.runs import shorten
+
+    ends = np.array([strip[[0, -1]] for strip in strips])
+    order, backwards = _nearest_next(ends)
+    if len(strips) <= MOST_RUNS:
+        shorten(ends.astype(np.float64), order, backwards, turn, disturbances)
+    return [strips[k][:: -1 if backwards[k] else 1] for k in order.tolist()]
 
 
 def _nearest_next(strips: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -35,7 +35,13 @@ def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """
     along = mask if np.count_nonzero(mask) > MOST_CELLS else _along_rows(mask)
     across = np.ascontiguousarray((mask & ~along).T)
-    return np.concatenate([_runs(along), _runs(across)[..., ::-1]])
+    return np.concatenate([runs_in(along), runs_in(across)[..., ::-1]])
+
+
+def cells_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return all cells of a strip that is given by its first and last cell; int64, shape (k, 2)."""
+    step = strip[1] - strip[0]
+    return np.asarray(strip[0] + np.arange(np.abs(step).max() + 1)[:, None] * np.sign(step))
 
 
 def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -72,7 +78,7 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return along
 
 
-def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return first and last cell of all runs of a mask in reading order; int64, shape (R, 2, 2)."""
     edges = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edges > 0)
