@@ -22,6 +22,7 @@ Cells = NDArray[np.int64]
 _ROUND = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # clockwise
 _STRAIGHT = 0.75  # cells: a lane whose cells are nearer to a line is flown straight
 _SIDES = 8  # number of the longest sides of a border at which lanes begin and end
+_LANES = 8  # number of lanes, those with the fewest turns, for which tours are made
 _WORK = 64_000  # cells times squared number of such sides: large regions have fewer
 
 
@@ -58,16 +59,15 @@ class HeadlandTour(BoustrophedonTour):
         columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
         divisions = (runs_in, fewest_strips) if columns else (runs_in,)
         found: list[tuple[float, int, list[Cells]]] = []
-        for lane, bends in _lanes(region, sides):
-            rest = region.copy()
-            rest[tuple(lane.T)] = False
+        for lane, bends, rest in _likely_lanes(region, sides):
             for divide in divisions:
-                strips = [lane, *(cells_of_strip(strip) for strip in divide(rest))]
-                if len(strips) > MOST_RUNS:
+                ends = divide(rest)
+                if len(ends) >= MOST_RUNS:
                     return plain
-                tour = joined_strips(strips, self.turn, 0)
-                turns = 2 * len(strips) + bends + _slanted_ends(region, strips[1:])
-                found.append((_length(tour) + self.turn * turns, len(found), strips))
+                strips = [lane, *map(cells_of_strip, ends)]
+                turns = 2 * len(strips) + bends + _slanted_ends(region, ends)
+                length = _length(joined_strips(strips, self.turn, 0))
+                found.append((length + self.turn * turns, len(found), strips))
         if not found:
             return plain
         return np.concatenate(joined_strips(min(found)[2], self.turn, self.disturbances))
@@ -78,11 +78,10 @@ def _length(tour: list[Cells]) -> float:
     return float(np.hypot(*(np.roll(cells, -1, axis=0) - cells).T).sum())
 
 
-def _slanted_ends(region: NDArray[np.bool_], strips: list[Cells]) -> int:
-    """Return the number of ends of strips at a border that is slanted by less than 45 degrees to
-    them, where a path without a lane must follow the border.
+def _slanted_ends(region: NDArray[np.bool_], ends: NDArray[np.int64]) -> int:
+    """Return the number of ends of strips, of shape (n, 2, 2), at a border that is slanted by less
+    than 45 degrees to them, where a path without a lane must follow the border.
     """
-    ends = np.array([strip[[0, -1]] for strip in strips], dtype=np.int64).reshape(-1, 2, 2)
     at, ahead = ends + 2, np.sign(ends - ends[:, ::-1])
     inside, side = np.pad(region, 2), ahead[..., ::-1]
 
@@ -93,6 +92,22 @@ def _slanted_ends(region: NDArray[np.bool_], strips: list[Cells]) -> int:
     beyond = at + ahead
     open_ends = ahead.any(axis=-1) & ~inside[beyond[..., 0], beyond[..., 1]]
     return int((open_ends & (differs(2) | differs(-1))).sum())
+
+
+def _likely_lanes(
+    region: NDArray[np.bool_], sides: int
+) -> list[tuple[Cells, int, NDArray[np.bool_]]]:
+    """Return the lanes with the fewest turns of all rows, with the number of their bends and the
+    cells beside them.
+    """
+    ranked = []
+    for lane, bends in _lanes(region, sides):
+        rest = region.copy()
+        rest[tuple(lane.T)] = False
+        rows = runs_in(rest)
+        turns = 2 * len(rows) + bends + _slanted_ends(region, rows)
+        ranked.append((turns, len(ranked), lane, bends, rest))
+    return [chosen[2:] for chosen in sorted(ranked, key=lambda one: one[:2])[:_LANES]]
 
 
 def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
