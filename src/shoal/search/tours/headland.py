@@ -107,7 +107,8 @@ def _likely_lanes(
         rows = runs_in(rest)
         turns = 2 * len(rows) + bends + _slanted_ends(region, rows)
         ranked.append((turns, len(ranked), lane, bends, rest))
-    return [chosen[2:] for chosen in sorted(ranked, key=lambda one: one[:2])[:_LANES]]
+    ranked.sort(key=lambda one: one[:2])
+    return [(lane, bends, rest) for *_, lane, bends, rest in ranked[:_LANES]]
 
 
 def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
