@@ -100,7 +100,7 @@ def _likely_lanes(
     """Return the lanes with the fewest turns of all rows, with the number of their bends and the
     cells beside them.
     """
-    ranked = []
+    ranked: list[tuple[int, int, Cells, int, NDArray[np.bool_]]] = []
     for lane, bends in _lanes(region, sides):
         rest = region.copy()
         rest[tuple(lane.T)] = False
