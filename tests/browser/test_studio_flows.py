@@ -134,6 +134,15 @@ def test_an_episode_of_the_folder_is_opened_again(page: Page, studio: Studio) ->
         "#of", has_text=f"of {episode.moves}"
     ).wait_for()
     assert b"<svg" in written_by(page, studio, "Figure as SVG").read_bytes()[:800]
+    page.get_by_role("button", name="Figure for print", exact=True).click()
+    page.get_by_label("Width in mm").fill("60")
+    page.get_by_label("Moment").fill("2")
+    page.get_by_role("button", name="Figure for print as PDF").click()
+    note = page.locator(".note", has_text="Written into the folder").last
+    note.wait_for()
+    printed = studio.folder / note.locator("span").inner_text().partition(": ")[2]
+    assert printed.read_bytes().startswith(b"%PDF")
+    assert "Map at moves 2." in printed.with_suffix(".caption.txt").read_text(encoding="utf-8")
 
 
 def test_the_swarm_is_run_by_keys_alone(page: Page, studio: Studio) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import platform
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,13 +12,9 @@ from shoal.cli import options
 from shoal.cli.output import check_folder, check_seed, print_json, print_table
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic, check_suffix
-from shoal.core.version import versions
 from shoal.parts import load
 
 EXAMPLE = "Example: shoal figure result/episode.npz --at 20 --width 85 --out map.pdf"
-
-_MOMENTS = {"map": "moves", "plan": "moves", "routes": "seconds"}
-"""By kind of figure, the option of `shoal.views.figure` that chooses a moment."""
 
 
 def figure(
@@ -90,6 +86,7 @@ def figure(
 ) -> None:
     """Draw a figure of an episode, for a screen or for print, at its end or at any moment."""
     from shoal import views
+    from shoal.studio.forms import as_command
     from shoal.views.drawing.charts import FIGURES, PRINT_DPI
 
     check_folder(check_suffix(out, *FIGURES).parent)
@@ -97,12 +94,19 @@ def figure(
     check_seed(episode_file, seed, episode.seed)
     chosen = kind if kind is not None else views.figure_kinds(episode)[0]
     drawn = views.figure(
-        episode, kind=chosen, width=width, font_size=font_size, **_moments(chosen, at)
+        episode,
+        kind=chosen,
+        width=width,
+        font_size=font_size,
+        **_moments(chosen, at, views.MOMENTS),
     )
     views.save_figure(drawn, out, dpi=PRINT_DPI if dpi is None and width is not None else dpi)
     caption = out.with_suffix(".caption.txt")
     with atomic(caption) as temporary:
-        temporary.write_text(_caption(episode, chosen, at), encoding="utf-8")
+        command = None if episode.seed is None else as_command(episode.problem, seed=episode.seed)
+        temporary.write_text(
+            views.caption(episode, kind=chosen, moment=at, command=command), encoding="utf-8"
+        )
     inches = drawn.get_size_inches()
     result = {
         "kind": chosen,
@@ -118,46 +122,21 @@ def figure(
         print_table([("size", size)], title=f"figure {chosen}", written=[out, caption])
 
 
-def _moments(kind: str, at: str | None) -> dict[str, Any]:
-    """Return the option of `shoal.views.figure` for the text of ``--at``."""
+def _moments(kind: str, at: str | None, known: Mapping[str, str]) -> dict[str, Any]:
+    """Return the option of `shoal.views.figure` for the text of ``--at``; ``known`` names it for
+    each kind of figure.
+    """
     if at is None:
         return {}
-    if kind not in _MOMENTS:
+    if kind not in known:
         raise InvalidInputError(
             f"--at: expected none for the figure {kind}, which shows the whole episode, got {at}"
         )
-    convert = int if _MOMENTS[kind] == "moves" else float
+    convert = int if known[kind] == "moves" else float
     try:
         moments = [convert(text) for text in at.split(",")]
     except ValueError:
-        raise InvalidInputError(
-            f"--at: expected {_MOMENTS[kind]}, such as 20, got {at!r}"
-        ) from None
+        raise InvalidInputError(f"--at: expected {known[kind]}, such as 20, got {at!r}") from None
     if len(moments) > 1 and kind != "map":
         raise InvalidInputError(f"--at: expected one moment for the figure {kind}, got {at}")
-    return {_MOMENTS[kind]: moments[0] if len(moments) == 1 else moments}
-
-
-def _caption(episode: Any, kind: str, at: str | None) -> str:
-    """Return a caption: what the figure shows, how to repeat the episode, and the versions that
-    made and drew it.
-    """
-    import matplotlib
-
-    from shoal.studio.forms import as_command
-
-    moment = "" if at is None else f" at {_MOMENTS[kind]} {at.replace(',', ', ')}"
-    drawn_by = versions() | {"matplotlib": matplotlib.__version__}
-    lines = [
-        f"{kind.capitalize()}{moment}. {episode.sentence}",
-        f"Problem: {as_command(episode.problem, seed=episode.seed)}"
-        if episode.seed is not None
-        else "Problem: an episode that no seed repeats",
-        f"Computed with {_listed(episode.versions)}.",
-        f"Drawn with {_listed(drawn_by)} on {platform.system()}.",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _listed(known: Any) -> str:
-    return ", ".join(f"{name} {version}" for name, version in known.items())
+    return {known[kind]: moments[0] if len(moments) == 1 else moments}

@@ -31,11 +31,12 @@ _WORDS = {
     list: "a list",
     bool: "true or false",
     int: "a whole number",
+    float: "a number",
 }
 TEXT, OBJECT, LIST = Field((str,)), Field((dict,)), Field((list,))
-MAYBE_TEXT, MAYBE_OBJECT, MAYBE_LIST, MAYBE_BOOL, MAYBE_INTEGER, SEED = (
+MAYBE_TEXT, MAYBE_OBJECT, MAYBE_LIST, MAYBE_BOOL, MAYBE_INTEGER, MAYBE_NUMBER, SEED = (
     Field(kinds, required=False)
-    for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, str))
+    for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, float), (int, str))
 )
 
 

@@ -38,6 +38,7 @@ from shoal.studio.requests import (
     LIST,
     MAYBE_BOOL,
     MAYBE_INTEGER,
+    MAYBE_NUMBER,
     MAYBE_OBJECT,
     MAYBE_TEXT,
     OBJECT,
@@ -239,10 +240,20 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
 
 
 def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Write a figure, a film or a player page of an episode, and return the name of the file."""
-    from shoal.views import figure, film, save_figure
+    """Write a figure, a film or a player page of an episode, and return the name of the file.
+
+    A figure with the entry "width" (millimetres) is one for print, with a caption beside it. The
+    entries "font_size" (points) and "at" (moves, or of a search seconds) may go with it.
+    """
+    from shoal.views import MOMENTS, caption, figure, figure_kinds, film, save_figure
+    from shoal.views.drawing.charts import PRINT_DPI
 
     suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)
+    for name in ("width", "font_size", "at"):
+        if suffix not in _FIGURES and spec.get(name) is not None:
+            raise InvalidInputError(
+                f"{name}: expected none for a film or a page, got {shortened(spec[name])}"
+            )
     source = folder.path(str(spec.get("episode")))
     say("progress", (0.0, f"reading {source.name}"))
     episode = episode_in(source)
@@ -250,7 +261,21 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
     stem = stem.removesuffix(".npz").removesuffix(".jsonl")
     name = folder.new_name(f"{stem}-figure" if suffix in _FIGURES else stem, f".{suffix}")
     if suffix in _FIGURES:
-        save_figure(figure(episode), folder.path(name))
+        width, at = spec.get("width"), spec.get("at")
+        kind = figure_kinds(episode)[0]
+        moment = {} if at is None else {MOMENTS[kind]: at}
+        drawn = figure(episode, width=width, font_size=spec.get("font_size"), **moment)
+        save_figure(drawn, folder.path(name), dpi=None if width is None else PRINT_DPI)
+        if width is not None:
+            text = caption(
+                episode,
+                kind=kind,
+                moment=None if at is None else f"{at:g}",
+                command=None
+                if episode.seed is None
+                else as_command(episode.problem, seed=episode.seed),
+            )
+            write_text(folder.path(name).with_suffix(".caption.txt"), text)
     else:
         film(
             episode,
@@ -426,7 +451,16 @@ JOBS: dict[str, Job] = {
         {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},
         part="swarm",
     ),
-    "export": Job(export_episode, {"episode": TEXT, "format": TEXT}),
+    "export": Job(
+        export_episode,
+        {
+            "episode": TEXT,
+            "format": TEXT,
+            "width": MAYBE_NUMBER,
+            "font_size": MAYBE_NUMBER,
+            "at": MAYBE_NUMBER,
+        },
+    ),
     "reproduce": Job(reproduce_figures, {"name": MAYBE_TEXT, "quick": MAYBE_BOOL}, long=True),
     "sweep": Job(
         run_missing_trials, {"toml": TEXT, "store": MAYBE_TEXT, "sweep": MAYBE_TEXT}, long=True

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
+from shoal.core.version import versions
 from shoal.parts import PARTS
 from shoal.views import search, steering, swarm
 from shoal.views.drawing.charts import printed, save_figure
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
 
 __all__ = ["figure", "film", "notebook_page", "save_figure"]
+
+MOMENTS = {"map": "moves", "plan": "moves", "routes": "seconds"}
+"""By kind of figure, the option of `figure` that chooses a moment."""
 
 INLINE = 1_000_000  # maximum characters of a player in a notebook
 
@@ -81,6 +85,37 @@ def figure(
     with printed(width, font_size):
         drawn: Figure = draw(episode, **options)
     return drawn
+
+
+def caption(
+    episode: Episode, *, kind: str, moment: str | None = None, command: str | None = None
+) -> str:
+    """Return a caption of a figure: what it shows, how to repeat the episode, and the versions that
+    made and drew it.
+
+    Parameters
+    ----------
+    episode : Episode
+    kind : str
+        Kind of the figure.
+    moment : str, optional
+        The moment that the figure shows, as text such as "20".
+    command : str, optional
+        Command that repeats the episode, or None if no seed repeats it.
+    """
+    import matplotlib
+
+    at = "" if moment is None else f" at {MOMENTS[kind]} {moment}"
+    drawn_by = versions() | {"matplotlib": matplotlib.__version__}
+    computed_by, drawn = (
+        ", ".join(f"{name} {version}" for name, version in known.items())
+        for known in (episode.versions, drawn_by)
+    )
+    problem = "an episode that no seed repeats" if command is None else command
+    return (
+        f"{kind.capitalize()}{at}. {episode.sentence}\nProblem: {problem}\n"
+        f"Computed with {computed_by}.\nDrawn with {drawn}.\n"
+    )
 
 
 def figure_kinds(episode: Episode) -> list[str]:

@@ -82,7 +82,7 @@ GOOD = {
 GOOD_JOBS = {
     "play": {"problem": SWARM, "seed": 1},
     "compare": {"problem": SWARM, "policies": ["best", "closest-frontier"], "trials": 2},
-    "export": {"episode": "a.npz", "format": "png"},
+    "export": {"episode": "a.npz", "format": "png", "width": 60, "font_size": 7, "at": 1},
     "reproduce": {"name": "m-theorem1", "quick": True},
     "sweep": {"toml": TOML, "store": "s.sqlite", "sweep": "s"},
     "table": {"store": "a.sqlite", "measure": "moves", "format": "csv"},
@@ -256,7 +256,7 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
             "NaN",
             "9" * 401,
             "[1]" if name != "policies" else "{}",
-            "5" if name not in ("seed", "trials") else "{}",
+            "5" if name not in ("seed", "trials", "width", "font_size", "at") else "{}",
         ):
             body = json.dumps({"kind": kind, "spec": good | {name: "@"}}).replace('"@"', value)
             refused(ask(studio, "POST", "/api/jobs", body.encode()), (kind, name, value))

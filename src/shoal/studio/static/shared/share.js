@@ -53,13 +53,28 @@ async function copy(text) {
   await navigator.clipboard.writeText(text);
 }
 
+/** Ask for a figure as journals want it: its width, the size of its text, and the moment that it shows. */
+function openPrint(episode) {
+  const field = (id, words, attributes) => {
+    const input = el("input.short", { type: "number", step: "any", id, ...attributes });
+    return { input, row: el("div.field", {}, el("label", { htmlFor: id }, words), input) };
+  };
+  const width = field("printWidth", "Width in mm", { min: 30, max: 1000, value: 85 });
+  const text = field("printText", "Size of the text in points", { min: 4, max: 20, value: 8 });
+  const at = field("printAt", "Moment: number of moves, or of a search seconds", { min: 0, placeholder: "the end" });
+  const spec = () => ({ episode, width: width.input.valueAsNumber, font_size: text.input.valueAsNumber, ...(at.input.value === "" ? {} : { at: at.input.valueAsNumber }) });
+  openSheet("A figure for print", el("p.help", {}, "Without a heading, and with its caption in a text file beside it. One column of a journal is about 85 mm wide, two are 180 mm."),
+    width.row, text.row, at.row, exportsOf("export", spec, [["pdf", "Figure for print", "PDF"], ["svg", "Figure for print", "SVG"], ["png", "Figure for print", "PNG"]]));
+}
+
 /** Buttons that export an episode of the folder. */
-export const exports = (episode) => exportsOf("export", { episode }, FORMATS, [
+export const exports = (episode) => exportsOf("export", () => ({ episode }), FORMATS, [
+  el("button.chip", { type: "button", title: "A figure for print, at any moment", "aria-label": "Figure for print", onclick: () => openPrint(episode) }, "Print …"),
   el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
   el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
 ]);
 
-/** Buttons that write a file each, by a job of that kind. */
+/** Buttons that write a file each, by a job of that kind; `spec()` is what the job is told. */
 export function exportsOf(kind, spec, formats, more = []) {
   const buttons = formats.map(([format, what, word]) => {
     const button = el("button.chip", { type: "button", title: `${what} as ${word}`, "aria-label": `${what} as ${word}` }, word);
@@ -71,7 +86,7 @@ export function exportsOf(kind, spec, formats, more = []) {
         button.classList.remove("working");
       };
       try {
-        await run(kind, { ...spec, format }, {
+        await run(kind, { ...spec(), format }, {
           done: ({ file }) => { free(); give(file); },
           failed: (job) => { free(); told(new Error(failure(job))); },
         });
