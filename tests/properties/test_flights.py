@@ -178,14 +178,14 @@ def test_a_plan_that_cannot_be_flown_is_not_the_fastest(monkeypatch):
     """It has no time of its own: the estimate in its place leaves out curves and climbs, so it
     would often win.
     """
-    flights = SearchPlan._flights
+    flights = SearchPlan.flown_sorties
 
     def refused(plan, robot, stops, detours):
         if plan.allocation.allocator != "hop":
             raise InvalidInputError("turn_radius: expected room for turns, got none")
         return flights(plan, robot, stops, detours)
 
-    monkeypatch.setattr(SearchPlan, "_flights", refused)
+    monkeypatch.setattr(SearchPlan, "flown_sorties", refused)
     problem = SearchProblem(
         "rectangle:300x200", robots=2, footprint=50.0, vehicle="multirotor", tour="boustrophedon"
     )

@@ -1089,7 +1089,7 @@ def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
 @pytest.mark.parametrize("loading", ["typer._click.core", "numpy._core", "shoal.swarm.problem"])
 def test_ctrl_c_while_the_command_line_is_loaded(loading):
     """A real signal, when a module is being imported."""
-    command = [sys.executable, "-X", "importtime", "-m", "shoal", "map", "vessels:1000", "-n", "9"]
+    command = [sys.executable, "-X", "importtime", "-m", "shoal", "map", "vessels:9000", "-n", "9"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:

@@ -21,9 +21,10 @@ from shoal.swarm.grid.board import offsets_of
 from shoal.swarm.kernels.search import nearest_cells
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
+from shoal.swarm.maps.workspace import FREE
 from shoal.views import film
 from shoal.views.drawing.encoding import LONGEST
-from shoal.views.swarm.colours import PLAIN, codes_of
+from shoal.views.swarm.colours import PLAIN, VOLUME, codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
 from shoal.views.swarm.volume import (
@@ -342,18 +343,16 @@ def test_a_view_from_the_front_shows_the_nearest_cell():
     free[0, 0, 0] = free[2, 2, 2] = True
     codes = workspace_codes(GridWorkspace(free))
     picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=100, fit=whole(codes, 0.0))
-    bright = picture.max(axis=2)
-    assert bright[:45, :45].max() == 255  # row 0, column 0, and nearest
-    assert 100 < bright[55:, 55:].max() < 130  # far away
-    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0)).max(
-        axis=2
-    )
-    assert behind[:45, 55:].max() < behind[55:, :45].max() == 255
+    near, blue = int(VOLUME.rgb[FREE, 2]), picture[..., 2]  # on white
+    assert blue[:45, :45].min() == near  # row 0, column 0, and nearest
+    assert blue[55:, 55:].min() == int(0.6 * near)  # far away
+    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0))
+    assert behind[:45, 55:, 2].min() < behind[55:, :45, 2].min() == near
     hidden = np.zeros((3, 3, 3), bool)
     hidden[:, 1, 1] = True  # one behind the other: only the first is seen
     codes = workspace_codes(GridWorkspace(hidden))
     picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=60, fit=whole(codes, 0.0))
-    assert set(np.unique(picture.max(axis=2))) == {44, 255}
+    assert set(np.unique(picture[..., 2])) == {near, 255}
 
 
 def test_slices_cut_where_most_is_free():
@@ -364,7 +363,7 @@ def test_slices_cut_where_most_is_free():
     assert (slices.layer, slices.row) == (1, 2)
     front, above, right = slice_pictures(workspace_codes(workspace), slices)
     assert (front.shape[:2], above.shape[:2], right.shape[:2]) == ((6, 7), (5, 7), (6, 5))
-    assert (front[3, 1:-1] == 255).all()
+    assert (front[3, 1:-1] == VOLUME.rgb[FREE]).all()
     state, belief = run(workspace, particles=5).final()
     assert sheet(
         codes_of(state, belief), slices, azimuth=0.3, side=120, fit=Fit.of(workspace)
@@ -384,7 +383,7 @@ def test_a_fitted_view_shows_all_from_every_side_as_large_as_it_can(spacing):
     largest = 0
     for azimuth in np.linspace(0, 2 * np.pi, 9):
         picture = turned_view(codes, azimuth=azimuth, side=300, spacing=spacing, fit=fit)
-        lit = np.argwhere(picture.max(axis=2) > 60)  # brighter than the background
+        lit = np.argwhere(picture.min(axis=2) < 255)  # not the background
         assert lit.min() > 0
         assert lit.max() < 299
         largest = max(largest, *np.ptp(lit, axis=0))
