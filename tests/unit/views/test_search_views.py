@@ -549,6 +549,8 @@ def test_second_looks_cool_the_ground_again():
     cells = ground.cells[again, 0]
     np.testing.assert_allclose(after[cells], 0.3 ** looks[again] * before[cells])
     np.testing.assert_allclose(before[ground.cells[again, 1]], before[cells])
+    labels = [words for words, *_ in history.panels.labels]
+    assert labels == ["first look", "look 2 where it pays", "look 3 where it pays"]
     assert history.success_at(history.end) == pytest.approx(episode.success.probability)
     assert episode.success.probability == pytest.approx(1 - after[ground.cells[:, 0]].sum())
 
@@ -561,5 +563,6 @@ def test_heat_follows_a_target_that_moves():
     start, late = history.likely(-np.inf), history.likely(history.end / 8)
     assert across @ late / late.sum() > across @ start / start.sum() + 5
     assert history.success_at(history.end) == pytest.approx(episode.success.probability, abs=0.02)
+    assert np.isfinite(cell_colours(history)).all()
     assert page_data(episode)["heat"] is None
     assert len(page_data(episode)["success"][0]) > 0

@@ -410,7 +410,9 @@ class LayerPanels:
             return []
         ups, tour, (left, _, _, top) = self.plan.altitudes, self.plan.tour, self.extent
         words = [f"{up:.4g} m" for up in ups]
-        if len({*ups}) < len(ups):
+        if any(one.whole is not None for one in self.layers):
+            words = ["first look", *(f"look {k} where it pays" for k in range(2, len(ups) + 1))]
+        elif len({*ups}) < len(ups):
             turned = [
                 f"rows at {tour.row_angle(one.angle, k):.4g}\N{DEGREE SIGN}"
                 for k, one in enumerate(self.layers)
@@ -660,10 +662,11 @@ class SearchHistory:
         if ground is None or looks is None:
             return found
         start, one = self._seconds
-        seconds = start + one * time
-        searches = np.bincount(looks.pieces[looks.times <= seconds], minlength=len(ground.masses))
+        seconds = start + one * float(np.clip(time, 0.0, self.end))
+        done = looks.times <= start + one * time
+        searches = np.bincount(looks.pieces[done], minlength=len(ground.masses))
         left = ground.masses * (1.0 - self.episode.problem.detection) ** searches
-        still = ground if isinstance(ground, Ground) else ground.still(max(seconds, 0.0))
+        still = ground if isinstance(ground, Ground) else ground.still(seconds)
         for column in still.cells.T:
             np.add.at(found, column[column >= 0], left[column >= 0])
         return found

@@ -65,12 +65,14 @@ def success_figure(episode: SearchEpisode) -> Figure:
     chart.step(np.append(0.0, times), np.append(0.0, found), where="post", color=_LIKELY, lw=1.6)
     if episode.expected_find is not None:
         middle = episode.expected_find / 60.0
+        late = middle > times[-1] / 2
         chart.axvline(middle, color=INK, lw=0.9, ls=(0, (4, 3)))
         chart.annotate(
             f"on average after {duration_text(episode.expected_find)}",
             (middle, 0.04),
-            xytext=(5, 0),
+            xytext=(-5 if late else 5, 0),
             textcoords="offset points",
+            ha="right" if late else "left",
             fontsize=text_size(),
             color=MUTED,
         )
