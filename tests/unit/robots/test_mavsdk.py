@@ -88,6 +88,7 @@ def test_its_server_receives_what_we_upload_and_tells_it_back(folder, mavsdk_as)
     with stations([f"udpin:127.0.0.1:{port}"]) as heard_by:
         (made,) = upload_missions(pairs, heard_by)
     assert (made.status, made.different) == ("equal", 0), made.sentence
+    assert wait_for(lambda: len(received) >= 3)  # it tells of them in a thread of its own
     cargo = read_cargos(folder)[1]
     plans = {tuple(one.command for one in plan.mission_items): plan for plan in received}
     for kind in (MISSION, FENCE, RALLY):
