@@ -191,13 +191,11 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
 
 
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
-    problem = SearchProblem(blob(3), robots=1, footprint=30, angle="auto", tour="boustrophedon")
-    free, quick = (
-        plan_search(problem.replaced(vehicle=f"ideal,cruise_speed=5,turn_time={seconds}"), seed=1)
-        for seconds in (0, 3)
+    region = blob(3)
+    free, dear = (
+        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0)
     )
-    assert np.array_equal(free.tour.cells, quick.tour.cells)
-    assert free.grid.angle == quick.grid.angle
+    assert free.grid.angle == pytest.approx(dear.grid.angle, abs=0.5)
 
 
 def test_the_check_of_coverage_loses_no_footprints():
@@ -512,7 +510,7 @@ def test_rows_and_returns_of_a_real_region_are_short():
     plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, angle="auto"))
     route = plan.paths.route(np.concatenate([plan.tour.cells, plan.tour.cells[:1]]))
     assert route.length / 40.0 <= 1.056 * region.area_m2 / 1600
-    assert turns_of(route.points).sum() <= 180
+    assert turns_of(route.points).sum() <= 171
 
 
 def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_path):
@@ -543,7 +541,7 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
     problem = SearchProblem(
         str(file),
         robots=1,
-        footprint=18.0,
+        footprint=20.0,
         vehicle="fixed-wing",
         tour="boustrophedon",
         transit=True,

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from shoal.core.geometry import partial_sums
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid
-from shoal.search.cells.routing import RegionPaths
 from shoal.search.cells.visibility_graph import inside
 from shoal.search.regions.boxes import clipped_to
 from shoal.search.regions.outline import Points
@@ -23,7 +22,7 @@ _REACH = 24  # maximum number of windows that one link crosses
 _ROUNDS = 12
 
 
-def along_tour(grid: CellGrid, cells: Numbers, turn: float, paths: RegionPaths) -> CellGrid:
+def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return a grid with new viewpoints, chosen so that the path along a closed tour is short and
     has few bends.
 
@@ -37,19 +36,15 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float, paths: RegionPaths) 
         Row and column of all cells, in the order of the tour.
     turn : float
         Cost of a turn in cells.
-    paths : RegionPaths
-        Paths between cells that do not see each other.
     """
     index = grid.ordinals(cells)
     windows, tried = _choices(grid)
     if not windows:
         return grid
-    starts, lattice = grid.viewpoint_starts, grid.lattice
+    starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
     moved = grid.viewpoints.copy()
-    # a path round corners is straight between the corners: they divide the chains of windows
-    item, entered, left = _with_corners(index, cells, grid, paths)
-    n = len(item)
-    chains = _chains(np.flatnonzero(np.isin(item, np.array(list(windows)))), n)
+    entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
+    chains = _chains(np.flatnonzero(np.isin(index, np.array(list(windows)))), n)
     first, last = (np.array([chain[end] for chain in chains]) for end in (0, -1))
     fixed = lattice.from_region(
         np.stack(
@@ -63,36 +58,15 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float, paths: RegionPaths) 
         )
     )
     along = np.concatenate(chains)
-    numbers = item[along].tolist()
+    numbers = index[along].tolist()
     crossed = np.array([windows[k] for k in numbers], dtype=object)
     lengths = np.array([len(chain) for chain in chains])
     places = [tried[k] for k in numbers]
     known = lattice.from_region(entered[along])
-    moved[starts[item[along]]] = lattice.to_region(
+    moved[starts[index[along]]] = lattice.to_region(
         _points_of(grid, fixed, lengths, crossed, places, known, turn * grid.size)
     )
     return replace(grid, viewpoints=moved)
-
-
-def _with_corners(
-    index: Numbers, cells: Numbers, grid: CellGrid, paths: RegionPaths
-) -> tuple[Numbers, Points, Points]:
-    """Return the cells of a closed tour by their indices, with -1 for each corner of a path between
-    cells that do not see each other, and the first and the last viewpoint of each.
-    """
-    starts = grid.viewpoint_starts
-    entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
-    far = np.flatnonzero(np.abs(np.roll(cells, -1, axis=0) - cells).max(axis=1) > 1)
-    then = (far + 1) % len(index)
-    hidden = far[~inside(grid.region, left[far], entered[then])]
-    corners = [paths.leg(left[k], entered[(k + 1) % len(index)])[1:-1] for k in hidden.tolist()]
-    places = np.repeat(hidden + 1, [len(bends) for bends in corners])
-    bends = np.concatenate([np.zeros((0, 2)), *corners])
-    return (
-        np.insert(index, places, -1),
-        np.insert(entered, places, bends, axis=0),
-        np.insert(left, places, bends, axis=0),
-    )
 
 
 def _choices(grid: CellGrid) -> tuple[dict[int, Any], dict[int, Points]]:

@@ -178,7 +178,7 @@ _STEP = 10.0  # degrees between compared angles, besides the angles of the outli
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _PARALLEL = 0.5  # degrees between rows and sides of the outline along which rows may begin
-_ALIKE = 2  # shifts of one angle that are looked at before other angles
+_OTHER = 0.05  # shift from those of `_SHIFTS`, from which on another one is worth a look
 _LONG = 3.0  # cells: length of such sides
 _TRIED = 4  # number of orientations that are planned in full
 _ROUGH = 12  # number of orientations, the best estimated ones, for which rough tours are made
@@ -313,7 +313,7 @@ def _through(
     if (
         tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
     ):  # long rows have few bends at their ends
-        grid = along_tour(grid, cell_tour.cells, turn_cost, RegionPaths(grid, transit=transit))
+        grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
@@ -464,9 +464,7 @@ def best_grid_tour(
         angle = 0.0
     known = {} if known is None else known
     if "orientations" not in known:
-        found = (
-            [(angle, (0.0, 0.0))] if angle is not None else _estimated(region.area, size, turn_cost)
-        )
+        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
         if angle is None and looked_at > tried:
             likeliest = found[:looked_at]
@@ -479,7 +477,7 @@ def best_grid_tour(
         for (direction, offset), tour in each:
             if (direction, offset) not in known:
                 known[direction, offset] = (
-                    cells_of(region, size, angle=direction, offset=offset)
+                    cells_of(region, size, angle=direction, offset=(0.0, offset))
                     if line is None
                     else cells_along(region, size, line)
                 )
@@ -523,9 +521,9 @@ def _ranked_by_tours(
     size: float,
     tours: Sequence[str],
     turn: float,
-    orientations: list[Orientation],
+    orientations: list[tuple[float, float]],
     count: int,
-) -> list[Orientation]:
+) -> list[tuple[float, float]]:
     """Return ``count`` orientations to plan in full: the best estimated one, and those of the next
     ones with the best rough tours, from centre to centre of the cells.
 
@@ -542,26 +540,22 @@ def _ranked_by_tours(
     costs = []
     for angle, shift in orientations:
         flat = rotated_shape(simple, -angle)
+        lattice = lattice_over(flat, size, angle, (0.0, shift))
+        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
         shapely.prepare(flat)
-        masks = {}
-        for along in {0.0, shift[0]}:
-            lattice = lattice_over(flat, size, angle, (along, shift[1]))
-            boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
-            # less than a fiftieth of a cell is not worth a row
-            mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
-            masks[along] = mask.reshape(lattice.shape)
-        along = min(masks, key=lambda by: (np.count_nonzero(masks[by]), by))
-        if not masks[along].any():
+        # less than a fiftieth of a cell is not worth a row
+        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+        if not mask.any():
             return orientations
-        cost = min(_rough_cost(maker, masks[along], turn) for maker in makers)
-        costs.append((cost, angle, (along, shift[1])))
-    ranked = _varied([(angle, shift) for _, angle, shift in sorted(costs)])
-    return sorted(ranked, key=lambda one: not _is_alike(one, orientations[0]))[:count]
-
-
-def _is_alike(one: Orientation, other: Orientation) -> bool:
-    """Return whether two orientations have the same rows."""
-    return one[0] == other[0] and one[1][1] == other[1][1]
+        costs.append(
+            (
+                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
+                angle,
+                shift,
+            )
+        )
+    ranked = [(angle, shift) for _, angle, shift in sorted(costs)]
+    return list(dict.fromkeys([orientations[0], *ranked]))[:count]
 
 
 def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
@@ -581,15 +575,9 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
     return list(dict.fromkeys([*best, *_ALL_AROUND]))
 
 
-Orientation = tuple[float, tuple[float, float]]
-"""Angle of the rows in degrees, and shift along and across the rows, relative to their width."""
-
-
-def _estimated(area: Any, size: float, turn: float) -> list[Orientation]:
-    """Return orientations of the rows of cells, sorted by the estimated cost of one round of a
-    tour.
-
-    The shift along the rows is the one that columns would have, for tours with both.
+def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
+    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round
+    of a tour.
     """
     import shapely
 
@@ -602,38 +590,20 @@ def _estimated(area: Any, size: float, turn: float) -> list[Orientation]:
         shapely.get_rings(shapely.get_parts(simple)), return_index=True
     )
     here = np.flatnonzero(ring[1:] == ring[:-1])
-    costs: dict[float, dict[float, float]] = {}
+    costs = []
     for angle in sorted(angles):
         flat = rotated(points, -angle)
         sides = flat[here], flat[here + 1]
-        costs[angle] = {
-            shift: _cost_of_rows(*sides, size, turn, shift)
-            for shift in (*_SHIFTS, *_flush_shifts(*sides, size))
-        }
-    found = []
-    for angle, by_shift in costs.items():
-        across = costs.get((angle + 90.0) % 180.0, {0.0: 0.0})
-        along = min(across, key=lambda shift: (across[shift], shift))
-        along = along if angle >= 90.0 else -along % 1.0
-        found += [(cost, angle, (along, shift)) for shift, cost in by_shift.items()]
-    return _varied([(angle, shift) for _, angle, shift in sorted(found)])
+        shifts = {*_SHIFTS, *_flush_shift(*sides, size)}
+        costs += [(_cost_of_rows(*sides, size, turn, shift), angle, shift) for shift in shifts]
+    return [(angle, shift) for _, angle, shift in sorted(costs)]
 
 
-def _varied(orientations: list[Orientation]) -> list[Orientation]:
-    """Return orientations in their order, but not more than `_ALIKE` of one angle before others."""
-    seen: dict[float, int] = {}
-    ranks = []
-    for angle, _ in orientations:
-        ranks.append(seen.setdefault(angle, 0) // _ALIKE)
-        seen[angle] += 1
-    return [orientations[k] for k in np.argsort(ranks, kind="stable").tolist()]
-
-
-def _flush_shifts(
+def _flush_shift(
     begins: NDArray[np.float64], ends: NDArray[np.float64], size: float
 ) -> list[float]:
-    """Return the shifts at which a row begins along one of the longest sides of an outline that are
-    parallel to the rows. The arguments are those of `_cost_of_rows`.
+    """Return the shift at which a row begins along the longest sides of an outline that are
+    parallel to the rows, if there are such sides. The arguments are those of `_cost_of_rows`.
     """
     steps = ends - begins
     lengths = np.hypot(*steps.T)
@@ -648,7 +618,8 @@ def _flush_shifts(
     shares: dict[float, float] = {}
     for shift, length in zip(shifts.tolist(), lengths[flat].tolist(), strict=True):
         shares[shift] = shares.get(shift, 0.0) + length
-    return sorted(set(shares) - set(_SHIFTS), key=lambda shift: -shares[shift])[:_SIDES]
+    best = sorted(shares, key=lambda shift: -shares[shift])[:1]
+    return [shift for shift in best if abs((shift + 0.125) % 0.25 - 0.125) > _OTHER]
 
 
 def _long_sides(area: Any) -> list[float]:
