@@ -280,7 +280,7 @@ def test_rows_overlap_by_a_share_of_any_footprint():
     wrong = np.clip(dense + rng.uniform(-1, 1, dense.shape), 0, [300, 200])
     region = plan.grid.region
     assert coverage_check(region, [wrong], 20.0).covered_fraction > 0.9999
-    bare = plan_search(plain.replaced(tour="boustrophedon"), seed=1)
+    bare = plan_search(plain.replaced(tour="comb"), seed=1)
     route = bare.route(0, bare.stops(0)).points
     dense = shapely.get_coordinates(shapely.segmentize(shapely.linestrings(route), 4.0))
     wrong = np.clip(dense + rng.uniform(-1, 1, dense.shape), 0, [300, 200])
