@@ -35,7 +35,7 @@ from shoal.search.regions.projection import LocalFrame
 from shoal.search.simulation.live.radio import LiveTask
 from shoal.search.simulation.scenario import Scenario, scenario_of
 
-FORMAT = "shoal task 1"
+FORMAT = "shoal task 2"
 TASK, KEY, MISSIONS = "task.json", "task.key", "missions"
 """Names in the folder of a prepared search."""
 
@@ -264,6 +264,7 @@ def _derived(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
     if frame is not None:
         degrees = frame.to_degrees(cells[:, :2]).round(7)
         cells = np.column_stack([degrees, cells[:, 2:]])
+    stops = [plan.stops(robot) for robot in range(len(plan.places))]
     told = {
         "geographic": frame is not None,
         "cells": cells.round(7).tolist(),
@@ -271,6 +272,8 @@ def _derived(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
         "starts": plan.starts.tolist(),
         "rates": plan.rates.tolist(),
         "widths": plan.widths.tolist(),
+        "stops": np.concatenate(stops).tolist(),
+        "counts": [len(own) for own in stops],
     }
     if scenario is not None:
         told["allocator"] = scenario.brief.allocator
@@ -281,7 +284,7 @@ def _same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     return all(
         np.shape(one[name]) == np.shape(other[name])
         and np.allclose(one[name], other[name], atol=2e-7, rtol=1e-9)
-        for name in ("cells", "seconds_per_cell", "starts", "rates", "widths")
+        for name in ("cells", "seconds_per_cell", "starts", "rates", "widths", "stops", "counts")
     )
 
 
@@ -348,7 +351,7 @@ def _planned(source: Path, body: dict[str, Any], secret: bytes, *, trust: bool) 
     scenario = scenario_of(problem, plan, body["seed"])
     if not _same(body, _derived(plan, scenario)):
         raise InvalidInputError(
-            f"{source}: expected the cells, starts and speeds in the file, got others from planning"
+            f"{source}: expected the cells, starts, speeds and stops in the file, got others from planning"
             " the search on this computer: use the same version of Shoal on all computers"
         )
     speed = 1.0 / plan.cell_seconds

@@ -329,7 +329,7 @@ def test_each_mistake_is_told_once_for_all_formats(tmp_path, capsys):
     )
     small = {
         "type": "Polygon",
-        "coordinates": [[[x if x == 8.5 else 8.5037, y] for x, y in FIELD["coordinates"][0]]],
+        "coordinates": [[[x if x == 8.5 else 8.503, y] for x, y in FIELD["coordinates"][0]]],
     }
     field.write_text(json.dumps(small))
     capsys.readouterr()

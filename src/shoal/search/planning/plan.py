@@ -206,7 +206,7 @@ class SearchPlan:
     prior_before : float
         Probability with which earlier looks along tracks would have found the target.
     plain_seconds : float, optional
-        Planned time in seconds without the prior, or None without a prior.
+        Planned time in seconds without the prior and without delays, or None without a prior.
     alternatives : tuple of SearchPlan
         The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
@@ -1027,7 +1027,21 @@ def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -
     the `other_angles`.
     """
     plain = _turned_plan(problem, seed) if turned else _plain_plan(problem, seed)
-    return _with_prior(plain, problem)
+    if not problem.prior:
+        return plain
+    # Missions learn their start times from the order, so the order does not depend on these.
+    return _delayed(_with_prior(_delayed(plain, -plain.delays), problem), plain.delays)
+
+
+def _delayed(plan: SearchPlan, seconds: NDArray[np.float64]) -> SearchPlan:
+    """Return a plan whose robots depart so many seconds later."""
+    times = plan.allocation.times + seconds / plan.cell_seconds
+    return replace(
+        plan,
+        delays=plan.delays + seconds,
+        allocation=replace(plan.allocation, times=times),
+        flown={},
+    )
 
 
 def _plain_plan(problem: SearchProblem, seed: int) -> SearchPlan:
