@@ -29,11 +29,11 @@ _METRES = 111_194.9  # per degree of latitude, and of longitude at the equator
 
 @dataclass(frozen=True)
 class Case:
-    """One command, its aim in CPU seconds, and the region that it reads."""
+    """One command, its aim in CPU seconds (0 if it is there to be compared), and its region."""
 
     aim: float
     arguments: tuple[str, ...]
-    region: Callable[[], list[np.ndarray]]
+    region: Callable[[], list[np.ndarray]] | str
     zones: Callable[[], list[np.ndarray]] | None = None
 
 
@@ -91,6 +91,9 @@ def flown(robots: int, formats: str) -> tuple[str, ...]:
 
 SIMULATED = ("--robots", "10", "--footprint", "10", "--simulate")
 
+LIKELY = ("--prior", "ring:150,250:0.25=40,0.5=80,0.95=160", "--at-most", "1.25")
+SQUARE = ("--robots", "4", "--footprint", "10", "--starts", "random")
+
 CASES = {
     "field-missions": Case(
         0.7,
@@ -107,6 +110,10 @@ CASES = {
     "zones-1e3-flown": among_zones(1_000, "--vehicle", "multirotor"),
     "zones-1e4": among_zones(10_000),
     "simulated-1e5": Case(10.0, SIMULATED, lambda: lake(100_000, 100)),
+    "square": Case(0.0, SQUARE, "square:400"),
+    "square-prior": Case(0.0, (*SQUARE, *LIKELY), "square:400"),
+    "square-planned": Case(0.0, (*SQUARE, "--no-simulate"), "square:400"),
+    "square-prior-planned": Case(0.0, (*SQUARE, *LIKELY, "--no-simulate"), "square:400"),
     "missions-10": Case(3.0, flown(10, ""), lambda: lake(3_000, 100)),
     "missions-50": Case(10.0, flown(50, "plan"), lambda: lake(3_000, 100)),
 }
@@ -124,9 +131,10 @@ def measure(case: Case, checkout: Path, limit: float) -> tuple[float, dict[str, 
     """Return the CPU seconds of a case with the code of a checkout, and what it printed."""
     with tempfile.TemporaryDirectory() as folder:
         at = Path(folder)
-        region = at / "region.geojson"
-        write(case.region(), region)
-        arguments = ["search", str(region), *case.arguments, "--json"]
+        region = case.region if isinstance(case.region, str) else str(at / "region.geojson")
+        if not isinstance(case.region, str):
+            write(case.region(), Path(region))
+        arguments = ["search", region, *case.arguments, "--json"]
         if case.zones is not None:
             write(case.zones(), at / "zones.geojson")
             arguments += ["--no-go", str(at / "zones.geojson")]
@@ -159,7 +167,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=300.0, help="longest wall time of a case, s")
     options = parser.parse_args()
     checkouts = [ROOT] if options.beside is None else [options.beside.resolve(), ROOT]
-    print(f"{'':<18} {'aim':>5}" + "".join(f"{checkout.name:>28}" for checkout in checkouts))
+    print(f"{'':<20} {'aim':>5}" + "".join(f"{checkout.name:>28}" for checkout in checkouts))
     for name in options.cases or CASES:
         case = CASES[name]
         words = ""
@@ -172,7 +180,7 @@ def main() -> None:
                 words += f"{used:>9.2f} s, makespan {report['makespan_s']:>7.0f}"
             except subprocess.TimeoutExpired:
                 words += f"{f'over {options.limit:.0f} s':>28}"
-        print(f"{name:<18} {case.aim:>5.1f}{words}", flush=True)
+        print(f"{name:<20} {case.aim or '':>5}{words}", flush=True)
 
 
 if __name__ == "__main__":

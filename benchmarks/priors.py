@@ -6,7 +6,8 @@ is the same everywhere. Robots start at random or clustered places and are simul
 protocol.
 
 With the detection 1, both times come from the first searches of all cells (visits.csv), and the
-probabilities from the prior itself. With another ``--detection``, targets are drawn and looked for in
+probabilities from the prior itself. Beside them stands a central greedy plan without messages, whose
+robots go on to the cell with the largest probability over distance. With another ``--detection``, targets are drawn and looked for in
 all searches of their squares, again and again, until one search detects them.
 
 With ``--drifts N``, targets move. Of three seeded priors, one is a mixture of normal distributions, one
@@ -102,6 +103,25 @@ def judged(episode: SearchEpisode, values: Floats) -> tuple[float, float]:
     return float(odds @ visits.times), float(visits.times.max())
 
 
+def greedy(starts: Floats, values: Floats) -> tuple[float, float]:
+    """Return the expected time to find and the time of the last search, in seconds, if each robot
+    goes on to the cell with the largest probability over distance, from ``starts`` in metres.
+    """
+    middles = (np.arange(SIDE) + 0.5) * CELL
+    cells = np.column_stack([axis.ravel() for axis in np.meshgrid(middles, middles[::-1])])
+    odds = values.ravel()
+    likely = odds + 1e-6 * odds.max()
+    places, busy, first = starts.copy(), np.zeros(len(starts)), np.full(len(cells), np.inf)
+    for _ in cells:
+        robot = int(busy.argmin())
+        away = np.hypot(*(cells - places[robot]).T)
+        open_ = np.where(np.isinf(first), likely / np.maximum(away, 1e-3 * CELL), -1.0)
+        cell = int(open_.argmax())
+        busy[robot] += away[cell] / SPEED
+        first[cell], places[robot] = busy[robot], cells[cell]
+    return float(odds @ first), float(busy.max())
+
+
 def repeated(
     episode: SearchEpisode,
     values: Floats,
@@ -162,8 +182,11 @@ def compare(numbers: Iterable[int], limits: list[float], detection: float, count
 
             problem = problem_of(number)
             begun = time.process_time()
-            before, plain = judge(run(problem, seed=number))
+            without = run(problem, seed=number)
+            before, plain = judge(without)
             spent = time.process_time() - begun
+            starts = without.plan.positions(without.plan.starts)[:, :2]
+            other, latest = greedy(starts, values) if detection == 1 else (np.nan, np.nan)
             for at_most in limits:
                 likely = problem.replaced(prior=(str(file),), at_most=at_most, detection=detection)
                 begun = time.process_time()
@@ -173,7 +196,9 @@ def compare(numbers: Iterable[int], limits: list[float], detection: float, count
                 stated = (episode.expected_find or 0.0) / after
                 success = episode.success.probability if episode.success else 0.0
                 for name in ("all", family):
-                    row = (after / before, last / plain, cost, success, stated)
+                    row: tuple[float, ...] = (after / before, last / plain, cost, success, stated)
+                    if detection == 1:
+                        row = (*row, other / before, latest / plain)
                     found.setdefault((name, at_most), []).append(row)
     return found
 
@@ -240,7 +265,9 @@ def main() -> None:
         return
     numbers = range(options.first, options.first + options.priors)
     found = compare(numbers, options.at_most, options.detection, options.targets)
-    show(found, ["CPU", "probability of success", "stated time over judged"])
+    columns = ["CPU", "probability of success", "stated time over judged"]
+    beside = ["greedy: time to find", "time for all"] if options.detection == 1 else []
+    show(found, [*columns, *beside])
 
 
 if __name__ == "__main__":

@@ -583,9 +583,12 @@ class RegionPaths:
 
     @cached_property
     def _portal_graph(self) -> PortalGraph:
-        region = self.grid.region
+        region, size = self.grid.region, self.grid.size
         if not region.restricted:
             return PortalGraph(self.grid)
-        return PortalGraph(
-            cells_of(without_margin(replace(region, outline=region.free, looks=())), self.grid.size)
-        )
+        known = region.for_paths  # all grids of the region with cells of this size share it
+        if ("portals", size) not in known:
+            free = without_margin(replace(region, outline=region.free, looks=()))
+            known["portals", size] = PortalGraph(cells_of(free, size))
+        graph: PortalGraph = known["portals", size]
+        return graph

@@ -176,7 +176,7 @@ class SearchRegion:
         return grown
 
     @cached_property
-    def for_paths(self) -> dict[str, Any]:
+    def for_paths(self) -> dict[Any, Any]:
         """Cache of what depends on ``free`` and ``bends`` alone. A region of which robots see less
         shares it.
         """
