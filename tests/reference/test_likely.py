@@ -11,7 +11,7 @@ from tests.properties.search_scenarios import random_scenario
 
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.allocate import numbers_of
-from shoal.search.allocation.likely import _joined
+from shoal.search.allocation.likely import _UNLIKELY, _joined
 from shoal.search.protocol.helping import Run, _best_run
 from shoal.search.protocol.state import Brief, Robot
 
@@ -81,6 +81,37 @@ def test_small_searches_are_nearly_the_best_of_all_orders(seed):
             total += time * tour_cost.odds[cell]
         best = min(best, total)
     assert best - 1e-9 <= found <= 1.05 * best
+
+
+def greedily_searched_at(tour_cost, starts, rates):
+    """Return when each cell is searched if robots go on to the cell with the largest probability
+    over the time that it takes.
+    """
+    n, m = len(tour_cost), len(starts)
+    points, weights = tour_cost.points, tour_cost.odds + _UNLIKELY / n
+    times, ready, here = np.full(n, np.inf), np.zeros(m), [None] * m
+    for _ in range(n):
+        robot = int(np.argmin(ready / rates))
+        left = np.flatnonzero(np.isinf(times))
+        if here[robot] is None:
+            ways = [1.0 + float(np.linalg.norm(points[k] - points[starts[robot]])) for k in left]
+        else:
+            ways = [1.0 + tour_cost.way(here[robot], k) for k in left.tolist()]
+        chosen = int(np.argmax(weights[left] / ways))
+        here[robot] = int(left[chosen])
+        ready[robot] += ways[chosen]
+        times[here[robot]] = ready[robot] / rates[robot]
+    return times
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_search_is_later_than_a_greedy_one(seed):
+    tour_cost, starts, rates = random_case(seed)
+    tour_cost = replace(tour_cost, at_most=5.0)
+    ordered = allocate(tour_cost, starts, rates=rates)
+    found, _ = searched_at(tour_cost, ordered, tour_cost.points[starts], rates)
+    greedy = greedily_searched_at(tour_cost, starts, rates)
+    assert tour_cost.odds @ found <= tour_cost.odds @ greedy + 1e-2
 
 
 def test_blocks_of_a_long_tour_are_searched_whole_and_early_where_it_is_likely():

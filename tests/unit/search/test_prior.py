@@ -383,7 +383,7 @@ def test_times_of_moving_targets_are_those_of_many_simulated_ones(tmp_path, fiel
     problem = drifting(tmp_path, **fields)
     episode = run(problem, seed=1)
     assert episode.status == "complete"
-    plan, rng, count = episode.plan, np.random.default_rng(5), 4000
+    plan, rng, count = episode.plan, np.random.default_rng(5), 20_000
     _, values = corner(tmp_path)
     rows, columns = np.divmod(rng.choice(100, size=count, p=values.ravel()), 10)
     begins = (np.column_stack([columns, 9 - rows]) + rng.random((count, 2))) * 10

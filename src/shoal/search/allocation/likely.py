@@ -17,7 +17,7 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 6  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 1_000  # at most; twice as many as blocks in small searches
+_KICKS = 500  # at most; twice as many as blocks in small searches
 _WIDEST = 50  # blocks of two stretches that a kick exchanges
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3

@@ -129,6 +129,16 @@ def _is_open(blocks, one, other):
 
 
 @kernel
+def _distance(blocks, one, other):
+    """Return the straight distance of two cells, in cell sides."""
+    total = 0.0
+    for k in range(blocks.points.shape[1]):
+        gap = blocks.points[one, k] - blocks.points[other, k]
+        total += gap * gap
+    return np.sqrt(total)
+
+
+@kernel
 def step_time(blocks, one, other):
     """Return the time in cells from the search of one cell to the search of another.
 
@@ -140,11 +150,7 @@ def step_time(blocks, one, other):
         return blocks.costs[other]
     if one == (other + 1) % n:
         return blocks.costs[one]
-    total = 0.0
-    for k in range(blocks.points.shape[1]):
-        gap = blocks.points[one, k] - blocks.points[other, k]
-        total += gap * gap
-    way = np.sqrt(total)
+    way = _distance(blocks, one, other)
     if way > 1.5 and not _is_open(blocks, one, other):
         way = 3.0 * way + np.sqrt(n)
     return max(way, 1.0) + blocks.leaving
@@ -484,14 +490,56 @@ def _kick(blocks, routes, state, widest):
 
 
 @kernel
+def _ends_in_time(routes, ends):
+    """Return whether all routes end by given times."""
+    for r in range(routes.counts.shape[0]):
+        if _last(routes, r) > ends[r] + 1e-9:
+            return False
+    return True
+
+
+@in_place_kernel
+def _go_on_greedily(blocks, routes):
+    """Make new routes: whenever a robot is ready, it goes on to the block with the largest
+    probability over the time that the block takes with the way to it.
+    """
+    routes.counts[:] = 0
+    routes.awake[:] = True  # those that no robot has yet
+    for _ in range(blocks.times.shape[0]):
+        r = 0
+        for other in range(1, routes.counts.shape[0]):
+            if _last(routes, other) / routes.rates[other] < _last(routes, r) / routes.rates[r]:
+                r = other
+        i, ready = routes.counts[r], _last(routes, r)
+        chosen, most = -1, 0.0
+        for block in range(blocks.times.shape[0]):
+            if not routes.awake[block]:
+                continue
+            weight, time = blocks.weights[block], blocks.times[block]
+            for item in range(2 * block, 2 * block + 2):
+                if i and chosen >= 0:
+                    here = _end(blocks, routes.order[r, i - 1])
+                    if weight <= most * (_distance(blocks, here, _begin(blocks, item)) + time):
+                        continue
+                way = _arrival(blocks, routes, r, i, item) - ready
+                if chosen < 0 or weight > most * (way + time):
+                    chosen, most = item, weight / (way + time)
+        routes.order[r, i] = chosen
+        routes.counts[r] += 1
+        _sum_up(blocks, routes, r, i, i)
+        routes.awake[chosen // 2] = False
+    routes.awake[:] = True
+
+
+@kernel
 def improve(blocks, routes, longest, kicks, widest):
     """Change routes so that their weighted latency falls, and return it.
 
     The changes: to turn a stretch round, to move up to ``longest`` blocks elsewhere on their route
     or to another robot, and to exchange the rest of two routes. In each, a block comes to follow
-    one that is near it. Where none of these lowers the latency, two neighbouring stretches of up to
-    ``widest`` blocks are exchanged, and what follows is taken back unless it ends below: an iterated
-    local search of so many ``kicks``.
+    one that is near it. Greedy routes are changed likewise, and the better ones kept. Then two
+    neighbouring stretches of up to ``widest`` blocks are exchanged, and what follows is taken back
+    unless it ends below: an iterated local search of so many ``kicks``.
     """
     m = routes.counts.shape[0]
     for r in range(m):
@@ -506,15 +554,14 @@ def improve(blocks, routes, longest, kicks, widest):
     for r in range(m):
         ends[r] = max(routes.limits[r], _last(routes, r))
     state = np.full(1, 1, dtype=np.uint64)
-    for _ in range(kicks):
-        if not _kick(blocks, routes, state, widest):
+    for kick in range(-1, kicks):
+        if kick < 0:
+            _go_on_greedily(blocks, routes)
+        elif not _kick(blocks, routes, state, widest):
             continue
         _descend(blocks, routes, longest, least)
         found = _latency(routes)
-        kept = found < best - least
-        for r in range(m):
-            kept = kept and _last(routes, r) <= ends[r] + 1e-9
-        if kept:
+        if found < best - least and _ends_in_time(routes, ends):
             best = found
             order[:] = routes.order
             counts[:] = routes.counts
