@@ -20,7 +20,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from shoal.cli.demo import retina
+from shoal.swarm.maps.imaging.samples import retina
 
 ROOT = Path(__file__).parent.parent
 COMMANDS = {

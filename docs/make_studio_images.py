@@ -16,11 +16,47 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageOps
 from playwright.sync_api import Page, sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
+CARDS = Path(__file__).parents[1] / "src/shoal/studio/static/places/welcome"
+CARD = 480, 300  # pixels of the picture of an example
 COLOURS = 128  # of the pictures kept: what is on the pages has few
+
+
+def start(page: Page) -> None:
+    page.get_by_role("link", name="Start").click()
+    page.locator(".welcome .card img").last.wait_for()
+
+
+def make_cards(page: Page) -> None:
+    """Take the pictures of the examples on the first page."""
+    for number in range(page.locator(".welcome .card").count()):
+        start(page)
+        card = page.locator(".welcome .card").nth(number)
+        file = CARDS / Path(card.locator("img").get_attribute("src") or "").name
+        card.click()
+        if file.stem == "race":
+            page.wait_for_selector(".pad:not([hidden])")
+            for key in ["ArrowLeft", "ArrowDown", "ArrowRight", "ArrowUp"] * 6:
+                page.keyboard.press(key)
+        else:
+            page.locator(".panel:not([hidden]) .exports").wait_for(timeout=60_000)
+        page.wait_for_timeout(2500)
+        frame = page.locator(".panel:not([hidden]) .frames iframe:not([hidden])")
+        inside = frame.element_handle().content_frame()
+        assert inside is not None
+        inside.evaluate("document.querySelector('.cut')?.remove()")
+        if file.stem in ("field", "dying"):
+            inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(0.55 * shoalPlayer.length)")
+            page.wait_for_timeout(500)
+        inside.locator("#stage").screenshot(path=file)
+        with Image.open(file) as shot:
+            whole = ImageOps.crop(shot.convert("RGB"), border=12)  # without its round corners
+        ground = whole.getpixel((0, whole.height // 2))
+        picture = ImageOps.pad(whole, CARD, Image.Resampling.LANCZOS, color=ground)
+        picture.quantize(COLOURS).save(file, optimize=True)
 
 
 def vessels(page: Page) -> None:
@@ -128,6 +164,7 @@ particles = { from = 5, to = 40, count = 4, scale = "log" }
 
 
 PAGES: dict[str, Callable[[Page], None]] = {
+    "start": start,
     "vessels": vessels,
     "run": run,
     "race": race,
@@ -142,7 +179,7 @@ PAGES: dict[str, Callable[[Page], None]] = {
     "episodes": episodes,
     "papers": papers,
 }
-KEPT = ("vessels", "compare", "steering", "search", "lab", "papers")
+KEPT = ("start", "vessels", "compare", "steering", "search", "lab", "papers")
 FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
 
 
@@ -169,6 +206,9 @@ def main(folder: Path | None) -> None:
                     page = context.new_page()
                     page.goto(address[0])
                     page.wait_for_selector("body[data-ready]")
+                    if (theme, width) == ("light", 1280):
+                        make_cards(page)
+                        page.reload()
                     for name, show in PAGES.items():
                         show(page)
                         page.wait_for_timeout(800)

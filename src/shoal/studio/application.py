@@ -50,6 +50,7 @@ _TYPES = {
     ".css": "text/css",
     ".html": "text/html",
     ".svg": "image/svg+xml",
+    ".png": "image/png",
 }
 _STATIC = {
     "static": resources.files("shoal.studio") / "static",
@@ -207,7 +208,7 @@ class Studio:
         what = check_choice(what, what="question", choices=QUESTIONS)
         check_request(about, QUESTIONS[what].fields | {"slow": MAYBE_BOOL})
         answer = await self.previews[about.pop("slow", None) is True].ask(what, about)
-        if what in ("sketch", "save", "draw"):
+        if what in ("sketch", "save", "draw", "example"):
             self.tell({"files": True})
         return JSONResponse(answer)
 

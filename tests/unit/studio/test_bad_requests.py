@@ -71,6 +71,8 @@ GOOD = {
         "radio": f"udp:127.0.0.1:{free_port()},127.0.0.1:9",
         "places": True,
     },
+    "example": {"name": "race"},
+    "open": {"file": "a.npz"},
     "papers": {},
     "lab-forms": {},
     "sweeps": {},

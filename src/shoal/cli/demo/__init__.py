@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import check_integer, shape_text, shortened
-from shoal.core.errors import InvalidInputError, MissingExtraError
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from shoal.core.errors import InvalidInputError
 
 EXAMPLE = "Example: shoal demo --out demo"
 
@@ -72,6 +68,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import find_vessels, map_of_vessels
+    from shoal.swarm.maps.imaging.samples import retina
     from shoal.swarm.run import run
     from shoal.views.swarm.figures import beside, overlay_picture, save_picture
 
@@ -106,18 +103,3 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     print_table(
         rows, title="Mapping of the vessels of an eye", written=[path.resolve() for path in written]
     )
-
-
-def retina() -> NDArray[np.uint8]:
-    """Return the photograph of a retina that scikit-image contains, as a uint8 array of shape
-    (1411, 1411, 3).
-    """
-    try:
-        from skimage import data
-    except ImportError:
-        raise MissingExtraError(
-            "the demo needs scikit-image: pip install 'shoal[imaging]'"
-        ) from None
-    # scikit-image gives no types
-    photograph: NDArray[np.uint8] = data.retina()  # type: ignore[no-untyped-call]
-    return photograph

@@ -16,7 +16,7 @@ from shoal.core.checks import check_choice
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import ShoalError, describe_error
 from shoal.core.files import as_json
-from shoal.studio.answers import files, lab, search, steering, vessels, watch
+from shoal.studio.answers import files, lab, search, steering, vessels, watch, welcome
 from shoal.studio.folder import Folder
 from shoal.studio.forms import sweep_forms
 from shoal.studio.requests import (
@@ -117,6 +117,8 @@ QUESTIONS: dict[str, Question] = {
     "watch": Question(
         watch.watch, {"task": TEXT, "radio": TEXT, "places": MAYBE_BOOL, "ends": MAYBE_BOOL}
     ),
+    "example": Question(welcome.example, {"name": TEXT}),
+    "open": Question(welcome.open_, {"file": TEXT}),
     "papers": Question(files.papers, {}),
     "lab-forms": Question(sweep_forms, {}),
     "sweeps": Question(lab.sweeps, {}),

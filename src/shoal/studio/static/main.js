@@ -7,8 +7,9 @@ import { papers } from "./places/papers.js";
 import { search } from "./places/search.js";
 import { steering } from "./places/steering.js";
 import { vessels } from "./places/vessels.js";
+import { welcome } from "./places/welcome.js";
 
-const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], search: ["Search", search], lab: ["Lab", lab], papers: ["Papers", papers] };
+const PLACES = { start: ["Start", welcome], vessels: ["Vessels", vessels], steering: ["Steering", steering], search: ["Search", search], lab: ["Lab", lab], papers: ["Papers", papers] };
 const opened = new Map();
 const $ = (id) => document.getElementById(id);
 
@@ -37,7 +38,7 @@ function readAddress() {
   try {
     told_ = given ? JSON.parse(decodeURIComponent(given)) : null;
   } catch { /* a damaged link opens the place as it begins */ }
-  return [Object.hasOwn(PLACES, place) ? place : "vessels", told_];
+  return [Object.hasOwn(PLACES, place) ? place : "start", told_];
 }
 
 let here = null;
@@ -72,6 +73,7 @@ const show = guarded(async () => {
   }
   if (kept !== undefined && given === null) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
   await room.open(given !== null && JSON.stringify(given) === kept ? null : given);
+  if (given?.run) await room.run();
 });
 
 // ---- undo, in every place that has it ----

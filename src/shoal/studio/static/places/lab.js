@@ -27,6 +27,7 @@ export function lab({ remember }) {
       if (given?.toml || given?.draft) draft.begin(given);
       if (given?.store) list.choose(given.store, given.sweep, given.measure);
       stages.pick(Object.hasOwn(rooms, given?.tab) ? given.tab : given?.draft ? "new" : current);
+      if (given?.episode) await shelf.watch(given.episode);
     },
   };
 }

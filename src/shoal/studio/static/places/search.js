@@ -374,12 +374,13 @@ export function search({ remember }) {
     title: "Search",
     history,
     open(given) {
-      if (begun && !given?.problem) return;
+      if (begun && !given?.problem && !given?.run) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
       begun = true;
       if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
     },
+    run: simulate.play,
   };
 }

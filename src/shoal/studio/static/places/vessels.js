@@ -437,6 +437,8 @@ export function vessels({ remember }) {
       stages.pick("map");
       const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
       put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
+      if (Object.hasOwn(panels, given.stage)) stages.pick(given.stage);
     },
+    run: () => (panels.race.hidden ? play() : races.start()),
   };
 }

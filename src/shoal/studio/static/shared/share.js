@@ -12,7 +12,8 @@ const FORMATS = [
   ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"], ["pdf", "Figure", "PDF"], ["mp4", "Film", "MP4"], ["gif", "Film", "GIF"], ["html", "Player page", "HTML"],
 ];
 
-const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
+/** The page of each part. */
+export const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
 
 /** The address of a place with a problem and its seed. */
 export const placeOf = (kind, problem, seed) => `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify({ problem, seed }))}`;

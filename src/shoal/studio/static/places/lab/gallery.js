@@ -2,7 +2,7 @@
 import { ask, listed, newest, on } from "../../shared/api.js";
 import { el, guarded, number } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { exports } from "../../shared/share.js";
+import { exports, PLACES, placeOf } from "../../shared/share.js";
 
 const AT_ONCE = 24;
 
@@ -21,7 +21,7 @@ export function gallery() {
 
   function card(file) {
     const picture = el("div.picture", {}), words = el("span", {}, "");
-    const made = el("li", {}, el("button.card", { type: "button", onclick: guarded(() => watch(file)) }, picture, el("b", {}, file.name), words));
+    const made = el("li", {}, el("button.card", { type: "button", onclick: guarded(() => watch(file.name)) }, picture, el("b", {}, file.name), words));
     made.fetch = async () => {
       try {
         const found = await ask("picture", { file: file.name, slow: true });
@@ -57,15 +57,16 @@ export function gallery() {
   }));
 
   async function watch(file) {
-    const { part, data, sentence } = await ask("page", { file: file.name });
+    const { part, data, sentence, problem, seed } = await ask("page", { file });
     frames[part] ??= new PlayerFrame(part, { title: "The episode" });
     stage.hidden = false;
-    stage.replaceChildren(el("div.stageHead", {}, el("h2", {}, file.name), el("p", {}, sentence), exports(file.name),
+    stage.replaceChildren(el("div.stageHead", {}, el("h2", {}, file), el("p", {}, sentence), exports(file),
+      PLACES[problem.kind] ? el("a.second.link", { href: placeOf(problem.kind, problem, seed ?? 0) }, "Its settings") : [],
       el("button.second", { type: "button", onclick: () => { stage.hidden = true; stage.replaceChildren(); } }, "Close")), frames[part].element);
     await frames[part].open(data);
     stage.scrollIntoView({ block: "start" });
   }
 
   on("files", () => { if (grid.checkVisibility()) draw(); });
-  return { element: el("div.shelf", {}, stage, el("div.actions", {}, el("label", { htmlFor: search.id }, "Find"), search, word), grid, more), open: () => draw() };
+  return { element: el("div.shelf", {}, stage, el("div.actions", {}, el("label", { htmlFor: search.id }, "Find"), search, word), grid, more), open: () => draw(), watch };
 }

@@ -120,7 +120,7 @@ export function simulation({ ready, question, fields, set, open, visible, said }
   });
 
   return {
-    go, word, bar,
+    go, word, bar, play,
     children: [el("div.stageHead", {}, el("span.slider", {}, el("label", { htmlFor: "searchLoss" }, "Messages lost"), loss, lossWord), robots, keep), faults, el("div.stageHead", {}, result), frame.element, empty],
     refresh,
     /** Play the form as it is now, if something is played. */

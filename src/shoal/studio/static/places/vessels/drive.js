@@ -83,5 +83,5 @@ export function driving({ names, problem, seed, current }) {
     el("div.stageHead", {}, el("label", { htmlFor: "rival" }, "Against"), rivals, go, mine.element, theirs.element),
     aged.element, verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: your swarm and the swarm of the policy start in the same cells."), pad,
     el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts show the particles of the policy after as many moves as yours."));
-  return { element, refresh: aged.refresh };
+  return { element, start, refresh: aged.refresh };
 }
