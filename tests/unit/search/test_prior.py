@@ -14,7 +14,7 @@ from shapely import Polygon, box
 
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
-from shoal.missions import MissionOptions, MissionSet
+from shoal.missions import MissionOptions, MissionSet, mission_set
 from shoal.search import SearchProblem, open_region, region_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
@@ -271,6 +271,27 @@ def test_an_episode_holds_its_prior(tmp_path):
     loaded = SearchEpisode.load(tmp_path / "episode.json")
     assert loaded.verify()
     assert loaded.expected_find == episode.expected_find
+    np.testing.assert_array_equal(loaded.plan.tour_cost.odds, episode.plan.tour_cost.odds)
+
+
+def test_an_episode_holds_the_system_of_its_raster(tmp_path):
+    outline = [[7.9, 49.9], [7.902, 49.9], [7.902, 49.902], [7.9, 49.902], [7.9, 49.9]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    # UTM zone 32
+    head = "ncols 4\nnrows 4\nxllcorner 420900\nyllcorner 5527900\ncellsize 100\n"
+    (tmp_path / "grid.asc").write_text(head + "1 2 3 4\n" * 4)
+    (tmp_path / "grid.prj").write_text("EPSG:32632")
+    prior = [str(tmp_path / "grid.asc")]
+    problem = SearchProblem(str(tmp_path / "area.geojson"), robots=1, footprint=40, prior=prior)
+    episode = run(problem, seed=1)
+    assert 0 < episode.plan.prior_inside < 1
+    episode.save(tmp_path / "episode.json")
+    (tmp_path / "grid.asc").unlink()
+    (tmp_path / "grid.prj").unlink()
+    loaded = SearchEpisode.load(tmp_path / "episode.json")
+    assert loaded.verify()
     np.testing.assert_array_equal(loaded.plan.tour_cost.odds, episode.plan.tour_cost.odds)
 
 
@@ -639,6 +660,21 @@ def test_missions_follow_the_prior(tmp_path):
     assert plain.expected_find is None
     odds = likely.plan.tour_cost.odds[_same(likely, plain)]
     assert likely.expected_find < odds @ plain.visits.times
+
+
+@pytest.mark.parametrize(("apart", "late"), [((0,), False), ((60, 30), True)])
+def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apart, late):
+    file, _ = corner(tmp_path)
+    said = []
+    monkeypatch.setattr(mission_set, "tell_once", said.append)
+    launch = ((-5.0, -5.0), (-4.0, -5.0))
+    problem = SearchProblem(**SQUARE, vehicle="multirotor", launch=launch, prior=[file])
+    made = MissionSet.from_problem(problem, MissionOptions(separation=apart), seed=1)
+    limit = 1.25 * made.plan.plain_seconds
+    assert (made.end > limit + 1) == late
+    texts = [text for text in said if text.startswith("at_most")]
+    assert len(texts) == late
+    assert all(f"within {limit:.0f} s" in text for text in texts)
 
 
 def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):

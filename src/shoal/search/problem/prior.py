@@ -630,7 +630,7 @@ def check_priors(value: Any) -> tuple[Any, ...]:
     """
     found: list[Any] = []
     for part in list_of(value):
-        if isinstance(part, dict) and set(part) == {"weight", "name", "data"}:
+        if isinstance(part, dict) and set(part) - {"system"} == {"weight", "name", "data"}:
             check_number(part["weight"], what="prior: weight", above=0)
             name = check_text(part["name"], what="prior: name")
             if Path(name).suffix.lower() not in _FILES:
@@ -638,6 +638,7 @@ def check_priors(value: Any) -> tuple[Any, ...]:
                     f"prior: expected a file {', '.join(_FILES)}, got {shortened(name)}"
                 )
             check_text(part["data"], what="prior: data")
+            check_text(part.get("system", ""), what="prior: system")
             found.append(part)
             continue
         text = check_text(str(part) if isinstance(part, Path) else part, what="prior")
@@ -673,8 +674,9 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
     found: list[tuple[float, Density]] = []
     for part in parts:
         if isinstance(part, dict):
-            content = io.BytesIO(_contents(part))
-            found.append((float(part["weight"]), _read(Path(part["name"]), content, region)))
+            content, source = io.BytesIO(_contents(part)), Path(part["name"])
+            density = _read(source, content, region, part.get("system"))
+            found.append((float(part["weight"]), density))
             continue
         weight, what = _split(part)
         if what.startswith("ring:"):
@@ -815,6 +817,8 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
     """Return the parts of a prior with the contents of files in place of their names."""
     from base64 import b64encode
 
+    from shoal.search.flight.terrain import system_file
+
     found: list[Any] = []
     for part in parts:
         if isinstance(part, dict) or _split(part)[1].startswith("ring:"):
@@ -822,7 +826,11 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
             continue
         weight, what = _split(part)
         content = b64encode(Path(what).read_bytes()).decode()
-        found.append({"weight": weight, "name": Path(what).name, "data": content})
+        part = {"weight": weight, "name": Path(what).name, "data": content}
+        beside = system_file(Path(what))
+        if beside is not None:
+            part["system"] = read_text(beside, what="coordinate reference system")
+        found.append(part)
     return tuple(found)
 
 
@@ -868,7 +876,10 @@ def _ring(text: str, region: SearchRegion) -> DistanceRing:
     return DistanceRing(place, shares, distances)
 
 
-def _read(source: Path, file: Any, region: SearchRegion) -> Density:
+def _read(source: Path, file: Any, region: SearchRegion, system: str | None = None) -> Density:
+    """Return the density in a file, or in its contents. ``system`` is the text of the file that gives
+    its coordinate reference system.
+    """
     suffix = source.suffix.lower()
     if suffix == ".npy":
         return _array(source, file, region)
@@ -877,7 +888,7 @@ def _read(source: Path, file: Any, region: SearchRegion) -> Density:
             file.read().decode() if isinstance(file, io.BytesIO) else read_text(file, what="prior")
         )
         return _features(source, parse_json(text, where=str(source)), region)
-    return _georaster(source, file, region)
+    return _georaster(source, file, region, system)
 
 
 def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
@@ -925,7 +936,7 @@ def _normalised(source: Path, values: Floats) -> Floats:
     return np.asarray(values / total)
 
 
-def _georaster(source: Path, file: Any, region: SearchRegion) -> GeoRaster:
+def _georaster(source: Path, file: Any, region: SearchRegion, system: str | None) -> GeoRaster:
     from shoal.search.flight.terrain import open_grid
 
     if isinstance(file, io.BytesIO):
@@ -934,6 +945,8 @@ def _georaster(source: Path, file: Any, region: SearchRegion) -> GeoRaster:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / source.name
             path.write_bytes(file.getvalue())
+            if system is not None:
+                path.with_suffix(".prj").write_text(system, encoding="utf-8")
             grid = open_grid(path, what="probabilities")
     else:
         grid = open_grid(source, what="probabilities")
