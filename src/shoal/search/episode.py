@@ -382,7 +382,8 @@ class SearchEpisode(Episode):
         A target that stands still is at a place that robots search, and robots repeat the search
         until they find it (`shoal.search.problem.target.Ground.expected_time`). If each search of a
         cell finds a target in it, this is the sum of each cell's probability times its first
-        search. A target that moves and is not found counts as found after the longest time of the
+        search or, of a vehicle, times the mean of when its footprint reaches 4 x 4 places in the
+        cell. A target that moves and is not found counts as found after the longest time of the
         plan, `SearchProblem.at_most` times that without a prior.
         """
         return None if self.success is None else self.success.mean

@@ -8,7 +8,8 @@ from shoal.search import SearchProblem
 from shoal.search.flight.timing import trajectory
 from shoal.search.planning import sightings
 from shoal.search.planning.plan import plan_search
-from shoal.search.planning.sightings import first_seen, sightings_of
+from shoal.search.planning.sightings import first_seen, sightings_of, success_of
+from shoal.search.problem.target import Ground
 
 FIELD = {
     "region": "rectangle:160x100",
@@ -57,6 +58,28 @@ def test_a_vehicle_sees_while_it_searches_and_not_on_its_way_out():
     assert (robots == 0).all()
     assert (times[plan.stops(0), 0] <= own.times + 1e-9).all()
     assert np.isinf(first_seen(plan, [sightings_of(plan, 0, [])], 20.0)[1]).all()
+
+
+@pytest.mark.parametrize("detection", [1.0, 1e-9, 1e-17, 1e-300])
+def test_tiny_detections_have_a_finite_time(detection):
+    """After k looks in vain, of which each finds the target with the tiny probability d, the search
+    begins anew: the mean time is about the period over k d.
+    """
+    ground = Ground(np.array([0.25, 0.75]), np.array([[0], [1]]))
+    looks = ground.looks(np.array([0, 1, 1]), np.array([1.0, 2.0, 3.0]))
+    with np.errstate(all="raise", under="ignore"):
+        mean = ground.expected_time(looks, detection, 10.0)
+    many = 0.25 * 10 / detection + 0.75 * 10 / (2 * detection)
+    assert mean == pytest.approx(1.75 if detection == 1 else many)
+
+
+def test_a_probability_of_success_is_at_most_1():
+    plan = plan_search(SearchProblem(**FIELD, angle=17), seed=1)
+    looks = [sightings_of(plan, robot, plan.stops(robot)) for robot in range(2)]
+    seen = [plan.seen(robot, plan.stops(robot)) for robot in range(2)]
+    success = success_of(plan, looks, seen, view=20.0, detection=1.0, limit=1e4)
+    assert success.probability == pytest.approx(1)
+    assert success.probabilities.max() <= 1
 
 
 def test_long_tracks_are_followed_stop_by_stop(monkeypatch):

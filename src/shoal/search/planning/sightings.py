@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -17,7 +16,7 @@ from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
 from shoal.search.cells.grid import CellGrid
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
-from shoal.search.problem.target import Ground
+from shoal.search.problem.target import Ground, looks_of
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +75,7 @@ def sightings_of(plan: SearchPlan, robot: int, stops: ArrayLike) -> Sightings:
                 for (flight, *_), (start, lasting) in zip(flights, sorties, strict=True)
             ]
             return _passed(flights, begins, plan.positions(cells)[:, :2], plan.grid.size)
-    return Sightings(_by_cost(plan, robot, cells), *none)
+    return Sightings(plan.times_by_cost(robot, cells), *none)
 
 
 def first_seen(
@@ -179,12 +178,7 @@ def success_of(
     """
     ground = plan.ground
     assert ground is not None
-    cells = [np.zeros(0, dtype=np.int64)] + [one for own in seen for one in own]
-    times = [np.zeros(0)] + [
-        np.repeat(own.times, [len(one) for one in stops])
-        for own, stops in zip(sightings, seen, strict=True)
-    ]
-    looks = ground.looks(np.concatenate(cells), np.concatenate(times))
+    looks = looks_of(ground, seen, [own.times for own in sightings])
     moments = looks.times[:, None]
     if isinstance(ground, Ground) and any(len(own.track) for own in sightings):
         # vehicles first see parts of a cell on their way, before they are at a stop
@@ -196,18 +190,10 @@ def success_of(
     # the mean is linear in the times
     mean = ground.expected_time(replace(looks, times=moments.mean(axis=1)), detection, limit)
     return Success(
-        moments.ravel()[order], np.cumsum(parts[order]), mean if len(found) and mean < inf else None
+        moments.ravel()[order],
+        np.minimum(np.cumsum(parts[order]), 1.0),  # rounded sums exceed 1
+        mean if len(found) and mean < inf else None,
     )
-
-
-def _by_cost(plan: SearchPlan, robot: int, cells: NDArray[np.int64]) -> Floats:
-    """Return the times of looks by the costs of cells."""
-    tour_cost = plan.tour_cost
-    way = plan.route(robot, cells[:1])
-    first = float(plan.leg_lengths(way.points[: way.stops[1] + 1]).sum()) / plan.grid.size
-    steps = [1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())]
-    moments = np.cumsum([first + 1.0, *steps]) / plan.rates[robot]
-    return np.asarray(plan.seconds(0.0) + plan.delays[robot] + moments * plan.cell_seconds)
 
 
 def _passed(

@@ -826,11 +826,13 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
             continue
         weight, what = _split(part)
         content = b64encode(Path(what).read_bytes()).decode()
-        part = {"weight": weight, "name": Path(what).name, "data": content}
         beside = system_file(Path(what))
-        if beside is not None:
-            part["system"] = read_text(beside, what="coordinate reference system")
-        found.append(part)
+        system = (
+            {}
+            if beside is None
+            else {"system": read_text(beside, what="coordinate reference system")}
+        )
+        found.append({"weight": weight, "name": Path(what).name, "data": content} | system)
     return tuple(found)
 
 
