@@ -262,7 +262,7 @@ class SearchPlan:
         """Angle of the footprints' sides in degrees, or `TURNING` along a line."""
         return (
             TURNING
-            if isinstance(self.grid, CellGrid) and isinstance(self.grid.lattice, LineLattice)
+            if isinstance(layers_of(self.grid)[0].lattice, LineLattice)
             else self.grid.angle
         )
 

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
-from shoal.search.cells.grid import CellGrid
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.target import Ground, looks_of
@@ -85,7 +84,9 @@ def first_seen(
     when, in seconds (or infinity); int64 and float64, shape (N, fine**2).
 
     A vehicle sees the square of side ``view``, in metres, while it searches, also between its
-    stops, and not on its ways out and home. Layers and robots without a vehicle have no such track.
+    stops, and not on its ways out and home. Looks at the same ground from one altitude, as of several
+    passes and of second looks, are all seen. Searches at several altitudes and robots without a
+    vehicle have no such track.
 
     Parameters
     ----------
@@ -101,13 +102,13 @@ def first_seen(
 
     n, facing = len(plan.tour_cost), plan.facing
     robots, times = np.full(n * fine**2, -1, dtype=np.int64), np.full(n * fine**2, inf)
-    if isinstance(plan.grid, CellGrid) and any(len(own.track) for own in sightings):
+    if len(set(plan.altitudes)) == 1 and any(len(own.track) for own in sightings):
         # along a line, footprints turn
         angle, norm = (facing, inf) if isinstance(facing, float) else (0.0, 2.0)
         axes = unit_vectors(np.radians(np.array([angle, angle + 90.0]))).T
         steps = ((np.arange(fine) + 0.5) / fine - 0.5) * plan.grid.size
         within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        places = (plan.positions(np.arange(n)) @ axes)[:, None] + within
+        places = (plan.positions(np.arange(n))[:, :2] @ axes)[:, None] + within
         tree = KDTree(places.reshape(-1, 2))
         for robot, (own, side) in enumerate(
             zip(sightings, np.broadcast_to(view, len(sightings)), strict=True)
