@@ -339,7 +339,9 @@ class SearchEpisode(Episode):
         """
         robots, times = first_seen(self.plan, self.sightings, self.problem.view)
         robots, times = robots[:, 0], times[:, 0]
-        if self.plan.tour.cells.shape[1] == 3:  # further looks at the same ground count at their stops
+        if (
+            self.plan.tour.cells.shape[1] == 3
+        ):  # further looks at the same ground count at their stops
             further = self.plan.tour.cells[:, 0] > 0
             robots[further], times[further] = -1, inf
         for robot, log in enumerate(self.trace.robots):

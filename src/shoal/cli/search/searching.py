@@ -37,8 +37,18 @@ SEARCH_EXAMPLE = (
 
 
 # fields of what happens during a search, which change no plan
-_SIMULATED = ("loss", "network", "key", "packet", "faults", "crashes", "targets", "false_alarm")
-_SIMULATED += ("simulate", "live")
+_SIMULATED = (
+    "loss",
+    "network",
+    "key",
+    "packet",
+    "faults",
+    "crashes",
+    "targets",
+    "false_alarm",
+    "simulate",
+    "live",
+)
 
 
 @takes_problem(SearchProblem, from_file=True, options=MissionOptions)

@@ -261,9 +261,7 @@ class SearchPlan:
     def facing(self) -> float | str:
         """Angle of the footprints' sides in degrees, or `TURNING` along a line."""
         return (
-            TURNING
-            if isinstance(layers_of(self.grid)[0].lattice, LineLattice)
-            else self.grid.angle
+            TURNING if isinstance(layers_of(self.grid)[0].lattice, LineLattice) else self.grid.angle
         )
 
     @property
