@@ -173,7 +173,7 @@ def main() -> None:
             points = points[shapely.contains_xy(region.area, *points.T)]
             prior = episode.problem.open_prior()
             assert prior is not None
-            weights = sum(weight * density.density(points) for weight, density in prior.parts)
+            weights = sum(weight * density.density(points, step) for weight, density in prior.parts)
             times = first_seen(points, flights, float(plan.grid.angle))
             seen = np.isfinite(times)
             flown = float(weights[seen] @ times[seen] / weights[seen].sum())

@@ -58,6 +58,8 @@ from shoal.search.run import run
 VEHICLE = "multirotor"
 """The vehicle of missions of a search that names none."""
 
+_ROUNDED = 1.0  # second: rounding of times in files
+
 
 class MissionSet:
     """The missions of all robots of a search, on the assumption that no robot has a fault.
@@ -165,7 +167,23 @@ class MissionSet:
             )
         if fenced.margin != widest:
             tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
+        made._tell_if_late()
         return made
+
+    def _tell_if_late(self) -> None:
+        """Tell if the last vehicle is back later than the limit of a plan with a prior."""
+        problem, plan = self.problem, self.plan
+        assert problem is not None
+        assert plan is not None
+        if plan.plain_seconds is None or plan.refusal is not None:
+            return
+        limit = problem.at_most * plan.plain_seconds
+        if self.end > limit + _ROUNDED:
+            tell_once(
+                f"at_most: the missions end after {self.end:.0f} s and not within {limit:.0f} s,"
+                f" {problem.at_most:g} times the plan without the prior, because vehicles wait for"
+                " others that they are kept apart from, or follow the ground"
+            )
 
     def _fastest(self, alternatives: Sequence[SearchPlan], terrain: Terrain | None) -> MissionSet:
         """Return these missions, or those of an alternative plan whose last vehicle is back

@@ -339,6 +339,11 @@ class SearchEpisode(Episode):
         """
         robots, times = first_seen(self.plan, self.sightings, self.problem.view)
         robots, times = robots[:, 0], times[:, 0]
+        if (
+            self.plan.tour.cells.shape[1] == 3
+        ):  # further looks at the same ground count at their stops
+            further = self.plan.tour.cells[:, 0] > 0
+            robots[further], times[further] = -1, inf
         for robot, log in enumerate(self.trace.robots):
             if robot + 1 in self.liars or not log.cells.size:
                 continue
@@ -382,7 +387,8 @@ class SearchEpisode(Episode):
         A target that stands still is at a place that robots search, and robots repeat the search
         until they find it (`shoal.search.problem.target.Ground.expected_time`). If each search of a
         cell finds a target in it, this is the sum of each cell's probability times its first
-        search. A target that moves and is not found counts as found after the longest time of the
+        search or, of a vehicle, times the mean of when its footprint reaches 4 x 4 places in the
+        cell. A target that moves and is not found counts as found after the longest time of the
         plan, `SearchProblem.at_most` times that without a prior.
         """
         return None if self.success is None else self.success.mean

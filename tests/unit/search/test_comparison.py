@@ -74,7 +74,19 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "more", [["--missions", "m"], ["--film", "a.html"], ["--live", "5"], ["--format", "kml"]]
+    "more",
+    [
+        ["--missions", "m"],
+        ["--film", "a.html"],
+        ["--live", "5"],
+        ["--format", "kml"],
+        ["--faults", "crash:1@3"],
+        ["--loss", "0.2"],
+        ["--targets", "3"],
+        ["--crashes", "1"],
+        ["--network", "delay:2"],
+        ["--simulate"],
+    ],
 )
 def test_a_comparison_flies_nothing(more, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

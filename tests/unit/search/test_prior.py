@@ -10,15 +10,16 @@ from math import exp
 import numpy as np
 import pytest
 from scipy.io import netcdf_file
+from shapely import Polygon, box
 
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
-from shoal.missions import MissionOptions, MissionSet
-from shoal.search import SearchProblem, open_region
+from shoal.missions import MissionOptions, MissionSet, mission_set
+from shoal.search import SearchProblem, open_region, region_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
 from shoal.search.planning.plan import SearchPlan, plan_search
-from shoal.search.problem.prior import DistanceRing, open_prior
+from shoal.search.problem.prior import DistanceRing, Raster, Segments, Spread, open_prior
 from shoal.search.run import run
 
 SQUARE = {"region": "square:100", "robots": 2, "footprint": 10}
@@ -67,12 +68,129 @@ def test_a_ring_has_its_quantiles():
     step = 4.0
     axis = np.arange(-3000, 3000, step) + step / 2
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    masses = ring.density(points) * step**2
+    masses = ring.density(points, step) * step**2
     away = np.linalg.norm(points, axis=1)
     for share, distance in ((0.25, 100), (0.5, 300), (0.9, 900)):
         assert masses[away <= distance].sum() == pytest.approx(share, abs=0.01)
     slope = 0.4 / 600
     assert masses[away > 1500].sum() == pytest.approx(0.1 * exp(-600 * slope / 0.1), abs=0.003)
+
+
+def drawn_from(part, rng, count=200_000):
+    """Return random places of targets, by the definition of a part."""
+    if isinstance(part, DistanceRing):
+        shares, distances = np.append(0, part.shares), np.append(0, part.distances)
+        share = rng.random(count)
+        away = np.interp(share, shares, distances)
+        slope = (shares[-1] - shares[-2]) / (distances[-1] - distances[-2])
+        rest = 1 - shares[-1]
+        beyond = share > shares[-1]
+        away[beyond] -= np.log((1 - share[beyond]) / rest) * rest / slope
+        angle = rng.uniform(0, 2 * np.pi, count)
+        return part.middle + away[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if isinstance(part, Spread):
+        own = rng.choice(len(part.weights), count, p=part.weights)
+        return part.points[own] + part.spreads[own, None] * rng.normal(size=(count, 2))
+    if isinstance(part, Segments):
+        own = rng.choice(len(part.weights), count, p=part.weights)
+        corners = np.array([shape.bounds for shape in part.shapes])[own]
+        return corners[:, :2] + rng.random((count, 2)) * (corners[:, 2:] - corners[:, :2])
+    own = rng.choice(part.values.size, count, p=part.values.ravel())
+    row, column = np.divmod(own, part.values.shape[1])
+    inner = rng.random((count, 2))
+    return np.column_stack(
+        [
+            part.west + (column + inner[:, 0]) * part.sides[0],
+            part.north - (row + inner[:, 1]) * part.sides[1],
+        ]
+    )
+
+
+def spike(size):
+    values = np.zeros((size, size))
+    values[size // 3, size // 2], values[0, 0] = 0.7, 0.3
+    return values
+
+
+def ring(middle, *pairs):
+    shares, distances = np.array(pairs, dtype=float).T
+    return DistanceRing(np.array(middle, dtype=float), shares, distances)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        ring((1, 1), (0.25, 40), (0.5, 60)),  # in the middle of a square
+        ring((0, 0), (0.9, 0.01), (0.95, 60)),  # on a corner
+        ring((1.3, -4.2), (0.01, 39.9), (0.99, 40.1)),  # narrower than a square
+        ring((3, 3), (1, 0.2)),
+        ring((3.1, 2.7), (0.5, 0.2), (0.999, 0.3)),
+        Spread(np.array([[1.0, 1.0], [-20.0, 8.3]]), np.array([0.05, 30.0]), np.array([0.5, 0.5])),
+        Spread(np.array([[5.99, 2.01], [3.0, 3.0]]), np.array([1e-9, 0.7]), np.array([0.4, 0.6])),
+        Segments((box(0.1, 0.1, 0.5, 0.3), box(-40, 7, 60, 7.2)), np.array([0.4, 0.6])),
+        Segments((box(-90.5, -30, 33, 70.5), box(1, 1, 9, 1.5)), np.array([0.7, 0.3])),
+        Raster(spike(200), -100.3, 99.7, (1.0, 1.0)),
+        Raster(spike(1000), -30.0, 30.0, (0.06, 0.07)),
+        Raster(spike(9), -50.0, 50.0, (10.3, 7.7)),
+    ],
+)
+def test_squares_have_the_probability_of_their_ground(part):
+    """However narrow the peaks: no square has more or less than the share of targets in it."""
+    step, half = 2.0, 120
+    axis = np.arange(-half, half) * step + step / 2
+    middles = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    masses = (part.density(middles, step) * step**2).reshape(2 * half, 2 * half)
+    targets = drawn_from(part, np.random.default_rng(1))
+    columns, rows = np.floor(targets / step).astype(int).T + half
+    there = (columns >= 0) & (columns < 2 * half) & (rows >= 0) & (rows < 2 * half)
+    counts = np.zeros((2 * half, 2 * half))
+    np.add.at(counts, (rows[there], columns[there]), 1 / len(targets))
+    assert masses.min() >= 0
+    # far from its middle, a ring counts as straight in each square
+    assert masses.sum() <= 1 + (0.003 if isinstance(part, DistanceRing) else 1e-9)
+    assert masses.sum() == pytest.approx(there.mean(), abs=0.004)
+    assert np.abs(masses - counts).max() < 0.005
+    for size in (8, 60):  # and no larger squares
+        wide = [
+            table.reshape(2 * half // size, size, 2 * half // size, size).sum(axis=(1, 3))
+            for table in (masses, counts)
+        ]
+        assert np.abs(wide[0] - wide[1]).max() < 0.006
+
+
+def test_a_middle_on_a_sample_has_no_more_than_its_share():
+    field = {"region": "square:160", "robots": 1, "footprint": 8, "angle": 0}
+    plans = [
+        plan_search(SearchProblem(**field, prior=[f"ring:{x},71:0.25=20,0.5=40,0.95=75"]), seed=1)
+        for x in (71, 70.7)
+    ]
+    most = 0.25 / 20 * 8 * 4 * np.arcsinh(1) / (2 * np.pi)  # in the middle of a cell
+    for plan in plans:
+        assert 0.5 * most < plan.tour_cost.odds.max() * plan.prior_inside < most
+        assert plan.prior_inside == pytest.approx(0.95, abs=0.03)
+    assert plans[0].prior_inside == pytest.approx(plans[1].prior_inside, abs=0.002)
+
+
+def test_segments_that_cover_a_slanted_region_are_in_it_entirely(tmp_path):
+    outline = [[0, 0], [90, 20], [70, 100], [-10, 60], [0, 0]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    feature = {
+        "type": "Feature",
+        "geometry": {"type": "Polygon", "coordinates": [outline]},
+        "properties": {"probability": 1},
+    }
+    (tmp_path / "prior.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [feature]})
+    )
+    region = region_of(Polygon(outline))
+    for prior, elsewhere in ((str(tmp_path / "prior.geojson"), 0.3), ("ring:40,40:0.9=1", 0.999)):
+        problem = SearchProblem(region, robots=2, footprint=10, prior=[prior], elsewhere=elsewhere)
+        plan = plan_search(problem, seed=1)
+        assert type(plan.prior_inside) is float
+        assert plan.prior_inside == pytest.approx(1, abs=1e-3)
+        assert plan.tour_cost.odds.sum() == pytest.approx(1)
 
 
 def test_segments_points_and_mixtures(tmp_path):
@@ -153,6 +271,27 @@ def test_an_episode_holds_its_prior(tmp_path):
     loaded = SearchEpisode.load(tmp_path / "episode.json")
     assert loaded.verify()
     assert loaded.expected_find == episode.expected_find
+    np.testing.assert_array_equal(loaded.plan.tour_cost.odds, episode.plan.tour_cost.odds)
+
+
+def test_an_episode_holds_the_system_of_its_raster(tmp_path):
+    outline = [[7.9, 49.9], [7.902, 49.9], [7.902, 49.902], [7.9, 49.902], [7.9, 49.9]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    # UTM zone 32
+    head = "ncols 4\nnrows 4\nxllcorner 420900\nyllcorner 5527900\ncellsize 100\n"
+    (tmp_path / "grid.asc").write_text(head + "1 2 3 4\n" * 4)
+    (tmp_path / "grid.prj").write_text("EPSG:32632")
+    prior = [str(tmp_path / "grid.asc")]
+    problem = SearchProblem(str(tmp_path / "area.geojson"), robots=1, footprint=40, prior=prior)
+    episode = run(problem, seed=1)
+    assert 0 < episode.plan.prior_inside < 1
+    episode.save(tmp_path / "episode.json")
+    (tmp_path / "grid.asc").unlink()
+    (tmp_path / "grid.prj").unlink()
+    loaded = SearchEpisode.load(tmp_path / "episode.json")
+    assert loaded.verify()
     np.testing.assert_array_equal(loaded.plan.tour_cost.odds, episode.plan.tour_cost.odds)
 
 
@@ -521,6 +660,21 @@ def test_missions_follow_the_prior(tmp_path):
     assert plain.expected_find is None
     odds = likely.plan.tour_cost.odds[_same(likely, plain)]
     assert likely.expected_find < odds @ plain.visits.times
+
+
+@pytest.mark.parametrize(("apart", "late"), [((0,), False), ((60, 30), True)])
+def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apart, late):
+    file, _ = corner(tmp_path)
+    said = []
+    monkeypatch.setattr(mission_set, "tell_once", said.append)
+    launch = ((-5.0, -5.0), (-4.0, -5.0))
+    problem = SearchProblem(**SQUARE, vehicle="multirotor", launch=launch, prior=[file])
+    made = MissionSet.from_problem(problem, MissionOptions(separation=apart), seed=1)
+    limit = 1.25 * made.plan.plain_seconds
+    assert (made.end > limit + 1) == late
+    texts = [text for text in said if text.startswith("at_most")]
+    assert len(texts) == late
+    assert all(f"within {limit:.0f} s" in text for text in texts)
 
 
 def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):

@@ -36,6 +36,21 @@ SEARCH_EXAMPLE = (
 )
 
 
+# fields of what happens during a search, which change no plan
+_SIMULATED = (
+    "loss",
+    "network",
+    "key",
+    "packet",
+    "faults",
+    "crashes",
+    "targets",
+    "false_alarm",
+    "simulate",
+    "live",
+)
+
+
 @takes_problem(SearchProblem, from_file=True, options=MissionOptions)
 def search(
     problem: SearchProblem,
@@ -166,8 +181,11 @@ def _compare(
     from shoal.search import compare_plans
     from shoal.search.episode import duration_text
 
-    if problem.live is not None:
-        given = given | {"--live": problem.live}
+    given = given | {
+        problem.declarations()[name].flag: getattr(problem, name)
+        for name in _SIMULATED
+        if name in problem.given
+    }
     if given or options.given:
         name = next(iter(given), None) or next(
             options.declarations()[name].flag

@@ -655,12 +655,18 @@ def _wrong_line(text: str, number: int) -> tuple[int, str]:
     return number, text
 
 
+def system_file(source: Path) -> Path | None:
+    """Return the file that gives the coordinate reference system of an ESRI ASCII grid, or None."""
+    beside = source.with_suffix(".prj")
+    return beside if source.suffix.lower() == ".asc" and beside.is_file() else None
+
+
 def _system_beside(source: Path) -> str:
     """Return the coordinate reference system in the ``.prj`` file of an ESRI ASCII grid, or
     `UNSAID` without a ``.prj`` file.
     """
-    beside = source.with_suffix(".prj")
-    if not beside.is_file():
+    beside = system_file(source)
+    if beside is None:
         return UNSAID
     return _check_system(
         source, read_text(beside, what="coordinate reference system", most=100_000).strip()

@@ -12,20 +12,22 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.allocate import Arc
 from shoal.search.cells.grid import CellGrid
 from shoal.search.planning.plan import SearchPlan, knowing, plans_along, with_work
 from shoal.search.problem import SearchProblem
 
 Cells = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 _LEGS = 3  # of a sector search through its middle, before the next three between them
 _ROUNDS = 2
 
 
-def _rows(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
-    """Return the order of a parallel track: rows along the longer side, there and back, from the nearest corner."""
+def _rows(cells: Cells, start: Floats) -> Cells:
+    """Return the order of a parallel track: rows along the longer side, there and back, from the
+    corner nearest to the start.
+    """
     rows, columns = cells.T
     best: tuple[float, Cells] | None = None
     for down in (1, -1):
@@ -40,12 +42,12 @@ def _rows(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
     return best[1]
 
 
-def _columns(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
+def _columns(cells: Cells, start: Floats) -> Cells:
     """Return the order of a creeping line: rows along the shorter side."""
-    return _rows(cells[:, ::-1], start[::-1], likely)
+    return _rows(cells[:, ::-1], start[::-1])
 
 
-def _outward(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
+def _outward(cells: Cells, start: Floats) -> Cells:
     """Return the order of a corridor: along the middle line, and then on both sides of it, farther
     and farther out.
     """
@@ -58,10 +60,10 @@ def _outward(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
     return np.lexsort((back * (1 - 2 * (rank % 2)) * columns, rank))
 
 
-def _square(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
+def _square(cells: Cells, likely: Floats) -> Cells:
     """Return the order of an expanding square around the likeliest cell."""
-    far = int(np.abs(cells - cells[likely]).max())
-    here, way = cells[likely].copy(), np.array([0, 1])
+    here, way = likely.astype(np.int64), np.array([0, 1])
+    far = int(np.abs(cells - here).max())
     path = [here.copy()]
     for leg in range(4 * far + 2):
         for _ in range(leg // 2 + 1):
@@ -71,12 +73,11 @@ def _square(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
     return _passed(cells, np.array(path))
 
 
-def _sectors(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
+def _sectors(cells: Cells, likely: Floats) -> Cells:
     """Return the order of a sector search: three legs through the likeliest cell, each at 60
     degrees to the last, and three more between them. It leaves cells out.
     """
-    middle = cells[likely].astype(np.float64)
-    reach = float(np.hypot(*(cells - middle).T).max())
+    reach = float(np.hypot(*(cells - likely).T).max())
     corners = []
     for turn in range(_ROUNDS):
         first = np.pi / (_LEGS * _ROUNDS) * turn
@@ -84,11 +85,11 @@ def _sectors(cells: Cells, start: NDArray[np.float64], likely: int) -> Cells:
             # out on the other side, and along the circle to the next leg
             angle = first + 2 * np.pi / _LEGS * leg
             out = np.array([np.sin(angle), np.cos(angle)])
-            corners += [middle, middle + reach * out]
+            corners += [likely, likely + reach * out]
             angle += np.pi / _LEGS
-            corners += [middle + reach * np.array([np.sin(angle), np.cos(angle)])]
-    corners.append(middle)
-    path = [middle[None]]
+            corners += [likely + reach * np.array([np.sin(angle), np.cos(angle)])]
+    corners.append(likely)
+    path = [likely[None]]
     for one, other in pairwise(corners):
         steps = int(np.ceil(2 * np.hypot(*(other - one)))) + 1
         path.append(np.linspace(one, other, steps))
@@ -102,7 +103,7 @@ def _passed(cells: Cells, path: Cells) -> Cells:
     return np.array(list(dict.fromkeys(cell for cell in entered if cell is not None)))
 
 
-PATTERNS: dict[str, tuple[Callable[[Cells, NDArray[np.float64], int], Cells], int | None]] = {
+PATTERNS: dict[str, tuple[Callable[[Cells, Floats], Cells], int | None]] = {
     "parallel-track": (_rows, 0),
     "creeping-line": (_columns, 1),
     "corridor": (_outward, 1),
@@ -110,8 +111,9 @@ PATTERNS: dict[str, tuple[Callable[[Cells, NDArray[np.float64], int], Cells], in
     "sector": (_sectors, None),
 }
 """For each pattern, the function that orders the cells of a robot's part, and the axis along which
-parts lie beside each other: 0 across rows, 1 along rows; with None, parts are as compact as they can
-be."""
+parts lie beside each other, 0 across rows and 1 along rows: the function's second argument is the cell
+in which the robot starts. With None, parts are as compact as they can be, and it is the likeliest
+cell."""
 
 
 def pattern_plans(
@@ -137,13 +139,7 @@ def pattern_plans(
     if not isinstance(plan.grid, CellGrid):
         return []
     plan = knowing(plan, problem)
-    found = []
-    for name in PATTERNS:
-        try:
-            found.append((name, with_work(plan, name, _work(plan, name))))
-        except InvalidInputError:
-            continue  # a region with too few rows for the robots
-    return found
+    return [(name, with_work(plan, name, _work(plan, name))) for name in PATTERNS]
 
 
 def _longer_side(problem: SearchProblem) -> float:
@@ -165,11 +161,13 @@ def _work(plan: SearchPlan, name: str) -> list[tuple[Arc, ...]]:
     for robot, own in _parts(cells, cells[plan.starts], plan.rates, everyone, axis):
         if not len(own):
             continue
-        if plan.tour_cost.odds is None:
-            likely = int(np.argmin(np.hypot(*(cells[own] - cells[own].mean(axis=0)).T)))
+        if axis is not None:
+            place = cells[plan.starts[robot]]
+        elif plan.tour_cost.odds is None:
+            place = cells[own[np.argmin(np.hypot(*(cells[own] - cells[own].mean(axis=0)).T))]]
         else:
-            likely = int(np.argmax(plan.tour_cost.odds[own]))
-        order = own[order_of(cells[own], cells[plan.starts[robot]].astype(np.float64), likely)]
+            place = cells[own[np.argmax(plan.tour_cost.odds[own])]]
+        order = own[order_of(cells[own], place.astype(np.float64))]
         work[robot] = _arcs(order, len(cells))
     return work
 

@@ -74,7 +74,7 @@ from shoal.search.planning.orientation import (
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
-from shoal.search.problem.target import Ground, Looks, MovingGround
+from shoal.search.problem.target import Ground, Looks, MovingGround, looks_of
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
@@ -261,9 +261,7 @@ class SearchPlan:
     def facing(self) -> float | str:
         """Angle of the footprints' sides in degrees, or `TURNING` along a line."""
         return (
-            TURNING
-            if isinstance(self.grid, CellGrid) and isinstance(self.grid.lattice, LineLattice)
-            else self.grid.angle
+            TURNING if isinstance(layers_of(self.grid)[0].lattice, LineLattice) else self.grid.angle
         )
 
     @property
@@ -537,6 +535,22 @@ class SearchPlan:
         width = int(self.widths[robot])
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
+    def times_by_cost(self, robot: int, stops: ArrayLike) -> NDArray[np.float64]:
+        """Return when robot number ``robot`` (counted from 0) is at each of its stops, in seconds, by
+        the costs of cells; float64, shape (k,). Times of vehicles are in proportion to those of the
+        whole plan.
+        """
+        numbers = np.asarray(stops, dtype=np.int64).tolist()
+        if not numbers:
+            return np.zeros(0)
+        cost, start = self.tour_cost, int(self.starts[robot])
+        ways = [way_to(cost, numbers[0], cost.points[start], start)]
+        ways += [cost.way(one, other) for one, other in pairwise(numbers)]
+        cells = np.cumsum(np.array(ways) + 1.0) / self.rates[robot] + _late(self, robot, numbers[0])
+        if self.flies:
+            return np.asarray(cells * (self.planned_seconds / self.allocation.makespan))
+        return np.asarray(self.seconds(0.0) + cells * self.cell_seconds)
+
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
         """Return the path of robot ``robot`` (counted from 0) from its start through the cells with
         the given tour indices.
@@ -779,7 +793,7 @@ def _knowing(plan: SearchPlan, problem: SearchProblem, prior: Prior) -> SearchPl
     else:
         ground, inside, before = prior.ground(plan.grid, plan.tour)
         standing = ground
-    odds = standing.shares(len(plan.tour), problem.detection)
+    odds = standing.shares(len(plan.tour), _detection(problem))
     return replace(
         plan,
         tour_cost=replace(plan.tour_cost, odds=odds, at_most=0.0),
@@ -788,6 +802,13 @@ def _knowing(plan: SearchPlan, problem: SearchProblem, prior: Prior) -> SearchPl
         prior_before=before,
         flown={},
     )
+
+
+def _detection(problem: SearchProblem) -> float:
+    """Return the probability that a search of a cell finds a target there, by all robots that must
+    search the cell.
+    """
+    return 1.0 - (1.0 - problem.detection) ** problem.multiplicity
 
 
 def _by_expected_time(
@@ -842,7 +863,7 @@ def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> Sear
     assert plan.tour_cost.odds is not None
     odds, n = plan.tour_cost.odds, len(plan.tour)
     # probability that the look after j others finds the target
-    gains = np.outer((1.0 - problem.detection) ** np.arange(1, _LOOKS), odds)
+    gains = np.outer((1.0 - _detection(problem)) ** np.arange(1, _LOOKS), odds)
     count = min(count, int(np.count_nonzero(gains)))
     if count < 1:
         return None
@@ -867,7 +888,7 @@ def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> Sear
     assert plan.ground is not None
     ground = plan.ground.along(plan.tour, whole.grid, whole.tour)
     same = Ground(odds, np.arange(n)[:, None]).along(plan.tour, whole.grid, whole.tour)
-    odds = same.shares(len(whole.tour), problem.detection)
+    odds = same.shares(len(whole.tour), _detection(problem))
     more = replace(
         plan,
         grid=whole.grid,
@@ -898,7 +919,7 @@ def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
         return _expected_time(found, problem, looks), layout, looks
 
     plans = [
-        tried(ground.still(share * plan.planned_seconds).shares(n, problem.detection), False)
+        tried(ground.still(share * plan.planned_seconds).shares(n, _detection(problem)), False)
         for share in _LATER
     ]
     best = min(plans, key=lambda one: one[0])
@@ -919,25 +940,11 @@ def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
 
 def _looks_of(plan: SearchPlan) -> Looks:
     """Return the looks of a plan at the ground of its prior, with times in seconds."""
-    cost = plan.tour_cost
-    cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-    for robot, place in enumerate(cost.points[plan.starts]):
-        stops = plan.stops(robot)
-        if not len(stops):
-            continue
-        ways = [way_to(cost, int(stops[0]), place, int(plan.starts[robot]))]
-        ways += [cost.way(int(one), int(other)) for one, other in pairwise(stops)]
-        seen = plan.seen(robot, stops)
-        cells += seen
-        moments = np.cumsum(np.array(ways) + 1.0) / plan.rates[robot]
-        times.append(np.repeat(moments, [len(one) for one in seen]))
     assert plan.ground is not None
-    when = np.concatenate(times)
-    if plan.flies:
-        when *= plan.planned_seconds / plan.allocation.makespan
-    else:
-        when = plan.seconds(0.0) + when * plan.cell_seconds
-    return plan.ground.looks(np.concatenate(cells), when)
+    stops = [plan.stops(robot) for robot in range(len(plan.places))]
+    seen = [plan.seen(robot, own) for robot, own in enumerate(stops)]
+    times = [plan.times_by_cost(robot, own) for robot, own in enumerate(stops)]
+    return looks_of(plan.ground, seen, times)
 
 
 def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None = None) -> float:
@@ -965,8 +972,7 @@ def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> Se
     shared = _in_passes(
         plan.tour_cost, allocation, plan.starts, plan.rates, plan.widths, problem.multiplicity
     )
-    plan = replace(plan, allocation=shared)
-    return replace(plan, allocation=replace(shared, times=shared.times + _late(plan)))
+    return _with_delays(replace(plan, allocation=shared))
 
 
 def with_work(plan: SearchPlan, name: str, work: Sequence[tuple[Arc, ...]]) -> SearchPlan:
@@ -979,8 +985,7 @@ def with_work(plan: SearchPlan, name: str, work: Sequence[tuple[Arc, ...]]) -> S
         )
     ]
     allocation = Allocation(name, tuple(work), np.array(times), tuple(work))
-    plan = replace(plan, allocation=allocation, compared=())
-    return replace(plan, allocation=replace(allocation, times=allocation.times + _late(plan)))
+    return _with_delays(replace(plan, allocation=allocation, compared=()))
 
 
 def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
@@ -1171,13 +1176,7 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
     price = (problem.turn_price(own) - own) * plan.cell_seconds
-    if plan.flies:
-        times = [
-            end_of(sorties) - float(delay)
-            for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
-        ]
-    else:
-        times = [plan.seconds(float(cells)) for cells in plan.allocation.times]
+    times = _working_times(plan)
     if price <= 0:
         return max(times, default=0.0)
     return max(
@@ -1203,14 +1202,20 @@ def plans_along(
 
 
 def without_delays(plan: SearchPlan) -> float:
-    """Return the longest time between the departure of a robot and its return, in seconds."""
-    return max(
-        (
-            end_of(sorties) - float(delay)
-            for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
-        ),
-        default=0.0,
-    )
+    """Return the longest time of a robot at work, in seconds."""
+    return max(_working_times(plan), default=0.0)
+
+
+def _working_times(plan: SearchPlan) -> list[float]:
+    """Return the time of each robot in seconds: between its departure and its return or, without a
+    vehicle, until it has searched its part.
+    """
+    if not plan.flies:
+        return [plan.seconds(float(cells)) for cells in plan.allocation.times]
+    return [
+        end_of(sorties) - float(delay)
+        for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
+    ]
 
 
 def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
@@ -1305,7 +1310,7 @@ def _team_plans(
             image=None if problem.image is None else problem.image.scaled(1 / scale),
             flown=flown,
         )
-        plans.append(replace(plan, allocation=replace(shared, times=shared.times + _late(plan))))
+        plans.append(_with_delays(plan))
     return plans
 
 
@@ -1325,16 +1330,24 @@ def _in_passes(
     return in_passes(tour_cost, allocation, tuple(team), tour_cost.points[starts], multiplicity)
 
 
-def _late(plan: SearchPlan) -> NDArray[np.float64]:
-    """Return the time, in cells, that delays and paths from launch points outside the region add to
-    each completion time.
+def _with_delays(plan: SearchPlan) -> SearchPlan:
+    """Return a plan whose completion times contain what robots need before they begin."""
+    late = [
+        _late(plan, robot, int(stops[0]) if len(stops := plan.stops(robot)) else None)
+        for robot in range(len(plan.places))
+    ]
+    times = plan.allocation.times + np.array(late)
+    return replace(plan, allocation=replace(plan.allocation, times=times))
+
+
+def _late(plan: SearchPlan, robot: int, first: int | None) -> float:
+    """Return the time, in cells, that a robot's delay and its path from a launch point outside the
+    region to its first cell add to its times.
     """
-    late = plan.delays / plan.cell_seconds
-    for robot, arcs in enumerate(plan.allocation.work):
-        if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
-            first, start = int(plan.stops(robot)[0]), int(plan.starts[robot])
-            way = plan.ways_out.length(robot + 1, first) - plan.tour_cost.length(start, first)
-            late[robot] += way / plan.rates[robot]
+    late = float(plan.delays[robot]) / plan.cell_seconds
+    if first is not None and plan.ways_out is not None and robot + 1 in plan.ways_out:
+        way = plan.ways_out.length(robot + 1, first)
+        late += (way - plan.tour_cost.length(int(plan.starts[robot]), first)) / plan.rates[robot]
     return late
 
 

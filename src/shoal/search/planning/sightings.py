@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -14,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
-from shoal.search.cells.grid import CellGrid
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
-from shoal.search.problem.target import Ground
+from shoal.search.problem.target import Ground, looks_of
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +74,7 @@ def sightings_of(plan: SearchPlan, robot: int, stops: ArrayLike) -> Sightings:
                 for (flight, *_), (start, lasting) in zip(flights, sorties, strict=True)
             ]
             return _passed(flights, begins, plan.positions(cells)[:, :2], plan.grid.size)
-    return Sightings(_by_cost(plan, robot, cells), *none)
+    return Sightings(plan.times_by_cost(robot, cells), *none)
 
 
 def first_seen(
@@ -86,7 +84,9 @@ def first_seen(
     when, in seconds (or infinity); int64 and float64, shape (N, fine**2).
 
     A vehicle sees the square of side ``view``, in metres, while it searches, also between its
-    stops, and not on its ways out and home. Layers and robots without a vehicle have no such track.
+    stops, and not on its ways out and home. Looks at the same ground from one altitude, as of several
+    passes and of second looks, are all seen. Searches at several altitudes and robots without a
+    vehicle have no such track.
 
     Parameters
     ----------
@@ -102,13 +102,13 @@ def first_seen(
 
     n, facing = len(plan.tour_cost), plan.facing
     robots, times = np.full(n * fine**2, -1, dtype=np.int64), np.full(n * fine**2, inf)
-    if isinstance(plan.grid, CellGrid) and any(len(own.track) for own in sightings):
+    if len(set(plan.altitudes)) == 1 and any(len(own.track) for own in sightings):
         # along a line, footprints turn
         angle, norm = (facing, inf) if isinstance(facing, float) else (0.0, 2.0)
         axes = unit_vectors(np.radians(np.array([angle, angle + 90.0]))).T
         steps = ((np.arange(fine) + 0.5) / fine - 0.5) * plan.grid.size
         within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        places = (plan.positions(np.arange(n)) @ axes)[:, None] + within
+        places = (plan.positions(np.arange(n))[:, :2] @ axes)[:, None] + within
         tree = KDTree(places.reshape(-1, 2))
         for robot, (own, side) in enumerate(
             zip(sightings, np.broadcast_to(view, len(sightings)), strict=True)
@@ -179,12 +179,7 @@ def success_of(
     """
     ground = plan.ground
     assert ground is not None
-    cells = [np.zeros(0, dtype=np.int64)] + [one for own in seen for one in own]
-    times = [np.zeros(0)] + [
-        np.repeat(own.times, [len(one) for one in stops])
-        for own, stops in zip(sightings, seen, strict=True)
-    ]
-    looks = ground.looks(np.concatenate(cells), np.concatenate(times))
+    looks = looks_of(ground, seen, [own.times for own in sightings])
     moments = looks.times[:, None]
     if isinstance(ground, Ground) and any(len(own.track) for own in sightings):
         # vehicles first see parts of a cell on their way, before they are at a stop
@@ -196,18 +191,10 @@ def success_of(
     # the mean is linear in the times
     mean = ground.expected_time(replace(looks, times=moments.mean(axis=1)), detection, limit)
     return Success(
-        moments.ravel()[order], np.cumsum(parts[order]), mean if len(found) and mean < inf else None
+        moments.ravel()[order],
+        np.minimum(np.cumsum(parts[order]), 1.0),  # rounded sums exceed 1
+        mean if len(found) and mean < inf else None,
     )
-
-
-def _by_cost(plan: SearchPlan, robot: int, cells: NDArray[np.int64]) -> Floats:
-    """Return the times of looks by the costs of cells."""
-    tour_cost = plan.tour_cost
-    way = plan.route(robot, cells[:1])
-    first = float(plan.leg_lengths(way.points[: way.stops[1] + 1]).sum()) / plan.grid.size
-    steps = [1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())]
-    moments = np.cumsum([first + 1.0, *steps]) / plan.rates[robot]
-    return np.asarray(plan.seconds(0.0) + plan.delays[robot] + moments * plan.cell_seconds)
 
 
 def _passed(

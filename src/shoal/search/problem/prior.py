@@ -7,7 +7,9 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import inf, tau
+from functools import cached_property
+from itertools import pairwise
+from math import ceil, inf, tau
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +44,14 @@ _SMALL = 200_000  # cells
 _AT_ONCE = 200_000  # samples
 _MOST_LOOKED = 4_000_000  # samples of the ground that was seen before
 _CERTAIN = 1.0 - 1e-6
+_COUNTED_TWICE = 0.01  # of the probability
+_CORNERS = 64  # of a part of a shape
+_WIDEST = 2**31  # squares
+_TRIES = 100  # of finding a place in the area
+_ROUNDED = 1e-9  # pixels: rounding error of a border
+_NEAR = 8.0  # sides of a square from the middle of a ring, within which its mass is exact
+_FALLS = 16  # times to 1 / e, beyond which a ring has nothing left
+_FALL_STEPS = 32  # of a distribution function that falls to 1 / e
 _SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
 _DRIFT = re.compile(r"([^,:]+),([^,:]+)(?::([^,:]+))?")
 _UNITS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}  # of times, in seconds
@@ -72,11 +82,13 @@ class Raster:
     north: float
     sides: tuple[float, float]
 
-    def density(self, points: Points) -> Floats:
-        """Return the probability per square metre at points in metres; float64, shape (n,)."""
-        columns = np.floor((points[:, 0] - self.west) / self.sides[0]).astype(np.int64)
-        rows = np.floor((self.north - points[:, 1]) / self.sides[1]).astype(np.int64)
-        return _picked(self.values, rows, columns) / (self.sides[0] * self.sides[1])
+    def density(self, points: Points, side: float) -> Floats:
+        """Return the mean probability per square metre in squares (see `Density`)."""
+        width, height = self.sides
+        places = np.column_stack(
+            [(points[:, 0] - self.west) / width, (self.north - points[:, 1]) / height]
+        )
+        return _mean_pixel(self.values, places, side / width, side / height) / (width * height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,22 +105,20 @@ class GeoRaster:
     grid: Any
     region: SearchRegion
 
-    def density(self, points: Points) -> Floats:
-        """Return the probability per square metre at points in metres; float64, shape (n,)."""
-        values = np.nan_to_num(self.grid.heights, nan=0.0)
-        places = self.grid.grid_points(points, self.region.frame)
-        found = _picked(
-            values,
-            np.floor(places[:, 1] + 0.5).astype(np.int64),
-            np.floor(places[:, 0] + 0.5).astype(np.int64),
-        )
+    def density(self, points: Points, side: float) -> Floats:
+        """Return the mean probability per square metre in squares (see `Density`), which count as if
+        they lay along the pixels.
+        """
+        places = self.grid.grid_points(points, self.region.frame) + 0.5  # pixels from the corner
         # metres of the frame to pixels, in the middle of the points
         middle = points.mean(axis=0)
         corners = self.grid.grid_points(
             middle + np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]), self.region.frame
         )
         (a, b), (c, d) = corners[1:] - corners[0]
-        return np.asarray(found * abs(a * d - b * c) / values.sum())
+        across, down = side * float(np.hypot(a, c)), side * float(np.hypot(b, d))
+        mean = _mean_pixel(self.grid.heights, places, across, down)
+        return mean * float(abs(a * d - b * c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +142,75 @@ class DistanceRing:
     shares: Floats
     distances: Floats
 
-    def density(self, points: Points) -> Floats:
-        """Return the probability per square metre at points in metres; float64, shape (n,)."""
-        away = np.maximum(np.linalg.norm(points - self.middle, axis=1), 1e-9)
+    def density(self, points: Points, side: float) -> Floats:
+        """Return the mean probability per square metre in squares (see `Density`).
+
+        It is exact near the middle, where 1 / r is far from straight or infinite, and where the
+        distribution function bends. Elsewhere, its slope at the middle of a square counts.
+        """
+        away = np.linalg.norm(points - self.middle, axis=1)
+        shares, radii = self.distribution
+        ends = np.interp(away + side / 2, radii, shares), np.interp(away - side / 2, radii, shares)
+        density = np.asarray((ends[0] - ends[1]) / (side * tau * np.maximum(away, side)))
+        exact = away < _NEAR * side
+        for bend in self.distances:
+            exact |= np.abs(away - bend) < side
+        last, end = self.distances[-1], radii[-1]
+        if last < end < last + _FALLS * _NEAR * side:
+            exact |= (away > last) & (away < end + side)
+        density[exact] = self._exact(points[exact] - self.middle, side)
+        return density
+
+    @cached_property
+    def distribution(self) -> tuple[Floats, Floats]:
+        """Values of the distribution function, and their distances, between which it is a straight
+        line.
+        """
         shares, distances = np.append(0.0, self.shares), np.append(0.0, self.distances)
-        slopes = np.diff(shares) / np.diff(distances)
-        piece = np.searchsorted(self.distances, away, side="right")
-        rest, last = 1.0 - shares[-1], slopes[-1]
-        past = np.maximum(away - distances[-1], 0.0)
-        beyond = last * np.exp(-past * last / rest) if rest > 0 else 0.0
-        slope = np.where(piece < len(slopes), slopes[np.minimum(piece, len(slopes) - 1)], beyond)
-        return np.asarray(slope / (tau * away))
+        rest = 1.0 - shares[-1]
+        if rest > 0:
+            # the distance in which what is left falls to 1 / e
+            fall = rest * (distances[-1] - distances[-2]) / (shares[-1] - shares[-2])
+            past = np.linspace(0.0, _FALLS, _FALL_STEPS * _FALLS + 1)[1:]
+            distances = np.concatenate([distances, distances[-1] + fall * past])
+            shares = np.concatenate([shares, 1.0 - rest * np.exp(-past[:-1]), [1.0]])
+        return shares, distances
+
+    def _exact(self, offsets: Points, side: float) -> Floats:
+        """Return the mean in squares at offsets from the middle: the slope of the distribution
+        function, times the integral of 1 / (2 pi r) over the part of the square between two
+        distances, summed over all pairs of them, and divided by the square's area.
+        """
+        shares, radii = self.distribution
+        total, away = np.zeros(len(offsets)), np.linalg.norm(offsets, axis=1)
+        for (low, high), share in zip(pairwise(radii.tolist()), np.diff(shares), strict=True):
+            there = np.flatnonzero((away > low - side) & (away < high + side))
+            if len(there):
+                own = offsets[there]
+                part = _integral(own, side, high) - _integral(own, side, low)
+                total[there] += share / (high - low) * np.maximum(part, 0.0)
+        return total / (tau * side**2)
+
+
+def _integral(middles: Points, side: float, radius: float) -> Floats:
+    """Return the integral of 1 / r over the part of squares within a radius of the origin.
+
+    In polar coordinates, that of a rectangle between the origin and a corner is the integral over
+    the angle of the distance to the rectangle's border or to the circle, whichever is nearer. A
+    square is the sum of four such rectangles with signs.
+    """
+    total = np.zeros(len(middles))
+    if not radius:
+        return total
+    for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        x, y = (middles + np.array([right, up]) * (side / 2)).T
+        signs = right * up * np.sign(x) * np.sign(y)
+        for near, far in ((abs(x), abs(y)), (abs(y), abs(x))):
+            angle = np.arctan2(far, near)  # of the corner, from the axis that meets this side
+            leaves = np.minimum(np.arccos(np.minimum(near / radius, 1.0)), angle)
+            # up to there, the border is at near / cos(angle), and beyond it the circle is nearer
+            total += signs * (near * np.arcsinh(np.tan(leaves)) + radius * (angle - leaves))
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,13 +231,18 @@ class Spread:
     spreads: Floats
     weights: Floats
 
-    def density(self, points: Points) -> Floats:
-        """Return the probability per square metre at points in metres; float64, shape (n,)."""
+    def density(self, points: Points, side: float) -> Floats:
+        """Return the mean probability per square metre in squares (see `Density`)."""
+        from scipy.special import ndtr
+
         total = np.zeros(len(points))
         for place, spread, weight in zip(self.points, self.spreads, self.weights, strict=True):
-            near = ((points - place) ** 2).sum(axis=1) / spread**2
-            inside = near <= _SPREADS**2
-            total[inside] += weight * np.exp(-near[inside] / 2) / (tau * spread**2)
+            offsets = points - place
+            near = (np.abs(offsets) <= _SPREADS * spread + side / 2).all(axis=1)
+            # between the ends along both axes; from the upper tail, which has more digits
+            inner = np.abs(offsets[near]) - side / 2
+            shares = ndtr(-inner / spread) - ndtr(-(inner + side) / spread)
+            total[near] += weight * shares.prod(axis=1) / side**2
         return total
 
 
@@ -188,18 +261,32 @@ class Segments:
     shapes: tuple[Any, ...]
     weights: Floats
 
-    def density(self, points: Points) -> Floats:
-        """Return the probability per square metre at points in metres; float64, shape (n,)."""
-        import shapely
-
+    def density(self, points: Points, side: float) -> Floats:
+        """Return the mean probability per square metre in squares (see `Density`)."""
         total = np.zeros(len(points))
         for shape, weight in zip(self.shapes, self.weights, strict=True):
-            shapely.prepare(shape)
-            total[shapely.contains_xy(shape, *points.T)] += weight / shape.area
+            if weight:
+                total += weight / shape.area * _shares(shape, points, side)
         return total
+
+    def inside(self, area: Any) -> Segments:
+        """Return the parts of the areas in an area."""
+        import shapely
+
+        parts = [shapely.intersection(shape, area) for shape in self.shapes]
+        weights = [
+            weight * part.area / shape.area
+            for shape, part, weight in zip(self.shapes, parts, self.weights, strict=True)
+        ]
+        return Segments(tuple(parts), np.array(weights))
 
 
 Density = Raster | GeoRaster | DistanceRing | Spread | Segments
+"""What a part of a prior says: its method ``density(points, side)`` returns the mean probability per
+square metre in squares with a given side, in metres, along the axes, around points of a lattice with
+that side; float64, shape (n,). Together, squares that do not overlap have no more probability than the whole, however
+narrow a peak is beside them.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +347,7 @@ class Prior:
             ground = MovingGround(np.full(count, 1.0 / count), motion, grid, tour)
             return ground, count / len(places)
         step, samples = self._samples(layers_of(grid)[0])
-        points, weights = map(np.concatenate, zip(*samples, strict=True))
+        points, _, weights = map(np.concatenate, zip(*samples, strict=True))
         ahead, rng = np.cumsum(weights), np.random.default_rng(_PARTICLES)
         if not ahead[-1] > 0:
             raise InvalidInputError(
@@ -268,12 +355,17 @@ class Prior:
             )
         # equally spaced quantiles: fewer particles tell as much as many random ones
         wanted = (np.arange(_PARTICLES) + 0.5) / _PARTICLES * ahead[-1]
-        chosen = points[np.searchsorted(ahead, wanted)]
-        chosen = chosen + step * (rng.random(chosen.shape) - 0.5)
+        middles = points[np.searchsorted(ahead, wanted)]
+        chosen = middles + step * (rng.random(middles.shape) - 0.5)
+        for _ in range(_TRIES):  # squares on the border are partly outside
+            out = ~shapely.contains_xy(area, *chosen.T)
+            if not out.any():
+                break
+            chosen[out] = middles[out] + step * (rng.random((int(out.sum()), 2)) - 0.5)
         velocities = np.array(drift[:2]) + drift[2] * rng.normal(size=chosen.shape)
         masses = np.full(_PARTICLES, 1.0 / _PARTICLES)
         ground = MovingGround(masses, Drift(chosen, velocities), grid, tour)
-        return ground, min(float(ahead[-1]), 1.0)
+        return ground, _checked(float(ahead[-1]))
 
     def ground(self, grid: Grid, tour: Tour) -> tuple[Ground, float, float]:
         """Return the ground in the cells along a tour, the probability that the target is in the
@@ -323,7 +415,7 @@ class Prior:
             )
         return (
             Ground(together / total, np.concatenate(cells)),
-            min(1.0, inside / (1.0 - before)),
+            _checked(inside / (1.0 - before)),
             before,
         )
 
@@ -333,40 +425,65 @@ class Prior:
         together.
         """
         found = [(np.zeros((0, len(grids)), dtype=np.int64), np.zeros(0))]
-        for points, weights in self._samples(grids[0])[1]:
+        for points, _, weights in self._samples(grids[0])[1]:
             numbers = []
             for grid in grids:
                 rows, columns = grid.cell_of(points).T
                 numbers.append(rows * grid.shape[1] + columns)
             found.append(_summed(np.column_stack(numbers), weights))
         flat, masses = _summed(*map(np.concatenate, zip(*found, strict=True)))
-        return flat, masses, min(float(masses.sum()), 1.0)
+        return flat, masses, float(masses.sum())
 
-    def _samples(self, grid: Any) -> tuple[float, Iterator[tuple[Points, Floats]]]:
-        """Return the distance between sample points in the area of a grid, in metres, and the
-        points with their probabilities, strip by strip.
+    def _samples(self, grid: Any) -> tuple[float, Iterator[tuple[Points, Floats, Floats]]]:
+        """Return the side of the sample squares that cover the area of a grid, in metres, and these
+        squares (see `_looked`).
+        """
+        fine = _FINE if grid.n_cells <= _SMALL else _COARSE
+        step = grid.size / fine
+        return step, self._looked(grid.region, grid.region.area, step)
+
+    def _looked(
+        self, region: SearchRegion, area: Any, step: float
+    ) -> Iterator[tuple[Points, Floats, Floats]]:
+        """Yield the middles of squares of side ``step`` that cover an area, strip by strip, with the
+        probability of the part of each square in the area before and after the earlier looks at the
+        region.
         """
         import shapely
 
-        fine = _FINE if grid.n_cells <= _SMALL else _COARSE
-        area, step = grid.region.area, grid.size / fine
-        whole = _with_searched(grid.region)
-        shapely.prepare(area)
+        looks = [shapely.intersection(look, area) for look in region.looks]
+        whole = _with_searched(region)
+        parts = list(self.parts)
+        if self.elsewhere:
+            parts.append((self.elsewhere, Segments((whole,), np.ones(1))))
+        parts = [
+            (weight, density.inside(area) if isinstance(density, Segments) else density)
+            for weight, density in parts
+        ]
         west, south, east, north = area.bounds
-        across = np.arange(west + step / 2, east, step)
-        along = np.arange(south + step / 2, north, step)
+        across, along = (
+            low + step * (np.arange(ceil((high - low) / step - _ROUNDED)) + 0.5)
+            for low, high in ((west, east), (south, north))
+        )
         strip = max(1, _AT_ONCE // len(across))
-
-        def strips() -> Iterator[tuple[Points, Floats]]:
-            for low in range(0, len(along), strip):
-                x, y = np.meshgrid(across, along[low : low + strip])
-                points = np.column_stack([x.ravel(), y.ravel()])
-                points = points[shapely.contains_xy(area, *points.T)]
-                if len(points):
-                    weights = step**2 * self._density(points, whole)
-                    yield points, weights * self._missed(points, grid.region)
-
-        return step, strips()
+        for low in range(0, len(along), strip):
+            x, y = np.meshgrid(across, along[low : low + strip])
+            points = np.column_stack([x.ravel(), y.ravel()])
+            shares = _shares(area, points, step)
+            points, shares = points[shares > 0], shares[shares > 0]
+            if not len(points):
+                continue
+            density = np.zeros(len(points))
+            for weight, part in parts:
+                own = weight * part.density(points, step)
+                density += own if isinstance(part, Segments) else own * shares
+            weights = step**2 * density
+            missed = np.ones(len(points))
+            for look in looks:
+                missed *= 1.0 - self.detection * np.minimum(
+                    _shares(look, points, step) / shares, 1.0
+                )
+            yield points, weights, weights * missed
 
     def _found_before(self, grid: Any) -> float:
         """Return the probability that the earlier looks at a region would have found the target.
@@ -381,17 +498,12 @@ class Prior:
         region = grid.region
         if not region.looks or not self.detection:
             return 0.0
-        seen, whole = shapely.union_all(region.looks), _with_searched(region)
-        shapely.prepare(seen)
+        seen = shapely.union_all(region.looks)
         west, south, east, north = seen.bounds
         step = max(grid.size / _FINE, ((east - west) * (north - south) / _MOST_LOOKED) ** 0.5)
-        across, found = np.arange(west + step / 2, east, step), 0.0
-        for y in np.arange(south + step / 2, north, step):
-            points = np.column_stack([across, np.full(len(across), y)])
-            points = points[shapely.contains_xy(seen, *points.T)]
-            if len(points):
-                weights = step**2 * self._density(points, whole)
-                found += float(weights @ (1.0 - self._missed(points, region)))
+        found = sum(
+            float((before - after).sum()) for _, before, after in self._looked(region, seen, step)
+        )
         if found > _CERTAIN:
             raise InvalidInputError(
                 "searched: expected tracks that leave some probability to what they did not see, got"
@@ -399,29 +511,21 @@ class Prior:
             )
         return found
 
-    def _density(self, points: Points, whole: Any) -> Floats:
-        """Return the probability per square metre at points, before any look. The share for
-        elsewhere is spread over ``whole``.
-        """
-        import shapely
 
-        found = np.zeros(len(points))
-        if self.elsewhere:
-            inside = shapely.contains_xy(whole, *points.T)
-            found[inside] = self.elsewhere / whole.area
-        for weight, density in self.parts:
-            found += weight * density.density(points)
-        return found
+def _checked(probability: float) -> float:
+    """Return the probability of the region, which rounding may lift beyond 1.
 
-    def _missed(self, points: Points, region: SearchRegion) -> Floats:
-        """Return the probability with which all earlier looks miss a target at points."""
-        import shapely
-
-        missed = np.ones(len(points))
-        for look in region.looks:
-            shapely.prepare(look)
-            missed[shapely.contains_xy(look, *points.T)] *= 1.0 - self.detection
-        return missed
+    Raises
+    ------
+    InvalidInputError
+        If squares along the pixels of a turned raster count a peak twice.
+    """
+    if probability > 1.0 + _COUNTED_TWICE:
+        raise InvalidInputError(
+            "prior: expected probabilities that cells can tell apart, which together are 1 at most,"
+            f" got {probability:.4g}; a raster with wider pixels or a narrower footprint helps"
+        )
+    return min(float(probability), 1.0)
 
 
 def _with_searched(region: SearchRegion) -> Any:
@@ -445,13 +549,79 @@ def _summed(rows: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64]
     return rows[first], sums
 
 
-def _picked(values: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
-    """Return the values at rows and columns, and 0 outside."""
-    height, width = values.shape
-    there = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-    return np.where(
-        there, values[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)], 0.0
+def _shares(shape: Any, points: Points, side: float) -> Floats:
+    """Return the share of each square around points of a lattice that is in a shape; float64, shape
+    (n,).
+    """
+    import shapely
+
+    shares = np.zeros(len(points))
+    low, high = np.reshape(shape.bounds, (2, 2))
+    there = np.flatnonzero((np.abs(2 * points - low - high) < high - low + side).all(axis=1))
+    if not len(there):
+        return shares
+    points = points[there]
+    if shape.geom_type == "GeometryCollection":  # areas that also touch along a line
+        shape = shapely.multipolygons([part for part in shapely.get_parts(shape) if part.area])
+    shapely.prepare(shape)
+    found = shapely.contains_xy(shape, *points.T).astype(np.float64)
+    # a quarter of a side apart, so that the border misses no more than the corner of a square
+    border = shapely.get_coordinates(shapely.segmentize(shape.boundary, side / 4))
+    squares, crossings = (
+        np.rint((places - points[0]) / side).astype(np.int64) @ (1, _WIDEST)
+        for places in (points, border)
     )
+    crossed = np.flatnonzero(np.isin(squares, np.unique(crossings)))
+    boxes = shapely.box(*(points[crossed] - side / 2).T, *(points[crossed] + side / 2).T)
+    parts = _subdivided(shape)
+    square, part = shapely.STRtree(parts).query(boxes)
+    areas = shapely.area(shapely.intersection(boxes[square], np.array(parts)[part]))
+    found[crossed] = np.bincount(square, areas, minlength=len(crossed)) / side**2
+    shares[there] = np.minimum(found, 1.0)
+    return shares
+
+
+def _subdivided(shape: Any) -> list[Any]:
+    """Return parts of a shape, each with few corners, which are quickly intersected."""
+    import shapely
+
+    if shapely.get_num_coordinates(shape) <= _CORNERS:
+        return [shape]
+    low, high = np.reshape(shape.bounds, (2, 2))
+    axis = int(np.argmax(high - low))
+    first, second = high.copy(), low.copy()
+    first[axis] = second[axis] = (low[axis] + high[axis]) / 2
+    halves = [shapely.intersection(shape, shapely.box(*low, *first))]
+    halves.append(shapely.intersection(shape, shapely.box(*second, *high)))
+    return [part for half in halves if half.area for part in _subdivided(half)]
+
+
+def _mean_pixel(values: Floats, places: Points, across: float, down: float) -> Floats:
+    """Return the mean of an array's pixels in boxes, with 0 outside the array; float64, shape (n,).
+
+    ``places`` are the middles of the boxes, in columns and rows from the array's corner, and
+    ``across`` and ``down`` the sides of the boxes in pixels. Missing numbers count as 0.
+    """
+    height, width = values.shape
+    total = np.zeros(len(places))
+    west, north = (places - (across / 2, down / 2)).T
+    for i in range(ceil(across) + 1):
+        columns = np.floor(west).astype(np.int64) + i
+        wide = np.minimum(west + across, columns + 1.0) - np.maximum(west, columns)
+        for j in range(ceil(down) + 1):
+            rows = np.floor(north).astype(np.int64) + j
+            high = np.minimum(north + down, rows + 1.0) - np.maximum(north, rows)
+            there = np.flatnonzero(
+                (wide > _ROUNDED)
+                & (high > _ROUNDED)
+                & (rows >= 0)
+                & (rows < height)
+                & (columns >= 0)
+                & (columns < width)
+            )
+            part = np.nan_to_num(values[rows[there], columns[there]], nan=0.0)
+            total[there] += part * wide[there] * high[there]
+    return total / (across * down)
 
 
 def check_priors(value: Any) -> tuple[Any, ...]:
@@ -460,7 +630,7 @@ def check_priors(value: Any) -> tuple[Any, ...]:
     """
     found: list[Any] = []
     for part in list_of(value):
-        if isinstance(part, dict) and set(part) == {"weight", "name", "data"}:
+        if isinstance(part, dict) and set(part) - {"system"} == {"weight", "name", "data"}:
             check_number(part["weight"], what="prior: weight", above=0)
             name = check_text(part["name"], what="prior: name")
             if Path(name).suffix.lower() not in _FILES:
@@ -468,6 +638,7 @@ def check_priors(value: Any) -> tuple[Any, ...]:
                     f"prior: expected a file {', '.join(_FILES)}, got {shortened(name)}"
                 )
             check_text(part["data"], what="prior: data")
+            check_text(part.get("system", ""), what="prior: system")
             found.append(part)
             continue
         text = check_text(str(part) if isinstance(part, Path) else part, what="prior")
@@ -503,8 +674,9 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
     found: list[tuple[float, Density]] = []
     for part in parts:
         if isinstance(part, dict):
-            content = io.BytesIO(_contents(part))
-            found.append((float(part["weight"]), _read(Path(part["name"]), content, region)))
+            content, source = io.BytesIO(_contents(part)), Path(part["name"])
+            density = _read(source, content, region, part.get("system"))
+            found.append((float(part["weight"]), density))
             continue
         weight, what = _split(part)
         if what.startswith("ring:"):
@@ -645,6 +817,8 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
     """Return the parts of a prior with the contents of files in place of their names."""
     from base64 import b64encode
 
+    from shoal.search.flight.terrain import system_file
+
     found: list[Any] = []
     for part in parts:
         if isinstance(part, dict) or _split(part)[1].startswith("ring:"):
@@ -652,7 +826,13 @@ def with_contents(parts: Sequence[Any]) -> tuple[Any, ...]:
             continue
         weight, what = _split(part)
         content = b64encode(Path(what).read_bytes()).decode()
-        found.append({"weight": weight, "name": Path(what).name, "data": content})
+        beside = system_file(Path(what))
+        system = (
+            {}
+            if beside is None
+            else {"system": read_text(beside, what="coordinate reference system")}
+        )
+        found.append({"weight": weight, "name": Path(what).name, "data": content} | system)
     return tuple(found)
 
 
@@ -698,7 +878,10 @@ def _ring(text: str, region: SearchRegion) -> DistanceRing:
     return DistanceRing(place, shares, distances)
 
 
-def _read(source: Path, file: Any, region: SearchRegion) -> Density:
+def _read(source: Path, file: Any, region: SearchRegion, system: str | None = None) -> Density:
+    """Return the density in a file, or in its contents. ``system`` is the text of the file that gives
+    its coordinate reference system.
+    """
     suffix = source.suffix.lower()
     if suffix == ".npy":
         return _array(source, file, region)
@@ -707,7 +890,7 @@ def _read(source: Path, file: Any, region: SearchRegion) -> Density:
             file.read().decode() if isinstance(file, io.BytesIO) else read_text(file, what="prior")
         )
         return _features(source, parse_json(text, where=str(source)), region)
-    return _georaster(source, file, region)
+    return _georaster(source, file, region, system)
 
 
 def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
@@ -755,7 +938,7 @@ def _normalised(source: Path, values: Floats) -> Floats:
     return np.asarray(values / total)
 
 
-def _georaster(source: Path, file: Any, region: SearchRegion) -> GeoRaster:
+def _georaster(source: Path, file: Any, region: SearchRegion, system: str | None) -> GeoRaster:
     from shoal.search.flight.terrain import open_grid
 
     if isinstance(file, io.BytesIO):
@@ -764,6 +947,8 @@ def _georaster(source: Path, file: Any, region: SearchRegion) -> GeoRaster:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / source.name
             path.write_bytes(file.getvalue())
+            if system is not None:
+                path.with_suffix(".prj").write_text(system, encoding="utf-8")
             grid = open_grid(path, what="probabilities")
     else:
         grid = open_grid(source, what="probabilities")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 
 import numpy as np
@@ -55,6 +56,26 @@ def _in_order(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
     pieces = pieces[order]
     earlier = np.arange(len(pieces)) - np.searchsorted(pieces, pieces)
     return Looks(pieces, cells[order], times[order], earlier)
+
+
+def looks_of(
+    ground: Ground | MovingGround, seen: Sequence[Sequence[Numbers]], times: Sequence[Floats]
+) -> Looks:
+    """Return the looks of robots at the ground.
+
+    Parameters
+    ----------
+    ground : Ground or MovingGround
+    seen : sequence of sequence of ndarray of int64
+        For each stop of each robot, the cells that it searches, as tour indices.
+    times : sequence of ndarray of float64
+        For each robot, when it is at each of its stops, in seconds.
+    """
+    cells = [np.zeros(0, dtype=np.int64)] + [one for own in seen for one in own]
+    moments = [np.zeros(0)] + [
+        np.repeat(own, [len(one) for one in stops]) for own, stops in zip(times, seen, strict=True)
+    ]
+    return ground.looks(np.concatenate(cells), np.concatenate(moments))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +146,13 @@ class Ground:
         counts = np.bincount(looks.pieces, minlength=len(self.masses))
         seen, missed = counts > 0, (1.0 - detection) ** counts
         chances = looks.chances(detection)
-        found = np.bincount(looks.pieces, chances * looks.times, minlength=len(counts))
-        each = (found + missed * period)[seen] / (1.0 - missed[seen])
-        total = float(self.masses[seen].sum())
-        return float(self.masses[seen] @ each) / total if total > 0 else inf
+        sums = np.bincount(looks.pieces, chances * looks.times, minlength=len(counts))
+        with np.errstate(divide="ignore", over="ignore"):  # of a sure detection, or next to none
+            # 1 - (1 - d)^k, of which subtraction leaves nothing if d is tiny
+            found = -np.expm1(counts[seen] * np.log1p(-detection))
+            each = (sums + missed * period)[seen] / found
+            total = float(self.masses[seen].sum())
+            return float(self.masses[seen] @ each) / total if total > 0 else inf
 
 
 @dataclass(frozen=True, eq=False)
