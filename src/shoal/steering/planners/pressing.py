@@ -207,9 +207,10 @@ MOST = 9.0  # largest cost of one scenario
 CONFIGURATIONS = ((2.0, 2.0), (1.0, 1.5), (0.4, 1.0))  # of pressing angles and of contacts
 ROUNDS, WANTED = 30_000, 40  # manoeuvres and plans of one tree
 AIMS = (0.1, 0.4, 0.8)  # shares of the tolerance within which plans end without errors
-TREES = 12  # until one has found a plan
+TREES = 4  # of each aim and configuration, until one has found a plan
 SCENARIOS, JUDGED = 48, 400  # in which plans are improved, and in which they are judged
 REFINED, CHANGES = 4, 800  # of the best plans, so many changes each
+LONG = 20  # moves: longer plans are changed less often, which takes as long
 MARGINS = (4e-3, 1e-3)  # distances from walls of chains, relative to the size
 FINE = 0.2  # cost of a plan that needs no further improvement
 
@@ -238,7 +239,7 @@ class Conformant:
             )
         bounds = task.bounds or Bounds(task.world.friction)
         size, rng = float(task.world.free_space.size), np.random.default_rng(task.seed)
-        best, least = None, inf
+        best, least, tables = None, inf, dict[tuple[float, ...], kernels.Values]()
         scale = max(min(task.tolerance, SCALE * size), 1e-3 * size)
         for aim in AIMS:
             near = aim * scale
@@ -246,7 +247,7 @@ class Conformant:
                 pressing = pressing_of(bounds, size, certain=certain, sure=sure)
                 if _is_proved(task, pressing.friction, near):
                     continue
-                search = PressingSearch(task.world, pressing, rng)
+                search = PressingSearch(task.world, pressing, rng, tables)
                 plans = self._chains(task, pressing.friction, near)
                 for _ in range(TREES):  # a tree that begins with the wrong walls is full in vain
                     plans += search.plans(
@@ -307,7 +308,7 @@ class Conformant:
             np.ascontiguousarray(task.start[None]),
             goal,
             plan,
-            CHANGES,
+            max(1, CHANGES * LONG // max(LONG, len(plan))),
             0.02 * size,
             1e-3 * size,
             scale,
