@@ -50,9 +50,10 @@ def simulated(problem, episode, *, friction, seed):
     """Where the particles end with errors, by the world of the problem, one particle at a time."""
     rng = np.random.default_rng(seed)
     world = problem.replaced(friction_at_least=None, friction=friction).world()
-    points, own = episode.states[0].copy(), 1 + 0.01 * rng.normal(size=2)
+    points, own = episode.states[0].copy(), 1 + problem.gain_error * rng.normal(size=2)
     for move in episode.inputs:
-        length, angle = 1 + 0.01 * rng.normal(), np.radians(rng.normal())
+        length = 1 + problem.gain_error * rng.normal()
+        angle = np.radians(problem.angle_error * rng.normal())
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         sent = length * turn @ move
         for k in range(2):
@@ -91,6 +92,19 @@ def test_goals_that_no_plan_reaches_with_the_least_friction_are_refused():
     assert report["holding_share"] is None
     assert 0.5 < report["unreachable_share"] < 1
     json.dumps(report)
+
+
+def test_goals_that_can_only_be_approached_have_a_plan_within_the_tolerance():
+    goal = [(0.5, 0.4), (0.5, 0.64)]
+    exact = run(SteeringProblem("square", [(0.3, 0.4), (0.6, 0.45)], goal, friction=0.5))
+    assert exact.status == "unreachable"  # as near as 1e-3 of the size
+    stated = {"friction_at_least": 0.5, "angle_error": 0.2, "gain_error": 0.002}
+    problem = SteeringProblem("square", [(0.3, 0.4), (0.6, 0.45)], goal, **stated)
+    episode = run(problem)
+    assert episode.status == "solved", episode.reason
+    errors = [simulated(problem, episode, friction=0.5, seed=seed) for seed in range(20)]
+    assert np.mean(np.array(errors) <= 0.05) >= 0.9
+    assert min(errors) > 0.005
 
 
 def test_a_narrower_cone_leaves_room_for_errors_of_the_angle():

@@ -206,9 +206,11 @@ SCALE = 0.05  # relative to the size: error that counts as 1 in the cost of a pl
 MOST = 9.0  # largest cost of one scenario
 CONFIGURATIONS = ((2.0, 2.0), (1.0, 1.5), (0.4, 1.0))  # of pressing angles and of contacts
 ROUNDS, WANTED = 30_000, 40  # manoeuvres and plans of one tree
-TREES = 12  # until one has found a plan
+AIMS = (0.1, 0.4, 0.8)  # shares of the tolerance within which plans end without errors
+TREES = 4  # of each aim and configuration, until one has found a plan
 SCENARIOS, JUDGED = 48, 400  # in which plans are improved, and in which they are judged
 REFINED, CHANGES = 4, 800  # of the best plans, so many changes each
+LONG = 20  # moves: longer plans are changed less often, which takes as long
 MARGINS = (4e-3, 1e-3)  # distances from walls of chains, relative to the size
 FINE = 0.2  # cost of a plan that needs no further improvement
 
@@ -237,36 +239,40 @@ class Conformant:
             )
         bounds = task.bounds or Bounds(task.world.friction)
         size, rng = float(task.world.free_space.size), np.random.default_rng(task.seed)
-        best, least = None, inf
+        best, least, tables = None, inf, dict[tuple[float, ...], kernels.Values]()
         scale = max(min(task.tolerance, SCALE * size), 1e-3 * size)
-        for certain, sure in CONFIGURATIONS:
-            pressing = pressing_of(bounds, size, certain=certain, sure=sure)
-            search = PressingSearch(task.world, pressing, rng)
-            plans = self._chains(task, pressing.friction, scale)
-            for _ in range(TREES):  # a tree that begins with the wrong walls is full in vain
-                plans += search.plans(
-                    task.start,
-                    task.goal,
-                    tolerance=min(0.1 * scale, task.tolerance),
-                    moves=task.max_moves,
-                    rounds=ROUNDS,
-                    wanted=WANTED,
-                )
-                if plans or task.late:
-                    break
-            costs = [self._cost(task, search, bounds, plan, scale) for plan in plans]
-            for k in np.argsort(costs)[:REFINED]:
-                cost = costs[k]
-                if least > FINE and not task.late:
-                    self._improve(task, search, bounds, plans[k], scale)
-                    cost = self._cost(task, search, bounds, plans[k], scale)
-                if cost < least:
-                    best, least = plans[k], cost
-            if least < FINE or task.late:
-                break
+        for aim in AIMS:
+            near = aim * scale
+            for certain, sure in CONFIGURATIONS:
+                pressing = pressing_of(bounds, size, certain=certain, sure=sure)
+                if _is_proved(task, pressing.friction, near):
+                    continue
+                search = PressingSearch(task.world, pressing, rng, tables)
+                plans = self._chains(task, pressing.friction, near)
+                for _ in range(TREES):  # a tree that begins with the wrong walls is full in vain
+                    plans += search.plans(
+                        task.start,
+                        task.goal,
+                        tolerance=near,
+                        moves=task.max_moves,
+                        rounds=ROUNDS,
+                        wanted=WANTED,
+                    )
+                    if plans or task.late:
+                        break
+                costs = [self._cost(task, search, bounds, plan, scale) for plan in plans]
+                for k in np.argsort(costs)[:REFINED]:
+                    cost = costs[k]
+                    if least > FINE and not task.late:
+                        self._improve(task, search, bounds, plans[k], scale)
+                        cost = self._cost(task, search, bounds, plans[k], scale)
+                    if cost < least:
+                        best, least = plans[k], cost
+                if least < FINE or task.late:
+                    return best
         return best
 
-    def _chains(self, task: SteeringTask, friction: float, scale: float) -> list[Points]:
+    def _chains(self, task: SteeringTask, friction: float, near: float) -> list[Points]:
         """Return the plans of the planner greedy with a narrower friction cone, in a convex
         workspace.
         """
@@ -277,7 +283,7 @@ class Conformant:
             own = replace(
                 task,
                 world=replace(task.world, friction=friction),
-                tolerance=min(0.2 * scale, task.tolerance),
+                tolerance=near,
                 margin=margin,
             )
             plan = None if why_unreachable(own) else Greedy().plan(own)
@@ -302,7 +308,7 @@ class Conformant:
             np.ascontiguousarray(task.start[None]),
             goal,
             plan,
-            CHANGES,
+            max(1, CHANGES * LONG // max(LONG, len(plan))),
             0.02 * size,
             1e-3 * size,
             scale,
@@ -394,6 +400,16 @@ def unreachable_share(task: SteeringTask, *, draws: int = 200, seed: int = 0) ->
                 goal.append(point)
         count += why_unreachable(lowest(replace(task, goal=np.array(goal)))) is not None
     return count / draws
+
+
+def _is_proved(task: SteeringTask, friction: float, near: float) -> bool:
+    """Return whether presses in the cone of a friction provably never end within a distance of the
+    goals; with obstacles, no proof is known.
+    """
+    if isinstance(task.world.free_space, Region):
+        return False
+    world = replace(task.world, friction=friction)
+    return why_unreachable(replace(task, world=world, tolerance=near)) is not None
 
 
 def lowest(task: SteeringTask) -> SteeringTask:
