@@ -32,6 +32,7 @@ from shoal.studio.forms import (
     checked_problem,
     checked_seed,
     checked_sweep,
+    command_beside,
     mission_words,
 )
 from shoal.studio.requests import (
@@ -273,7 +274,7 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
                 moment=None if at is None else f"{at:g}",
                 command=None
                 if episode.seed is None
-                else as_command(episode.problem, seed=episode.seed),
+                else command_beside(episode.problem, folder.path(name), seed=episode.seed)[0],
             )
             write_text(folder.path(name).with_suffix(".caption.txt"), text)
     else:

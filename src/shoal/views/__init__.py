@@ -18,7 +18,7 @@ from shoal.core.files import atomic
 from shoal.core.version import versions
 from shoal.parts import PARTS
 from shoal.views import search, steering, swarm
-from shoal.views.drawing.charts import printed, save_figure
+from shoal.views.drawing.charts import printed, save_figure, with_room
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +70,8 @@ def figure(
     ------
     InvalidInputError
         If Shoal has no figure of the given kind for the episode, if the kind does not have a
-        given option, or if a number is out of its range.
+        given option, if a number is out of its range, or if the text of a figure for print has no
+        room in its width.
     """
     first = episode[0] if isinstance(episode, Sequence) and episode else episode
     kinds = _views_of(first).figures.FIGURES
@@ -82,9 +83,9 @@ def figure(
     ]
     for name in options:
         check_choice(name, what=f"option of the figure {kind}", choices=known)
-    with printed(width, font_size):
-        drawn: Figure = draw(episode, **options)
-    return drawn
+    with printed(width, font_size), with_room(kind) as figures:
+        figures.append(draw(episode, **options))
+    return figures[0]
 
 
 def caption(
