@@ -143,8 +143,11 @@ def _fits(figure: Figure) -> bool:
         for text in figure.findobj(Text)
         if text.get_visible() and text.get_text().strip() and text not in unseen
     ]
-    least, most = _CUT * figure.dpi, figure.bbox.max + _CUT * figure.dpi
-    if any((box.min < -least).any() or (box.max > most).any() for box in boxes):
+    least, frame = _CUT * figure.dpi, figure.bbox
+    if any(
+        min(box.x0, box.y0) < -least or box.x1 > frame.x1 + least or box.y1 > frame.y1 + least
+        for box in boxes
+    ):
         return False
     beside = [box for box in boxes if not any(panel.overlaps(box) for panel in panels)]
     shared = (Bbox.intersection(box, other) for k, box in enumerate(beside) for other in beside[:k])
