@@ -235,3 +235,15 @@ def test_heat_and_the_probability_of_success(open_player):
         )
         words = f"{round(100 * history.success_at(time))} %"
         until(page, f"document.getElementById('details').innerText.includes('{words}')")
+
+
+def test_every_look_cools_the_ground(open_player):
+    ring = {"prior": ["ring:20,60:0.5=15"], "detection": 0.7, "at_most": 1.4}
+    history = SearchHistory(run(SearchProblem("square:80", robots=2, **ring), seed=1))
+    assert len(history.panels.labels) > 1  # layers of further looks
+    page = open_player(player_page(history.episode))
+    for time in (history.end, history.end / 3, 0.0):
+        page.evaluate(f"shoalPlayer.seek({time})")
+        page.evaluate("shoalPlayer.drawNow()")
+        heat = 255 * history.raster(history.heat(time), 0.0).ravel()
+        assert np.abs(np.array(page.evaluate("shoalPlayer.heat")) - heat).max() < 0.6

@@ -11,7 +11,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, check_seed, print_json, print_table
 from shoal.core.errors import InvalidInputError
-from shoal.core.files import atomic, check_suffix
+from shoal.core.files import check_suffix, write_text
 from shoal.parts import load
 
 EXAMPLE = "Example: shoal figure result/episode.npz --at 20 --width 85 --out map.pdf"
@@ -86,7 +86,7 @@ def figure(
 ) -> None:
     """Draw a figure of an episode, for a screen or for print, at its end or at any moment."""
     from shoal import views
-    from shoal.studio.forms import as_command
+    from shoal.studio.forms import command_beside
     from shoal.views.drawing.charts import FIGURES, PRINT_DPI
 
     check_folder(check_suffix(out, *FIGURES).parent)
@@ -102,11 +102,12 @@ def figure(
     )
     views.save_figure(drawn, out, dpi=PRINT_DPI if dpi is None and width is not None else dpi)
     caption = out.with_suffix(".caption.txt")
-    with atomic(caption) as temporary:
-        command = None if episode.seed is None else as_command(episode.problem, seed=episode.seed)
-        temporary.write_text(
-            views.caption(episode, kind=chosen, moment=at, command=command), encoding="utf-8"
-        )
+    command, files = (
+        (None, [])
+        if episode.seed is None
+        else command_beside(episode.problem, out, seed=episode.seed)
+    )
+    write_text(caption, views.caption(episode, kind=chosen, moment=at, command=command))
     inches = drawn.get_size_inches()
     result = {
         "kind": chosen,
@@ -119,7 +120,7 @@ def figure(
         print_json(result)
     else:
         size = f"{result['width_mm']} x {result['height_mm']} mm"
-        print_table([("size", size)], title=f"figure {chosen}", written=[out, caption])
+        print_table([("size", size)], title=f"figure {chosen}", written=[out, caption, *files])
 
 
 def _moments(kind: str, at: str | None, known: Mapping[str, str]) -> dict[str, Any]:

@@ -313,10 +313,14 @@ FIGURES: dict[str, dict[str, str | None]] = {
 SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 
 
-def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
-    """Write the films of an episode with progress bars, and return the paths of the films."""
+def write_films(
+    episode: Any, paths: list[Path] | None, *, size: str | None = None, rate: int | None = None
+) -> list[Path]:
+    """Write the films of an episode with progress bars, and return the paths of the films. The
+    options are those of `shoal.views.film`.
+    """
     for path in paths or []:
-        _write_film(episode, path)
+        _write_film(episode, path, size, rate)
     return [*(paths or [])]
 
 
@@ -346,7 +350,7 @@ def write_episode(
     return written + write_films(episode, film)
 
 
-def _write_film(episode: Any, path: Path) -> None:
+def _write_film(episode: Any, path: Path, size: str | None, rate: int | None) -> None:
     from shoal.views import film
 
     # length of the bar, because the number of frames is known only when the film is being written
@@ -355,6 +359,8 @@ def _write_film(episode: Any, path: Path) -> None:
         film(
             episode,
             path,
+            size=size,
+            rate=rate,
             on_frame=lambda done, total: (
                 advance(frames * done // total) if total > SHORT_FILM else None
             ),

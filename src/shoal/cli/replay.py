@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_outputs, check_seed, print_json, say, write_episode
+from shoal.cli.output import check_outputs, check_seed, print_json, say, write_episode, write_films
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.parts import load
 
@@ -43,6 +43,22 @@ def replay(
         ),
     ] = None,
     film: options.Film = None,
+    size: Annotated[
+        str | None,
+        typer.Option(
+            "--size",
+            help=(
+                "Size of films for presentations: wide (1920 x 1080) or square (1080 x 1080). They"
+                " have a title, a scale, moves between cells and a card at their end."
+            ),
+        ),
+    ] = None,
+    rate: Annotated[
+        int | None,
+        typer.Option(
+            "--rate", help="With --size: frames per second of .mp4 films, 30 or 60. Default: 30."
+        ),
+    ] = None,
     trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
@@ -50,9 +66,12 @@ def replay(
     differs from the stored episode.
     """
     check_outputs(out, film)
+    _check_size(film, size, rate)
     if episode_file.suffix.lower() == ".jsonl":
         from shoal.cli.swarm.driving import replay_drive
 
+        if size is not None:
+            raise InvalidInputError(f"--size: expected none for a drive, got {size}")
         replay_drive(episode_file, seed, out, film, json_, trust=trust)
         return
     episode = load(episode_file, trust=trust)
@@ -63,7 +82,14 @@ def replay(
     except ShoalError as error:  # an unknown task, or targets that cannot be reached
         raise InvalidInputError(f"{episode_file}: {error}") from None
     result = report() | {"verified": verified.ok, "message": verified.message}
-    written = write(result, out, film) if verified else []
+    written = (
+        [
+            *write(result, out, None if size else film),
+            *(write_films(episode, film, size=size, rate=rate) if size else []),
+        ]
+        if verified
+        else []
+    )
     if json_:
         print_json(result)
     else:
@@ -71,6 +97,19 @@ def replay(
     if not verified:
         say(f"shoal: {episode_file}: {verified.message}")
         raise typer.Exit(1)
+
+
+def _check_size(films: list[Path] | None, size: str | None, rate: int | None) -> None:
+    """Raise an error if options of films have no effect, before anything is written."""
+    if size is None and rate is None:
+        return
+    from shoal.views.drawing.stage import stage_of
+
+    if not films:
+        name, value = ("--size", size) if size is not None else ("--rate", rate)
+        raise InvalidInputError(f"{name}: expected a film beside it (--film), got {value} alone")
+    for path in films:
+        stage_of(path.suffix.lower(), size, rate)
 
 
 def _functions_of(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 
 QUALITY = 23
 """Constant rate factor of H.264 for videos."""
@@ -40,5 +41,6 @@ class RecordVideo(gymnasium.wrappers.RecordVideo):
         frames, self.recorded_frames = self.recorded_frames, []
         if frames:
             path = Path(self.video_folder, f"{self._video_name}.mp4")
-            write_mp4(path, iter(frames), self.frames_per_sec, side=None, quality=QUALITY)  # type: ignore[arg-type]
+            pictures = (np.asarray(frame, dtype=np.uint8) for frame in frames)
+            write_mp4(path, pictures, self.frames_per_sec, side=None, quality=QUALITY)
         self.recording, self._video_name = False, None

@@ -412,23 +412,18 @@ class SearchEpisode(Episode):
         }
 
     def save_visits(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV file with the first search of each cell: the cell's centre in metres, the
+        """Write a CSV file with the first search of each cell: the cell's viewpoint in metres, the
         number of the robot, and the time in seconds. A search of several altitudes has a column for
-        the altitude. Cells that nobody searched have no row, and second looks at cells have none
-        either.
+        the altitude. Cells that nobody searched have no row. A cell that robots search in several
+        passes or look at again has one row.
         """
         visits, plan = self.visits, self.plan
         robots, times = visits.robots.copy(), visits.times.copy()
-        for up, layer in enumerate(layers_of(plan.grid)):
-            if layer.whole is None:
-                continue
-            base = layers_of(plan.grid).index(layer.whole)
-            again = np.flatnonzero(plan.tour.cells[:, 0] == up)
-            first = plan.tour.position[(base, *plan.tour.cells[again, 1:].T)]
-            earlier = times[again] < times[first]
-            robots[first[earlier]] = robots[again[earlier]]
-            times[first[earlier]] = times[again[earlier]]
-            robots[again] = -1
+        same = self._same_cells
+        # from the last look to the first, which is the one that stays
+        order = np.argsort(-times, kind="stable")
+        robots[same[order]], times[same[order]] = robots[order], times[order]
+        robots[same != np.arange(len(same))] = -1
         cells = np.flatnonzero(robots >= 0)
         cells = cells[np.argsort(times[cells], kind="stable")]
         places = plan.positions(cells)
@@ -444,6 +439,28 @@ class SearchEpisode(Episode):
             numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
             lines.append(",".join(numbers))
         write_text(Path(path), "\n".join(lines) + "\n")
+
+    @property
+    def _same_cells(self) -> NDArray[np.int64]:
+        """The tour index of each cell in the lowest layer that has the same cell at the same
+        altitude, such as that of the first of several passes; int64, shape (N,).
+        """
+        plan, layers = self.plan, layers_of(self.plan.grid)
+        cells = plan.tour.cells
+        if cells.shape[1] == 2:
+            return np.arange(len(cells))
+        middles = np.zeros((len(cells), 2))
+        for up, layer in enumerate(layers):
+            these = cells[:, 0] == up
+            lattice = layer.lattice
+            middles[these] = lattice.to_region(lattice.centers(*cells[these, 1:].T))
+        ups = np.asarray(plan.altitudes)[cells[:, 0]]
+        keys = np.column_stack([ups, np.rint(middles / (1e-3 * plan.grid.size))])
+        order = np.argsort(cells[:, 0], kind="stable")
+        _, index, inverse = np.unique(keys[order], axis=0, return_index=True, return_inverse=True)
+        same = np.zeros(len(cells), dtype=np.int64)
+        same[order] = order[index[inverse.ravel()]]
+        return same
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:

@@ -10,10 +10,12 @@ import re
 import shlex
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from shoal.core.checks import check_integer, shortened
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_text
 from shoal.core.problem import Declaration, Problem
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.lab.statistics import first_measure
@@ -195,11 +197,11 @@ def as_python(problem: Problem, *, seed: int) -> str:
     )
 
 
-def as_command(problem: Problem, *, seed: int) -> str:
+def as_command(problem: Problem, *, seed: int, file: str = "problem.json") -> str:
     """Return the command line that runs a problem.
 
-    If some field cannot be written as text, the command reads the problem from the file
-    ``problem.json``.
+    If some field cannot be written as text, the command reads the problem from the problem file
+    ``file`` (see `as_file`).
 
     Examples
     --------
@@ -213,11 +215,22 @@ def as_command(problem: Problem, *, seed: int) -> str:
     if fields.get("task") == "coverage" or "subset" in fields:
         words[1] = "cover"
         fields.pop("task", None)
-    if not all(_has_text(problem, known[name], value) for name, value in fields.items()):
-        return shlex.join([*words, "problem.json", f"--seed={seed}"])
+    if not _is_text(problem):
+        return shlex.join([*words, file, f"--seed={seed}"])
     place = next(name for name, declared in known.items() if declared.option.argument)
     words.append(known[place].text(fields.pop(place, known[place].default)))
     return shlex.join([*words, *_flags(problem, fields), f"--seed={seed}"])
+
+
+def command_beside(problem: Problem, path: Path, *, seed: int) -> tuple[str, list[Path]]:
+    """Return the command line that runs a problem, and the file that it needs, if any: a problem
+    file, which the function writes beside ``path`` as NAME.problem.json.
+    """
+    if _is_text(problem):
+        return as_command(problem, seed=seed), []
+    file = path.with_suffix(".problem.json")
+    write_text(file, as_file(problem))
+    return as_command(problem, seed=seed, file=str(file)), [file]
 
 
 def mission_words(options: Problem) -> list[str]:
@@ -236,6 +249,12 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
         else:
             words.append(f"{flag}={known[name].text(value)}")
     return words
+
+
+def _is_text(problem: Problem) -> bool:
+    """Return whether the command line can express all fields of a problem."""
+    known = problem.declarations()
+    return all(_has_text(problem, known[name], value) for name, value in _fields(problem).items())
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:

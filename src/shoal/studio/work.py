@@ -32,6 +32,7 @@ from shoal.studio.forms import (
     checked_problem,
     checked_seed,
     checked_sweep,
+    command_beside,
     mission_words,
 )
 from shoal.studio.requests import (
@@ -243,7 +244,8 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
     """Write a figure, a film or a player page of an episode, and return the name of the file.
 
     A figure with the entry "width" (millimetres) is one for print, with a caption beside it. The
-    entries "font_size" (points) and "at" (moves, or of a search seconds) may go with it.
+    entries "font_size" (points) and "at" (moves, or of a search seconds) may go with it. A film with
+    the entry "size" is one for presentations; the entry "rate" may go with it.
     """
     from shoal.views import MOMENTS, caption, figure, figure_kinds, film, save_figure
     from shoal.views.drawing.charts import PRINT_DPI
@@ -254,6 +256,9 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
             raise InvalidInputError(
                 f"{name}: expected none for a film or a page, got {shortened(spec[name])}"
             )
+    for name in ("size", "rate"):
+        if suffix in _FIGURES and spec.get(name) is not None:
+            raise InvalidInputError(f"{name}: expected none for a figure, got {spec[name]}")
     source = folder.path(str(spec.get("episode")))
     say("progress", (0.0, f"reading {source.name}"))
     episode = episode_in(source)
@@ -273,13 +278,15 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
                 moment=None if at is None else f"{at:g}",
                 command=None
                 if episode.seed is None
-                else as_command(episode.problem, seed=episode.seed),
+                else command_beside(episode.problem, folder.path(name), seed=episode.seed)[0],
             )
             write_text(folder.path(name).with_suffix(".caption.txt"), text)
     else:
         film(
             episode,
             folder.path(name),
+            size=spec.get("size"),
+            rate=spec.get("rate"),
             on_frame=lambda done, total: say("progress", (done / total, f"frame {done}")),
         )
     return {"file": name}

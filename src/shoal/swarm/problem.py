@@ -623,12 +623,16 @@ class SwarmProblem(Problem):
         best = plannable or (bool(given) and isinstance(task, Mapping))
         return with_budget(make_policy("best" if best else "closest-frontier"), **given), False
 
+    @property
+    def reading(self) -> dict[str, Any]:
+        """The given options for reading the map, by name."""
+        return {name: getattr(self, name) for name in READING if name in self.given}
+
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""
         from shoal.swarm.maps.files import open_map
 
-        reading = {name: getattr(self, name) for name in READING if name in self.given}
-        workspace = open_map(self.map, **reading)
+        workspace = open_map(self.map, **self.reading)
         if self.cell_size is not None:
             workspace = GridWorkspace(
                 workspace.free,

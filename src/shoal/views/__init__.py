@@ -18,7 +18,7 @@ from shoal.core.files import atomic
 from shoal.core.version import versions
 from shoal.parts import PARTS
 from shoal.views import search, steering, swarm
-from shoal.views.drawing.charts import printed, save_figure
+from shoal.views.drawing.charts import printed, save_figure, with_room
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +70,8 @@ def figure(
     ------
     InvalidInputError
         If Shoal has no figure of the given kind for the episode, if the kind does not have a
-        given option, or if a number is out of its range.
+        given option, if a number is out of its range, or if the text of a figure for print has no
+        room in its width.
     """
     first = episode[0] if isinstance(episode, Sequence) and episode else episode
     kinds = _views_of(first).figures.FIGURES
@@ -82,9 +83,9 @@ def figure(
     ]
     for name in options:
         check_choice(name, what=f"option of the figure {kind}", choices=known)
-    with printed(width, font_size):
-        drawn: Figure = draw(episode, **options)
-    return drawn
+    with printed(width, font_size), with_room(kind) as figures:
+        figures.append(draw(episode, **options))
+    return figures[0]
 
 
 def caption(
@@ -127,6 +128,8 @@ def film(
     episode: Episode,
     path: str | os.PathLike[str],
     *,
+    size: str | None = None,
+    rate: int | None = None,
     on_frame: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a film of an episode of swarm, steering or search. The suffix of ``path`` determines
@@ -139,6 +142,12 @@ def film(
         motion within each move.
     path : path
         Path of the film, with the suffix ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
+    size : str, optional
+        Size of a film for presentations: "wide" (1920 x 1080 pixels) or "square" (1080 x 1080).
+        Such a film has a title, a legend or numbers, a scale and a card at its end, shows particles
+        between the cells of their moves, and has the photograph of a map under it.
+    rate : int, optional
+        Frames per second of a film for presentations: 30 (the default) or 60.
     on_frame : callable, optional
         Function that Shoal calls after each frame, with the number of finished frames and the total
         number of frames.
@@ -146,21 +155,24 @@ def film(
     Raises
     ------
     InvalidInputError
-        If the suffix of ``path`` is not supported, or if the episode is too large for a browser.
+        If the suffix of ``path`` is not supported, if the episode is too large for a browser, or if
+        ``size`` or ``rate`` has no effect: on a player, a GIF with a rate, the film of a volume.
     OutputError
         If writing the file fails. After a failure, no partial file remains.
     """
     from shoal.views.drawing.encoding import check_film, encode_film
+    from shoal.views.drawing.stage import stage_of
 
     target = check_film(path)
     suffix = target.suffix.lower()
+    stage = stage_of(suffix, size, rate)
     with atomic(target) as temporary:
         if suffix == ".html":
             temporary.write_text(_views_of(episode).page.player_page(episode), encoding="utf-8")
         else:
             encode_film(
                 temporary,
-                _views_of(episode).films.clip_of(episode, suffix),
+                _views_of(episode).films.clip_of(episode, suffix, stage),
                 gif=suffix == ".gif",
                 on_frame=on_frame,
             )

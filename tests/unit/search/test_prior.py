@@ -512,6 +512,34 @@ def test_the_file_of_visits_has_each_cell_once(tmp_path):
         assert float(first[square]["time_s"]) == pytest.approx(looks[0])
 
 
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_the_file_of_visits_has_each_cell_of_several_passes_once(angle, tmp_path):
+    episode = run(SearchProblem(**SQUARE, passes=2, angle=angle), seed=1)
+    episode.save_visits(tmp_path / "visits.csv")
+    rows = list(csv.DictReader((tmp_path / "visits.csv").read_text().splitlines()))
+    cells = len(episode.plan.tour) // 2
+    places = [(row["x_m"], row["y_m"]) for row in rows]
+    assert len(rows) == len(set(places)) == cells
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(times)
+    lowest = episode.plan.tour.cells[:, 0] == 0
+    firsts = episode.visits.times
+    grid = episode.plan.grid.layers
+    centres = np.concatenate(
+        [
+            layer.lattice.to_region(layer.lattice.centers(*episode.plan.tour.cells[chosen, 1:].T))
+            for layer, chosen in zip(grid, (lowest, ~lowest), strict=True)
+        ]
+    )
+    firsts = np.concatenate([firsts[lowest], firsts[~lowest]])
+    # by plain comparison of the centres of all cells
+    earliest = [
+        min(firsts[k] for k in range(len(firsts)) if np.abs(centres[k] - centres[j]).max() < 1e-6)
+        for j in range(cells)
+    ]
+    assert sorted(earliest) == pytest.approx(times)
+
+
 def drifting(tmp_path, **fields):
     file, _ = corner(tmp_path)
     return SearchProblem(**SQUARE, prior=[file], drift=(-0.2, 0.0, 0.05)).replaced(**fields)

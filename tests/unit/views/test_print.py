@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
 from PIL import Image
+from shapely import box
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.search import SearchProblem
+from shoal.parts import load
+from shoal.search import SearchProblem, region_of
 from shoal.search.run import run as run_search
 from shoal.steering import SteeringProblem
 from shoal.steering.run import run as run_steering
@@ -88,6 +91,12 @@ def test_moments(episodes):
         ("swarm", {"width": 10}, "width: expected a number from 30 to 1000, got 10"),
         ("swarm", {"font_size": 7}, "font size: expected a width beside it, got none"),
         ("swarm", {"width": 85, "font_size": 50}, "font size: expected a number from 4 to 20"),
+        (
+            "swarm",
+            {"width": 30, "font_size": 20},
+            "figure map: expected a width with room for the text, got 30 mm for text of 20 pt",
+        ),
+        ("search", {"width": 30, "font_size": 14}, "figure routes: expected a width with room"),
         ("swarm", {"seconds": 3}, "option of the figure map: expected one of moves, got 'seconds'"),
         ("swarm", {"moves": [0, 10**6]}, "moves: expected"),
         ("volume", {"moves": [0, 1]}, "moves: expected one number for a volume, got 2"),
@@ -129,6 +138,20 @@ def test_command(folder, capsys):
     assert "Map at moves 2." in caption
     assert "shoal map maze:11x9 --particles=3 --policy=closest-frontier --seed=1" in caption
     assert "matplotlib" in caption
+
+
+def test_the_command_of_a_caption_repeats_the_episode(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = SearchProblem(region_of(box(0, 0, 40, 20), name="own"), robots=2, footprint=10)
+    episode = run_search(problem, seed=3)
+    episode.save("episode.json")
+    assert run(["figure", "episode.json", "--width", "85", "--out", "routes.png"]) == 0
+    caption = (tmp_path / "routes.caption.txt").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^Problem: shoal (.*)$", caption, re.MULTILINE)
+    assert run([*shlex.split(command), "--out", "again"]) == 0
+    assert (tmp_path / "routes.problem.json").exists()
+    again = load("again/episode.json")
+    assert again.trace.to_dict() == episode.trace.to_dict()
 
 
 @pytest.mark.parametrize(

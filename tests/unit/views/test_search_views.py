@@ -95,7 +95,7 @@ def test_stretches_follow_one_another(history):
         assert all(one.end == two.begin for one, two in pairwise(activities))
         log = history.logs[robot]
         for time, other in zip(log.times, history.others(robot), strict=True):
-            doing = [one for one in activities if one.begin < time <= one.end]
+            doing = [one for one in activities if one.begin < max(time, 1e-9) <= one.end]
             assert [(one.kind, one.other) for one in doing] == [
                 ("taken", other) if other else ("own", 0)
             ]
@@ -203,8 +203,15 @@ def test_first_searched_is_what_the_logs_tell(history):
             if number not in history.liars
             for k in np.flatnonzero(log.cells == cell)
         ]
-        assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
-    if history.episode.simulated:
+        told = min(found) if found else (inf, 0)
+        if history.episode.plan.flies:  # a vehicle may see a cell on its way between two others
+            assert times[cell] <= told[0]
+            assert history.episode.clock(times[cell]) == pytest.approx(
+                history.episode.visits.times[cell]
+            )
+        else:
+            assert (times[cell], by[cell] if found else 0) == told
+    if history.episode.simulated and not history.episode.plan.flies:
         assert (times.max() == pytest.approx(history.episode.trace.covered_at)) == (
             history.episode.problem.multiplicity == 1
         )
@@ -531,11 +538,54 @@ def test_heat_cools_where_robots_look():
     assert warm[hottest].sum() < 3 - 0.3
     assert np.abs(warm - cold)[first > middle].max() == 0
     data = page_data(episode)
-    assert data["left"] == pytest.approx(0.3**0.6)
     heat = np.frombuffer(b64decode(data["heat"]), dtype=np.uint8)
     assert heat.max() == 255
     plain = page_data(run(SearchProblem("square:80", robots=2), seed=1))
     assert plain["heat"] is None
+
+
+@cache
+def flown_prior(**fields):
+    """A search with a prior that vehicles fly, in which a look counts when a flight passes."""
+    ring = {"prior": ["ring:20,60:0.5=15,0.9=30"], "detection": 0.7, "vehicle": "multirotor"}
+    return run(SearchProblem("square:80", robots=2, footprint=10, **ring, **fields), seed=1)
+
+
+def test_views_of_flown_searches_have_the_times_of_the_episode():
+    episode = flown_prior()
+    history = SearchHistory(episode)
+    assert float(episode.clock(history.end)) == pytest.approx(episode.makespan)
+    for robot, log in enumerate(history.logs):
+        np.testing.assert_allclose(episode.clock(log.times), episode.sightings[robot].times)
+        assert (np.diff(history.trajectories[robot].times) >= 0).all()
+    np.testing.assert_allclose(episode.clock(history.first[0]), episode.visits.times)
+    success = episode.success
+    for time in np.linspace(0.0, history.end, 9):
+        told = success.probabilities[success.times <= float(episode.clock(time)) + 1e-9]
+        assert history.success_at(time + 1e-9) == pytest.approx(told[-1] if len(told) else 0.0)
+    times, found = (np.frombuffer(b64decode(one), "<f4") for one in page_data(episode)["success"])
+    np.testing.assert_allclose(episode.clock(times), success.times, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(found, success.probabilities, rtol=1e-5)
+
+
+@pytest.mark.parametrize("fields", [{"at_most": 1.0}, {"at_most": 1.4}, {"passes": 2}])
+def test_players_cool_like_films(fields):
+    history = SearchHistory(flown_prior(**fields))
+    data = page_data(history.episode)
+    heat = np.frombuffer(b64decode(data["heat"]), np.uint8).copy()
+    times, squares, cooled = (
+        np.frombuffer(b64decode(one), kind)
+        for one, kind in zip(data["cooled"], ("<f4", "<u4", "u1"), strict=True)
+    )
+    assert (np.diff(times) >= 0).all()
+    done = 0
+    for moment in np.unique(times)[:: max(1, len(np.unique(times)) // 20)]:
+        time = float(moment) * (1 + 1e-6) + 1e-9
+        until = int(np.searchsorted(times, time, "right"))
+        heat[squares[done:until]] = cooled[done:until]
+        done = until
+        expected = 255 * history.raster(history.heat(time), 0.0).ravel()
+        assert np.abs(heat - expected).max() <= 0.5 + 1e-3
 
 
 def test_second_looks_cool_the_ground_again():

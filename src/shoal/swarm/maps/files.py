@@ -333,10 +333,7 @@ def open_map(
         return GridWorkspace(generate_cached(text), name=text)
     if vessels:
         check_used(KINDS["photograph"], given, where=text)
-        limits = {name: given[name] for name in ("low", "high") if name in given}
-        axes: dict[str, Any] = {"channel": chosen.channel, "frame": chosen.frame}
-        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **axes).mask
-        mapped = imaging.VesselMap(mask, width=width)
+        mapped = vessel_map(path, **given)
         tell_once(mapped.notice(str(path)))
         return named_after(path, mapped.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
@@ -380,6 +377,26 @@ def fit_width(workspace: GridWorkspace, width: int | None, *, where: str = "map"
         for size, before, after in zip(workspace.spacing, workspace.shape, free.shape, strict=True)
     )
     return GridWorkspace(free, name=workspace.name, spacing=spacing)
+
+
+def vessel_map(
+    path: str | os.PathLike[str],
+    *,
+    width: int | None = None,
+    vessels: bool = True,
+    bright: bool | None = None,
+    thickest: float | None = None,
+    channel: int | str | None = None,
+    frame: int | None = None,
+    **limits: float,
+) -> imaging.VesselMap:
+    """Return the map of the vessels in a photograph, which knows where it is in the photograph. The
+    options are those of `open_map`.
+    """
+    assert vessels
+    axes: dict[str, Any] = {"channel": channel, "frame": frame}
+    mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **axes).mask
+    return imaging.VesselMap(mask, width=width)
 
 
 def vessels_in(

@@ -33,6 +33,7 @@ PRINT_DPI = 300.0  # pixels an inch, what journals ask of pictures
 _TEXT = 8.0  # points: the size of most text in a figure
 _MM = 25.4  # millimetres an inch
 _WORDS = 0.9, 0.6  # inches of a figure's height for text: with a heading, and in print without it
+_CUT = 0.02  # inches beyond the figure that are only the soft edge of a sign
 _NARROW = 127.0  # millimetres: in print, narrower figures have their panels one below another
 
 
@@ -86,6 +87,71 @@ def printed(width: float | None, font_size: float | None) -> Iterator[None]:
             yield
     finally:
         _print.reset(token)
+
+
+@contextmanager
+def with_room(kind: str) -> Iterator[list[Figure]]:
+    """Draw a figure of a ``with`` block, and refuse it if it is for print and what it shows has no
+    room in it.
+
+    Raises
+    ------
+    InvalidInputError
+        If text would be cut off or cover other text, or leaves no room for the axes.
+    """
+    figures: list[Figure] = []
+    asked = _print.get()
+    if asked is None:
+        yield figures
+        return
+    with warnings.catch_warnings():
+        # a layout that cannot be made is no warning but an error
+        warnings.filterwarnings("error", "constrained_layout not applied")
+        warnings.filterwarnings("ignore", "Glyph")
+        try:
+            yield figures
+            for figure in figures:
+                figure.draw_without_rendering()
+            fits = all(_fits(figure) for figure in figures)
+        except UserWarning:
+            fits = False
+    if not fits:
+        raise InvalidInputError(
+            f"figure {kind}: expected a width with room for the text, got"
+            f" {asked.width:g} mm for text of {asked.font_size:g} pt"
+        )
+
+
+def _fits(figure: Figure) -> bool:
+    """Return whether all texts of a drawn figure lie inside it, and those beside its axes cover no
+    other text.
+    """
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
+
+    axes_of = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    unseen = {  # of ticks beyond the ends of an axis
+        label
+        for axis in axes_of
+        for tick in axis.get_major_ticks()
+        for label in (tick.label1, tick.label2)
+        if not min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
+    }
+    panels = [axes.get_window_extent() for axes in figure.axes]
+    boxes = [
+        text.get_window_extent()
+        for text in figure.findobj(Text)
+        if text.get_visible() and text.get_text().strip() and text not in unseen
+    ]
+    least, frame = _CUT * figure.dpi, figure.bbox
+    if any(
+        min(box.x0, box.y0) < -least or box.x1 > frame.x1 + least or box.y1 > frame.y1 + least
+        for box in boxes
+    ):
+        return False
+    beside = [box for box in boxes if not any(panel.overlaps(box) for panel in panels)]
+    shared = (Bbox.intersection(box, other) for k, box in enumerate(beside) for other in beside[:k])
+    return not any(box is not None and min(box.width, box.height) > least for box in shared)
 
 
 def text_size(size: float = _TEXT) -> float:

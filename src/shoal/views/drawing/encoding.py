@@ -117,9 +117,10 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 
 
 def palette_of(frames: list[Frame]) -> bytes:
-    """Return up to 256 colours for a GIF of the given frames, as bytes of red, green and blue.
+    """Return up to 255 colours for a GIF of the given frames, as bytes of red, green and blue.
 
-    The palette contains the exact values of the most frequent colours of the frames.
+    The palette contains the exact values of the most frequent colours of the frames. The colour that
+    is left stands for pixels that do not change.
     """
     from PIL import Image as Pillow
 
@@ -141,7 +142,7 @@ def palette_of(frames: list[Frame]) -> bytes:
     for colour in np.concatenate(
         [_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]
     ).astype(np.int64):
-        if len(chosen) < 256 and (
+        if len(chosen) < 255 and (
             not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART
         ):
             chosen = np.vstack([chosen, colour])
@@ -179,7 +180,7 @@ def write_gif(
             append_images=images,
             duration=duration,
             loop=0,
-            optimize=False,
+            optimize=True,  # pixels that do not change are transparent, which saves most of the size
             disposal=1,
         )
 

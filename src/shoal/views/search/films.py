@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from shoal.core.checks import count_text
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.views.drawing.canvas import Canvas, hole_in
-from shoal.views.drawing.charts import INK, MUTED
+from shoal.views.drawing.charts import INK, MUTED, bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.drawing.stage import Stage
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour, sizes_text
 
@@ -26,8 +28,15 @@ _GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
 _FLASH = 40  # duration of a takeover's growing rings as a fraction of the film: 1/40
 
 
-def clip_of(episode: SearchEpisode, suffix: str) -> Clip[float]:
-    """Return the film of a search, ready for encoding as GIF or H.264."""
+def clip_of(episode: SearchEpisode, suffix: str, stage: Stage | None) -> Clip[Any]:
+    """Return the film of a search, ready for encoding as GIF or H.264. With a stage, it is one for
+    presentations.
+    """
+    if stage is not None:
+        film = SearchFilm(episode, height=stage.height, width=stage.width)
+        times = film.times(stage.rate, stage.frames_of(SECONDS + _REST))
+        clip = Clip(film.frames, times, stage.rate, None, quality=20)
+        return stage.with_card(clip, episode, film.title)
     film = SearchFilm(episode, height=HEIGHT[suffix])
     times = film.times(RATE[suffix], LONGEST[suffix])
     return Clip(film.frames, times, RATE[suffix], max(film.width, film.height), quality=22)
@@ -41,17 +50,20 @@ class SearchFilm:
     episode : SearchEpisode
     height : int
         Height of each frame in pixels.
+    width : int, optional
+        Width of each frame in pixels; by default, as the region needs.
     """
 
-    def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
-
+    def __init__(
+        self, episode: SearchEpisode, *, height: int = 720, width: int | None = None
+    ) -> None:
         self.history = SearchHistory(episode)
         left, right, bottom, top = self._sides = self.history.sides
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
         self.height = height
-        self.width = 2 * round(((height - head - foot) * across + 2 * side) / 2)
+        self.width = width or 2 * round(((height - head - foot) * across + 2 * side) / 2)
         self._scale = min(
             (self.width - 2 * side) / (right - left), (height - head - foot) / (top - bottom)
         )
@@ -65,6 +77,12 @@ class SearchFilm:
         self._outlines = [
             list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)
         ]
+
+    @property
+    def title(self) -> str:
+        """Name of the region, without its end if it is long."""
+        name = self.history.episode.plan.grid.region.name
+        return name if len(name) < 30 else name[:29] + "…"
 
     def times(self, rate: float, longest: int) -> list[float]:
         """Return the times of the frames, in cell times (the time that a robot of speed 1 needs for
@@ -118,10 +136,9 @@ class SearchFilm:
         canvas.area(
             [[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff"
         )
-        name = episode.plan.grid.region.name
         width = canvas.text(
             (32 * unit, 38 * unit),
-            name if len(name) < 30 else name[:29] + "…",
+            self.title,
             INK,
             19 * unit,
             bold=True,
@@ -130,9 +147,23 @@ class SearchFilm:
             f"{count_text(self.history.n_robots, 'robot')}, {self.history.n_cells:,} cells of"
             f" {sizes_text(episode.plan)}"
         )
-        canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
+        begin = (32 + 14) * unit + width
+        used = begin + canvas.text((begin, 38 * unit), words, MUTED, 14 * unit)
+        self._draw_scale_bar(used)
         self._plain = canvas.frame()
         self._draw_cells(-1.0)
+
+    def _draw_scale_bar(self, used: float) -> None:
+        """Draw a scale bar in the head of a frame, if there is room right of ``used`` pixels."""
+        unit = self._unit
+        length = bar_length(0.2 * (self._sides[1] - self._sides[0]))
+        right = self.width - 32 * unit
+        left = right - self._scale * length
+        if left - 80 * unit < used:
+            return
+        label = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+        self._canvas.line([(left, 33 * unit), (right, 33 * unit)], INK, 2.2 * unit)
+        self._canvas.text((left - 8 * unit, 38 * unit), label, INK, 14 * unit, align=1.0)
 
     def _draw_cells(self, time: float) -> None:
         """Draw the cells without their parts outside the region, and store the drawing as the

@@ -501,11 +501,38 @@ class SearchHistory:
             fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar)
         )
 
+    @cached_property
+    def _clock(self) -> tuple[float, float]:
+        """The second at which the time of the drawing begins, and the seconds of one cell time."""
+        start, one = (float(moment) for moment in self.episode.clock([0.0, 1.0]))
+        return start, one - start
+
+    def _drawn(self, seconds: ArrayLike) -> Floats:
+        """Return times of the drawing for seconds since the start of the search."""
+        start, one = self._clock
+        return (np.asarray(seconds, dtype=np.float64) - start) / one
+
     def drawn_times(self, robot: int, moments: ArrayLike) -> Floats:
-        """Return the times at which a drawing shows moments of a robot's log."""
-        clock = self.episode.clock
-        zero = clock(0.0)
-        return np.asarray((clock(moments, robot) - zero) / (clock(1.0) - zero))
+        """Return the times at which a drawing shows moments of a robot's log.
+
+        A robot is at each of its stops when the episode says that it is (`SearchEpisode.sightings`).
+        """
+        moments = np.asarray(moments, dtype=np.float64)
+        log, clock = self.episode.trace.robots[robot], self.episode.clock
+        drawn = self._drawn(clock(moments, robot))
+        if not (self.episode.plan.flies and log.times.size):
+            return drawn
+        looks = self.episode.sightings[robot].times
+        departure = min(
+            float(self.episode.plan.delays[robot]) / self.episode.plan.cell_seconds,
+            float(log.times[0]),
+        )
+        knots = [0.0, departure, *log.times.tolist()]
+        seconds = [*clock([0.0, departure], robot).tolist(), *looks.tolist()]
+        seconds[1] = min(seconds[1], seconds[2])
+        return np.where(
+            moments <= knots[-1], self._drawn(np.interp(moments, knots, seconds)), drawn
+        )
 
     @cached_property
     def logs(self) -> tuple[RobotLog, ...]:
@@ -541,6 +568,8 @@ class SearchHistory:
         """
         moments = [state[0] for log in self.logs for state in log.states]
         moments += [float(log.times[-1]) for log in self.logs if log.times.size]
+        if self.episode.makespan is not None:
+            moments.append(float(self._drawn(self.episode.makespan)))
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
@@ -626,30 +655,33 @@ class SearchHistory:
                 cells, earliest = _earliest(self.episode.seen[number - 1], log)
                 new = earliest < times[cells]
                 times[cells[new]], by[cells[new]] = earliest[new], number
+        if self.episode.plan.flies:  # a vehicle may first see a cell on its way to a stop
+            visits = self.episode.visits
+            seen_at = self._drawn(visits.times)
+            new = seen_at < times
+            times[new], by[new] = seen_at[new], visits.robots[new] + 1
         return times, by
-
-    @cached_property
-    def _seconds(self) -> tuple[float, float]:
-        """The second at which the time of the drawing begins, and the seconds of one cell time."""
-        start, one = (float(moment) for moment in self.episode.clock([0.0, 1.0]))
-        return start, one - start
 
     @cached_property
     def _looks(self) -> Looks | None:
         """The looks of robots that tell the truth at where the target may be, with their times in
-        seconds; None without a prior.
+        the drawing; None without a prior.
         """
         ground = self.episode.plan.ground
         if ground is None:
             return None
         cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-        for number, log in enumerate(self.logs, start=1):
-            if number not in self.liars and log.cells.size:
+        for number, own in enumerate(self.episode.sightings, start=1):
+            if number not in self.liars and len(own.times):
                 seen = self.episode.seen[number - 1]
                 cells += seen
-                times.append(np.repeat(log.times, [len(one) for one in seen]))
-        start, one = self._seconds
-        return ground.looks(np.concatenate(cells), start + one * np.concatenate(times))
+                times.append(np.repeat(own.times, [len(one) for one in seen]))
+        looks = ground.looks(np.concatenate(cells), np.concatenate(times))
+        seconds = looks.times
+        if isinstance(ground, Ground):  # a vehicle may first see a cell on its way to a stop
+            seen_at = self.episode.visits.times[looks.cells]
+            seconds = np.where(looks.earlier == 0, np.minimum(seen_at, seconds), seconds)
+        return replace(looks, times=self._drawn(seconds))
 
     def likely(self, time: float) -> Floats:
         """Return the probability that the target is in each cell and not found up to a given time;
@@ -661,9 +693,9 @@ class SearchHistory:
         found = np.zeros(self.n_cells)
         if ground is None or looks is None:
             return found
-        start, one = self._seconds
+        start, one = self._clock
         seconds = start + one * float(np.clip(time, 0.0, self.end))
-        done = looks.times <= start + one * time
+        done = looks.times <= time
         searches = np.bincount(looks.pieces[done], minlength=len(ground.masses))
         left = ground.masses * (1.0 - self.episode.problem.detection) ** searches
         still = ground if isinstance(ground, Ground) else ground.still(seconds)
@@ -675,7 +707,37 @@ class SearchHistory:
         """Return how strongly each cell is coloured because the target is likely there and not found
         up to a given time, from 0 to 1; float64, shape (n,).
         """
-        return np.asarray(np.clip(self.likely(time) / self._most, 0.0, 1.0) ** SHADE)
+        return self._shade(self.likely(time))
+
+    def _shade(self, likely: Floats) -> Floats:
+        return np.asarray(np.clip(likely / self._most, 0.0, 1.0) ** SHADE)
+
+    @cached_property
+    def cooling(self) -> tuple[Floats, Numbers, Floats]:
+        """How looks change the heat of cells (see `heat`) if the target does not move: increasing
+        times, cells, and the heat of these cells from then on; float64, int64 and float64, shape
+        (k,).
+        """
+        ground, looks = self.episode.plan.ground, self._looks
+        if not isinstance(ground, Ground) or looks is None:
+            return np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0)
+        # a look changes a piece of the ground, and so each cell that shows the piece
+        cells = ground.cells[looks.pieces]
+        there = cells >= 0
+        missed = (1.0 - self.episode.problem.detection) ** looks.earlier
+        found = ground.masses[looks.pieces] * missed * self.episode.problem.detection
+        times = np.broadcast_to(looks.times[:, None], cells.shape)[there]
+        changes = np.broadcast_to(found[:, None], cells.shape)[there]
+        order = np.lexsort((times, cells[there]))
+        times, cells, changes = times[order], cells[there][order], changes[order]
+        total = np.cumsum(changes)
+        begins = np.searchsorted(cells, cells)  # the first change of the same cell
+        before = np.concatenate([[0.0], total])[begins]
+        heat = self._shade(np.maximum(self.likely(-inf)[cells] - (total - before), 0.0))
+        # of changes at the same time, the last one holds
+        last = np.append((np.diff(cells) > 0) | (np.diff(times) > 0), True)[: len(cells)]
+        order = np.argsort(times[last], kind="stable")
+        return times[last][order], cells[last][order], heat[last][order]
 
     @cached_property
     def _most(self) -> float:
@@ -686,13 +748,10 @@ class SearchHistory:
         """Times of searches, in the unit of the trace, and the probability that the target is found
         until each of them. They are empty without a prior.
         """
-        ground, looks = self.episode.plan.ground, self._looks
-        if ground is None or looks is None:
+        success = self.episode.success
+        if success is None:
             return np.zeros(0), np.zeros(0)
-        order = np.argsort(looks.times, kind="stable")
-        found = ground.masses[looks.pieces] * looks.chances(self.episode.problem.detection)
-        start, one = self._seconds
-        return (looks.times[order] - start) / one, np.cumsum(found[order])
+        return self._drawn(success.times), success.probabilities
 
     def success_at(self, time: float) -> float:
         """Return the probability that the target is found up to a given time."""

@@ -15,7 +15,7 @@ from shoal.search import SearchEpisode
 from shoal.search.problem.target import Ground
 from shoal.search.simulation.trace import Finding
 from shoal.views.player import render
-from shoal.views.search.history import SHADE, RobotTrajectory, SearchHistory, sizes_text
+from shoal.views.search.history import RobotTrajectory, SearchHistory, sizes_text
 
 LARGEST = 300_000
 """Maximum number of visits of cells that a page plays smoothly."""
@@ -71,8 +71,9 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles
         that the robots found. ``findings`` is a list of [x, y, time of the first discovery,
         confidence]. With a prior, ``heat`` (uint8, for each square) states how likely a target that
-        does not move is there before the search, ``left`` is the part of this that remains after a search, and ``success``
-        holds times (float32) and the probability that the target is found until then (float32).
+        does not move is there before the search. The looks at it change it: ``cooled`` holds times
+        (float32, increasing), squares (uint32) and their new heat (uint8). ``success`` holds times
+        (float32) and the probability that the target is found until then (float32).
         ``north`` is the direction of north in degrees clockwise from up, or null.
         ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or
         0 for other vehicles.
@@ -134,7 +135,10 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             for one in episode.findings
         ],
         "heat": _heat(history),
-        "left": (1.0 - episode.problem.detection) ** SHADE,
+        "cooled": [
+            _text(one, kind)
+            for one, kind in zip(_cooled(history), ("<f4", "<u4", "<u1"), strict=True)
+        ],
         "success": [_text(one, "<f4") for one in history.success],
         "north": history.north,
         "circle": history.circle,
@@ -148,6 +152,26 @@ def _heat(history: SearchHistory) -> str | None:
     if not isinstance(history.episode.plan.ground, Ground):
         return None
     return _text(np.rint(255 * history.raster(history.heat(-inf), 0.0)).ravel(), "<u1")
+
+
+def _cooled(history: SearchHistory) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return how looks change the heat of a target that does not move: times, squares of the
+    drawing, and their heat from then on, up to 255.
+    """
+    if not isinstance(history.episode.plan.ground, Ground):
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    times, cells, heat = history.cooling
+    # the squares of each cell, one cell after the other
+    numbers = history.panels.numbers.ravel()
+    squares = np.argsort(numbers, kind="stable")
+    low, high = (np.searchsorted(numbers[squares], cells, side) for side in ("left", "right"))
+    counts = high - low
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return (
+        np.repeat(times, counts),
+        squares[np.repeat(low, counts) + within],
+        np.rint(255 * np.repeat(heat, counts)),
+    )
 
 
 def _box(sides: tuple[float, float, float, float]) -> list[float]:

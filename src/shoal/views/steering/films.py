@@ -15,6 +15,7 @@ from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.drawing.stage import Stage
 from shoal.views.steering.figures import colour_of, outlines_of
 from shoal.views.steering.trajectories import (
     Camera,
@@ -356,12 +357,18 @@ _TURN = 0.5  # radians by which the camera turns to both sides in a film
 _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 
-def clip_of(episode: SteeringEpisode, suffix: str) -> Clip[FilmMoment]:
-    """Return the film of a steering episode, ready for encoding as GIF or H.264."""
+def clip_of(episode: SteeringEpisode, suffix: str, stage: Stage | None) -> Clip[Any]:
+    """Return the film of a steering episode, ready for encoding as GIF or H.264. With a stage, it is
+    one for presentations.
+    """
     trajectories = trajectories_of(episode)
-    moments, rate = FilmSchedule(trajectories, size=episode.problem.place.size).moments(
-        RATE[suffix], LONGEST[suffix]
-    )
+    schedule = FilmSchedule(trajectories, size=episode.problem.place.size)
+    if stage is not None:
+        film = SteeringFilm(episode, trajectories, height=stage.height, width=stage.width)
+        moments, _ = schedule.moments(stage.rate, stage.frames_of(60.0))
+        clip = Clip(film.frames, moments, stage.rate, None, quality=20)
+        return stage.with_card(clip, episode, film.title)
+    moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
     film = SteeringFilm(episode, trajectories, height=HEIGHT[suffix])
     return Clip(film.frames, moments, rate, max(film.width, film.height), quality=20)
 
@@ -376,14 +383,23 @@ class SteeringFilm:
         The motion within each move, from `trajectories_of`.
     height : int
         Height of each frame in pixels.
+    width : int, optional
+        Width of each frame in pixels; by default, as the panels need.
     """
 
     def __init__(
-        self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], *, height: int = 720
+        self,
+        episode: SteeringEpisode,
+        trajectories: list[MoveTrajectory],
+        *,
+        height: int = 720,
+        width: int | None = None,
     ) -> None:
         self._episode, self._trajectories = episode, trajectories
         pair, space = has_delta(episode), episode.problem.place.dimensions == 3
-        self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
+        self.height = height
+        self.width = width or 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
+        self.title = f"{episode.planner} in a {episode.problem.place.kind}"
         self._unit = unit = max(height / 720, 0.72)  # texts and lines of small films stay readable
         self._canvas: Canvas = Canvas(self.width, self.height)
         top, foot, side = 86 * unit, 124 * unit, 40 * unit
@@ -417,13 +433,13 @@ class SteeringFilm:
 
     def _draw_head(self, middles: list[float]) -> None:
         canvas, unit, episode = self._canvas, self._unit, self._episode
-        title = f"{episode.planner} in a {episode.problem.place.kind}"
         shaded = episode.problem.friction == np.inf
+        wide = self.width > 1.5 * self.height  # has room for more words
         delta = "Δ configuration space" + (
-            "; shaded: what two moves can make of Δ" if shaded else ""
+            "; shaded: what two moves can make of Δ" if shaded and wide else ""
         )
         names = ["workspace", delta] if len(middles) > 1 else [""]
-        width = canvas.text((40 * unit, 38 * unit), title, INK, 19 * unit, bold=True)
+        width = canvas.text((40 * unit, 38 * unit), self.title, INK, 19 * unit, bold=True)
         if len(middles) == 1:
             canvas.text(
                 (40 * unit + width + 16 * unit, 38 * unit), episode.status, MUTED, 15 * unit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 from matplotlib import get_data_path
@@ -14,6 +15,7 @@ from shoal.swarm import GridWorkspace, SwarmEpisode
 from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.drawing.stage import Stage
 from shoal.views.swarm.colours import (
     codes_by_move,
     legend_colour,
@@ -21,6 +23,7 @@ from shoal.views.swarm.colours import (
     palette_of_cells,
     rgb_of,
 )
+from shoal.views.swarm.presentation import presented_clip
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
@@ -33,10 +36,12 @@ TURNS = 2  # pixels of a volume in a film
 VOLUME_SIDE = 720  # pixels of the rotating view
 
 
-def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
+def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any]:
     """Return the film of a swarm episode, ready for encoding as GIF or H.264. The film of a long
-    episode skips moves.
+    episode skips moves. With a stage, it is one for presentations.
     """
+    if stage is not None:
+        return presented_clip(episode, stage)
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(

@@ -68,9 +68,24 @@ function openPrint(episode) {
     width.row, text.row, at.row, exportsOf("export", spec, [["pdf", "Figure for print", "PDF"], ["svg", "Figure for print", "SVG"], ["png", "Figure for print", "PNG"]]));
 }
 
+/** Ask for a film as presentations want it: its size, and the frames per second of a video. */
+function openFilm(episode) {
+  const choice = (id, words, options) => {
+    const input = el("select", { id }, options.map(([value, name]) => el("option", { value }, name)));
+    return { input, row: el("div.field", {}, el("label", { htmlFor: id }, words), input) };
+  };
+  const size = choice("filmSize", "Size", [["wide", "wide: 1920 x 1080"], ["square", "square: 1080 x 1080"]]);
+  const rate = choice("filmRate", "Frames per second of a video", [["30", "30"], ["60", "60"]]);
+  const shown = () => ({ episode, size: size.input.value });
+  const video = exportsOf("export", () => ({ ...shown(), rate: Number(rate.input.value) }), [["mp4", "Film for a talk", "MP4"]]);
+  openSheet("A film for a talk", el("p.help", {}, "With a title, a scale, moves between cells, the photograph under its map, and a card at the end."),
+    size.row, rate.row, video, exportsOf("export", shown, [["gif", "Film for a talk", "GIF"]]));
+}
+
 /** Buttons that export an episode of the folder. */
 export const exports = (episode) => exportsOf("export", () => ({ episode }), FORMATS, [
   el("button.chip", { type: "button", title: "A figure for print, at any moment", "aria-label": "Figure for print", onclick: () => openPrint(episode) }, "Print …"),
+  el("button.chip", { type: "button", title: "A film for a talk, wide or square", "aria-label": "Film for a talk", onclick: () => openFilm(episode) }, "Film …"),
   el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
   el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
 ]);

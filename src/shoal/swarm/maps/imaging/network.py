@@ -364,6 +364,24 @@ class VesselMap:
     @cached_property
     def free(self) -> Mask:
         """The free cells of the map, shape (rows, columns)."""
+        return crop(self._cells)
+
+    @property
+    def picture_box(self) -> tuple[float, float, float, float]:
+        """The left, top, right and bottom edge of the map in the photograph, in pixels."""
+        (top, _), (left, _) = self.box
+        (row, last_row), (column, last_column) = box_of(self._cells)
+        side = self.pixels_a_cell
+        return (
+            left + side * column,
+            top + side * row,
+            left + side * (last_column + 1),
+            top + side * (last_row + 1),
+        )
+
+    @cached_property
+    def _cells(self) -> Mask:
+        """The free cells in the box of the network."""
         vessels, factor = crop(self.network), 1 / self.pixels_a_cell
         rows, columns = (
             np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape
@@ -373,7 +391,7 @@ class VesselMap:
         pixels = np.bincount(cell, minlength=shape[0] * shape[1])
         share = (np.bincount(cell, vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
         skeleton = imaging_module("morphology").skeletonize(vessels)
-        return crop(largest_part((share > 0.5) | _trace(skeleton, rows, columns, share)))
+        return largest_part((share > 0.5) | _trace(skeleton, rows, columns, share))
 
     @property
     def dropped(self) -> tuple[int, float]:

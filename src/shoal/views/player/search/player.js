@@ -247,6 +247,7 @@
       get points() { return history.robots.map((robot) => robot.at(time)); },
       get found() { return history.foundAt(time); },
       get success() { return history.successAt(time); },
+      get heat() { return Array.from(scene.heat ?? []); }, // of each square, after drawNow
       get doing() { return history.robots.map((robot) => robot.activityAt(time).kind); },
       get chosen() { return scene.chosen; },
       get zoom() { return view.zoom; },

@@ -67,6 +67,7 @@ const ShoalSearch = (() => {
       this.where = numbers(data.where, "u4");
       this.taken = numbers(data.taken, "u1");
       this.heat = data.heat ? numbers(data.heat, "u1") : null;
+      this.cooled = data.cooled.map((text, k) => numbers(text, ["f4", "u4", "u1"][k]));
       this.success = data.success.map((text) => numbers(text, "f4"));
       this.robots = data.robots.map((told) => new Robot(told, data.view));
     }
@@ -78,6 +79,11 @@ const ShoalSearch = (() => {
     /** How many squares of the picture have a colour: of several a cell where layers are cut into different cells. */
     paintedAt(time) {
       return countUpTo(this.first, time + EARLY);
+    }
+
+    /** How many looks have cooled a square where the target is likely. */
+    cooledAt(time) {
+      return countUpTo(this.cooled[0], time + EARLY);
     }
 
     /** The probability that the target of a prior is found. */
@@ -101,7 +107,7 @@ const ShoalSearch = (() => {
       this.cells = document.createElement("canvas"); // a pixel a cell
       [this.cells.height, this.cells.width] = history.shape;
       this.image = new ImageData(history.shape[1], history.shape[0]);
-      this.shown = 0; // cells that have their colour
+      this.shown = this.cooled = 0; // searched cells that have their colour, and looks that cooled theirs
       this.warm = false; // whether likely squares have theirs
       this.chosen = -1; // the robot that is followed
     }
@@ -119,38 +125,48 @@ const ShoalSearch = (() => {
 
     /** Forget the colours of cells: the theme or the robot that is followed is another one. */
     forget() {
-      this.shown = 0;
+      this.shown = this.cooled = 0;
       this.warm = false;
       this.image.data.fill(0);
     }
 
-    /** Colour the squares where the target is likely, before anything is searched. */
-    paintHeat(colours) {
-      const { heat } = this.history, [floor, hot] = [colours.floor, colours.hot], { data } = this.image;
+    /** Start anew: the squares where the target is likely are as warm as before the search. */
+    warmUp(colours) {
+      const { heat } = this.history;
+      this.owner = new Int32Array(this.image.width * this.image.height).fill(-1); // which search painted a square
+      this.heat = heat ? heat.slice() : null;
       this.warm = true;
-      heat?.forEach((strength, k) => {
-        if (!strength) return;
-        for (let i = 0; i < 3; i++) data[4 * k + i] = floor[i] + WARM * strength / 255 * (hot[i] - floor[i]);
-        data[4 * k + 3] = 255;
-      });
+      this.heat?.forEach((strength, square) => { if (strength) this.paintSquare(square, colours); });
+    }
+
+    /** Paint a square with its heat, and over it the colour of who searched it. */
+    paintSquare(square, colours) {
+      const { history, heat, image: { data } } = this, k = this.owner[square];
+      const hot = heat ? WARM * heat[square] / 255 : 0;
+      const robot = k < 0 ? -1 : history.by[k], own = k < 0 ? null : colours.robot(robot);
+      const part = k < 0 ? 0 : (history.taken[k] ? TAKEN : OWN) * (this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1);
+      for (let i = 0; i < 3; i++) {
+        const ground = colours.floor[i] + hot * (colours.hot[i] - colours.floor[i]);
+        data[4 * square + i] = ground + part * ((own?.[i] ?? ground) - ground);
+      }
+      data[4 * square + 3] = 255;
     }
 
     paintCells(time, colours) {
-      const { history, image } = this, count = history.paintedAt(time);
-      if (count < this.shown) this.forget();
-      if (count === this.shown && (count || this.warm)) return;
-      if (!this.warm) this.paintHeat(colours);
-      for (let k = this.shown; k < count; k++) {
-        const robot = history.by[k], own = colours.robot(robot), dim = this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1;
-        const hot = history.heat ? WARM * history.left * history.heat[history.where[k]] / 255 : 0;
-        const [red, green, blue] = colours.floor.map((floor, i) => floor + hot * (colours.hot[i] - floor));
-        const part = (history.taken[k] ? TAKEN : OWN) * dim, at = 4 * history.where[k];
-        image.data[at] = red + part * (own[0] - red);
-        image.data[at + 1] = green + part * (own[1] - green);
-        image.data[at + 2] = blue + part * (own[2] - blue);
-        image.data[at + 3] = 255;
+      const { history, image } = this, count = history.paintedAt(time), cooled = history.cooledAt(time);
+      if (count < this.shown || cooled < this.cooled) this.forget();
+      if (this.warm && count === this.shown && cooled === this.cooled) return;
+      if (!this.warm) this.warmUp(colours);
+      const [, squares, heat] = history.cooled, changed = new Set();
+      for (; this.cooled < cooled; this.cooled++) {
+        this.heat[squares[this.cooled]] = heat[this.cooled];
+        changed.add(squares[this.cooled]);
       }
-      this.shown = count;
+      for (; this.shown < count; this.shown++) {
+        this.owner[history.where[this.shown]] = this.shown;
+        changed.add(history.where[this.shown]);
+      }
+      for (const square of changed) this.paintSquare(square, colours);
       this.cells.getContext("2d").putImageData(image, 0, 0);
     }
 
