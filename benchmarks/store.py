@@ -49,16 +49,25 @@ def fill(store: Store, sweep: Sweep, skip: int) -> None:
         store.commit(sweep, Answer(rows, [], 0.5, [], worker_versions(), "benchmark"))
 
 
-def main() -> None:
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS
+def large(trials: int, *, seed: int = 0) -> Sweep:
+    """Return a sweep of so many trials at `POINTS` points."""
     axes = {
         "particles": {"from": 1, "to": POINTS // 2, "step": 1},
         "policy": ["closest-frontier", "elect-particle"],
     }
     problem = {"kind": "swarm", "map": "vessels:5000"}
-    sweep = Sweep(
-        name="large", problem=problem, axes=axes, trials=trials // POINTS, paired=("policy",)
+    return Sweep(
+        name="large",
+        problem=problem,
+        axes=axes,
+        trials=trials // POINTS,
+        seed=seed,
+        paired=("policy",),
     )
+
+
+def main() -> None:
+    sweep = large(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.sqlite"
         with Store(path, write=True) as store:

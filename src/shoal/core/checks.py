@@ -261,7 +261,8 @@ def parse_json(text: str, *, where: str, **hooks: Any) -> Any:
             else "a number of too many digits"
         )
         raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
-    check_depth(value, where=where)
+    if text.count("[") + text.count("{") > DEEPEST:  # else, nothing can be nested that deep
+        check_depth(value, where=where)
     return value
 
 
@@ -360,6 +361,9 @@ def read_polygon(text: str, *, where: str) -> Any:
     )
 
 
+_NESTING = (list, dict)  # made once: a union in the loop takes most of its time
+
+
 def check_depth(data: Any, *, where: str) -> None:
     """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many
     libraries fail on such data.
@@ -369,9 +373,9 @@ def check_depth(data: Any, *, where: str) -> None:
         level = [
             one
             for outer in level
-            if isinstance(outer, list | dict)
+            if isinstance(outer, _NESTING)
             for one in (outer.values() if isinstance(outer, dict) else outer)
-            if isinstance(one, list | dict)
+            if isinstance(one, _NESTING)
         ]
         if not level:
             return

@@ -12,7 +12,7 @@ from typing import Any
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.files import atomic, check_suffix
 from shoal.lab.database import unfinished_store
-from shoal.lab.store import Store
+from shoal.lab.store import Store, StoredSweep
 from shoal.lab.sweep import differences
 
 Write = Callable[[str, Sequence[Any]], int]
@@ -44,6 +44,7 @@ def merge_stores(
         raise InvalidInputError(
             f"{target}: expected the name of a new file for the merged store, got an existing file"
         )
+    _check_equal(sources)
     with unfinished_store(target) as temporary, Store(temporary, write=True) as merged:
         for source in sources:
             with Store(source) as opened:
@@ -52,23 +53,31 @@ def merge_stores(
         return merged.names
 
 
+def _check_equal(sources: Sequence[str | os.PathLike[str]]) -> None:
+    """Refuse stores that contain different sweeps of an equal name, before any row is copied."""
+    before: dict[str, StoredSweep] = {}
+    for source in sources:
+        with Store(source) as opened:
+            for name in opened.names:
+                stored = opened.stored(name)
+                opened.check_points(name)
+                first = before.setdefault(name, stored)
+                changed = [
+                    *differences(first.spec, stored.spec),
+                    *differences(first.inputs, stored.inputs, path="content"),
+                ]
+                if changed:
+                    raise InvalidInputError(
+                        f"{opened.path}: sweep {name}: expected the same sweep as in the stores"
+                        f" before, got changes: {'; '.join(changed)}"
+                    )
+
+
 def _take(merged: Store, opened: Store, name: str) -> None:
     """Copy all rows of a sweep into the merged store, except the rows that the merged store already
     contains.
     """
     stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
-    opened.check_points(name)
-    if name in merged.names:
-        there = merged.stored(name)
-        changed = [
-            *differences(there.spec, stored.spec),
-            *differences(there.inputs, stored.inputs, path="content"),
-        ]
-        if changed:
-            raise InvalidInputError(
-                f"{where}: expected the same sweep as in the stores before, got changes:"
-                f" {'; '.join(changed)}"
-            )
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ from shoal.parts import PARTS, problem_type
 Method = Literal["auto", "t", "log", "bootstrap"]
 METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")
 RESAMPLES = 2000
+_DRAWN = 2**20  # values that the bootstrap draws at once
 
 
 def number_text(value: float) -> str:
@@ -183,16 +184,41 @@ def _interval(
 
     mean, count = float(array.mean()), len(array)
     if method == "bootstrap":
-        rng = np.random.default_rng(seed)
-        interval = stats.bootstrap(
-            (array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng
-        ).confidence_interval
-        return float(interval.low), float(interval.high)
+        return _bootstrap_interval(array, level, seed)
     half = float(stats.t.ppf((1 + level) / 2, count - 1)) * std / count**0.5
     if method == "log":
         factor = float(np.exp(half / mean))
         return mean / factor, mean * factor
     return mean - half, mean + half
+
+
+def _bootstrap_interval(array: NDArray[np.float64], level: float, seed: int) -> tuple[float, float]:
+    """Return the bias-corrected and accelerated bootstrap interval of the mean, in memory that does
+    not grow with the product of values and resamples.
+
+    Efron and Tibshirani, An Introduction to the Bootstrap, 1993, equations 14.9, 14.14 and 14.15.
+    `scipy.stats.bootstrap` computes the same ends, but keeps all values that are left out one at a
+    time: the square of the sample.
+    """
+    from scipy.special import ndtr, ndtri
+
+    rng = np.random.default_rng(seed)
+    count, mean = len(array), array.mean()
+    at_once = max(1, _DRAWN // count)
+    means = np.concatenate(
+        [
+            array[rng.integers(0, count, (min(at_once, RESAMPLES - begin), count))].mean(axis=1)
+            for begin in range(0, RESAMPLES, at_once)
+        ]
+    )
+    below = ((means < mean).sum() + (means <= mean).sum()) / (2 * RESAMPLES)
+    bias = ndtri(below)
+    # without its i-th value, the mean changes by (mean - x_i) / (n - 1)
+    left = array - mean
+    acceleration = (left**3).sum() / (6 * (left**2).sum() ** 1.5)
+    edges = bias + ndtri(np.array([(1 - level) / 2, (1 + level) / 2]))
+    low, high = np.quantile(means, ndtr(bias + edges / (1 - acceleration * edges)))
+    return float(low), float(high)
 
 
 def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
@@ -348,12 +374,14 @@ class Measured:
 
     Parameters
     ----------
-    values : dict
+    axes : dict
         Values of the sweep's axes at the point, by axis name.
-    trials : dict of int to float
-        Value of the measure by trial number. Trials without a numeric value are omitted.
-    unfinished : set of int
-        Numbers of the trials that did not complete their task.
+    trials : numpy.ndarray of int64, shape (n,)
+        Numbers of the trials with a numeric value, rising.
+    values : numpy.ndarray of float64, shape (n,)
+        Value of the measure in each of these trials.
+    unfinished : numpy.ndarray of bool, shape (n,)
+        Whether each trial ended before its task was complete.
     has_status : bool
         Whether trials have a status.
     censored : bool
@@ -361,9 +389,10 @@ class Measured:
         unfinished trial is a lower bound.
     """
 
-    values: dict[str, Any]
-    trials: dict[int, float]
-    unfinished: frozenset[int]
+    axes: dict[str, Any]
+    trials: NDArray[np.int64]
+    values: NDArray[np.float64]
+    unfinished: NDArray[np.bool_]
     has_status: bool
     censored: bool
 
@@ -373,52 +402,54 @@ class Measured:
         Return None if all trials are finished, or if the measure does not grow until the task is
         done.
         """
-        return (
-            min((self.trials[trial] for trial in self.unfinished), default=None)
-            if self.censored
-            else None
+        if not self.censored or not self.unfinished.any():
+            return None
+        return float(self.values[self.unfinished].min())
+
+    def at(self, trials: NDArray[np.int64]) -> Measured:
+        """Return the values of some of the trials."""
+        chosen = np.searchsorted(self.trials, trials)
+        return replace(
+            self,
+            trials=self.trials[chosen],
+            values=self.values[chosen],
+            unfinished=self.unfinished[chosen],
         )
 
 
-def measured(store: Store, name: str, measure: str) -> list[Measured]:
-    """Return the values of a measure at each point of a sweep, in the order of the points.
+def measured(store: Store, name: str, measure: str) -> Iterator[Measured]:
+    """Yield the values of a measure at each point of a sweep, in the order of the points.
 
     The function imports no third-party code.
     """
     stored = store.stored(name)
-    axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
-    if measure not in measures:
-        raise InvalidInputError(f"measure: expected one of {', '.join(measures)}, got {measure!r}")
+    kind = stored.form.problem.get("kind")
     censored = kind in PARTS and measure in problem_type(kind).censored
-    at = len(axes) + 2 + measures.index(measure)
-    status = (
-        len(axes) + 2 + measures.index("status") if kind in PARTS and "status" in measures else None
-    )
-    trials: dict[str, dict[int, float]] = {}
-    unfinished: dict[str, set[int]] = {}
-    for row in store.rows(name):
-        value, trial = row[at], row[len(axes)]
-        if value is not None and not (isinstance(value, int | float) and is_storable(value)):
-            raise InvalidInputError(
-                f"measure: expected a measure with numbers, got {measure!r}, which is"
-                f" {shortened(value)} in trial {trial}"
-            )
-        if value is not None:
-            key = repr(row[: len(axes)])
-            trials.setdefault(key, {})[trial] = float(value)
-            if status is not None and row[status] not in _DONE:
-                unfinished.setdefault(key, set()).add(trial)
-    return [
-        Measured(
-            values,
-            trials.get(key, {}),
-            frozenset(unfinished.get(key, ())),
-            status is not None,
+    has_status = kind in PARTS and "status" in stored.measures
+    for axes, trials, values, unfinished in store.values(
+        name, measure, done=_DONE if has_status else ()
+    ):
+        numbers = np.asarray(trials, dtype=np.int64)
+        # a text, list or None makes an array of objects, and so does a number too large to store
+        plain = set(map(type, values)) <= {bool, int, float}
+        array = np.asarray(values) if plain and values else np.array(None)
+        if array.dtype.kind not in "bif" or not np.isfinite(array).all():
+            for trial, value in zip(trials, values, strict=True):
+                if isinstance(value, str | list | dict) or not is_storable(value):
+                    raise InvalidInputError(
+                        f"measure: expected a measure with numbers, got {measure!r}, which is"
+                        f" {shortened(value)} in trial {trial}"
+                    )
+            numbers = numbers[[value is not None for value in values]]
+            array = np.array([value for value in values if value is not None], dtype=np.float64)
+        yield Measured(
+            axes,
+            numbers,
+            array.astype(np.float64),
+            np.isin(numbers, np.asarray(unfinished, dtype=np.int64)),
+            has_status,
             censored,
         )
-        for _, values in store.points(name)
-        for key in [repr(tuple(values.values()))]
-    ]
 
 
 def first_measure(measures: Sequence[str]) -> str:
@@ -439,24 +470,17 @@ def summarise(
     rows = []
     for point in measured(store, name, measure):
         bound, count = point.bound(), len(point.trials)
-        completed = count - len(point.unfinished) if point.has_status else None
+        completed = count - int(point.unfinished.sum()) if point.has_status else None
         estimated = None
         if count and not (bound is not None and completed == 0):
-            estimated = estimate(
-                _restricted(point, [*point.trials], bound), level=level, method=method
-            )
-        rows.append(Row(point.values, estimated, expected - count, count, completed, bound))
+            estimated = estimate(_restricted(point, bound), level=level, method=method)
+        rows.append(Row(point.axes, estimated, expected - count, count, completed, bound))
     return rows
 
 
-def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
-    """Return the values of the given trials at one point, with every value above ``bound`` replaced
-    by ``bound``.
-    """
-    return [
-        point.trials[trial] if bound is None else min(point.trials[trial], bound)
-        for trial in trials
-    ]
+def _restricted(point: Measured, bound: float | None) -> NDArray[np.float64]:
+    """Return the values at one point, with every value above ``bound`` replaced by ``bound``."""
+    return point.values if bound is None else np.minimum(point.values, bound)
 
 
 def compare_along(
@@ -492,19 +516,16 @@ def compare_along(
             f"axis: expected a paired axis ({', '.join(paired) or 'none'}), whose points share"
             f" their seeds, got {axis!r}"
         )
-    groups: dict[str, list[Measured]] = {}
+    firsts: dict[str, Measured] = {}
+    groups: dict[str, list[tuple[dict[str, Any], Any, Any, Comparison | None]]] = {}
     for point in measured(store, name, measure):
-        groups.setdefault(repr(_without(point.values, axis)), []).append(point)
-    return [
-        (
-            _without(point.values, axis),
-            group[0].values[axis],
-            point.values[axis],
-            _compared(group[0], point, level, method),
-        )
-        for group in groups.values()
-        for point in group[1:]
-    ]
+        others = _without(point.axes, axis)
+        group = groups.setdefault(repr(others), [])
+        first = firsts.setdefault(repr(others), point)
+        if first is not point:
+            found = _compared(first, point, level, method)
+            group.append((others, first.axes[axis], point.axes[axis], found))
+    return [comparison for group in groups.values() for comparison in group]
 
 
 def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
@@ -517,18 +538,17 @@ def _compared(first: Measured, second: Measured, level: float, method: Method) -
     Return None if fewer than two trials have results at both points, or if no trial completed its
     task.
     """
-    both = sorted(first.trials.keys() & second.trials.keys())
-    unfinished = [
-        trial for trial in both if trial in first.unfinished or trial in second.unfinished
-    ]
+    both = np.intersect1d(first.trials, second.trials, assume_unique=True)
     bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]
     bound = min(bounds, default=None)
-    if len(both) < 2 or (bound is not None and first.unfinished & second.unfinished >= {*both}):
+    a, b = first.at(both), second.at(both)
+    if len(both) < 2 or (bound is not None and (a.unfinished & b.unfinished).all()):
         return None
     comparison = compare(
-        _restricted(first, both, bound),
-        _restricted(second, both, bound),
+        _restricted(a, bound),
+        _restricted(b, bound),
         level=level,
         method="t" if method == "auto" else method,
     )
-    return replace(comparison, unfinished=len(unfinished), bound=bound)
+    unfinished = int((a.unfinished | b.unfinished).sum())
+    return replace(comparison, unfinished=unfinished, bound=bound)

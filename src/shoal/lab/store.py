@@ -484,6 +484,77 @@ class Store:
         if axes:
             yield columns_of(axes, parts, stored)
 
+    def values(
+        self, name: str, measure: str, *, done: Sequence[str] = ()
+    ) -> Iterator[tuple[dict[str, Any], list[int], list[Any], list[int]]]:
+        """Yield one measure at each point of a sweep, in the order of the points: the axis values,
+        the trial numbers, the values of the trials and, if ``done`` is not empty, the numbers of
+        the trials whose measure "status" is not one of ``done``.
+
+        SQLite takes the values out of the rows, which needs a fifth of the time of the whole table.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the sweep has no such measure, or if a row is damaged.
+        """
+        stored = self.stored(name)
+        if measure not in stored.measures:
+            raise InvalidInputError(
+                f"measure: expected one of {', '.join(stored.measures)}, got {measure!r}"
+            )
+        # Of two paths, SQLite returns the texts as they are stored, so that numbers keep all their
+        # digits. The path "$.none" finds null in each row.
+        second = f"$[{stored.measures.index('status')}]" if done else "$.none"
+        tails = [f',"{status}"]' for status in done] if done else [",null]"]
+        query = (
+            "SELECT count(*), min(trial), max(trial), sum(typeof(trial) != 'integer' OR"
+            f" json_array_length(result) != {len(stored.measures)}), group_concat(json_extract("
+            f"result, '$[{stored.measures.index(measure)}]', '{second}')) FROM trials"
+            " WHERE point = ? AND trial BETWEEN ? AND ?"
+        )
+        where = f"{stored.where}: results"
+        for point, axes in self.points(name):
+            trials: list[int] = []
+            values: list[Any] = []
+            unfinished: list[int] = []
+            begin = 0
+            while True:
+                least = "SELECT min(trial) FROM trials WHERE point = ? AND trial >= ?"
+                ((begin,),) = self.ask(least, point, begin)
+                if begin is None:
+                    break
+                stop = begin + _AT_ONCE
+                span = (point, begin, stop - 1)
+                ((count, first, last, damaged, text),) = self.ask(query, *span)
+                if damaged:
+                    raise InvalidInputError(
+                        f"{where}: expected rows of {len(stored.measures)} values and whole numbers"
+                        " of trials, got something else"
+                    )
+                numbers: Sequence[int] = range(first, last + 1)
+                if len(numbers) != count:
+                    some = "group_concat(trial) FROM trials WHERE point = ? AND trial BETWEEN"
+                    ((joined,),) = self.ask(f"SELECT {some} ? AND ?", *span)
+                    numbers = parse_json(f"[{joined}]", where=where)
+                trials += numbers
+                if text.count("[") == sum(map(text.count, tails)) == count:
+                    # nothing but values, which are parsed four times as fast without lists
+                    for tail in ("[", *tails):
+                        text = text.replace(tail, "")
+                    values += parse_json(f"[{text}]", where=where)
+                else:
+                    pairs = parse_json(f"[{text}]", where=where)
+                    values += [value for value, _ in pairs]
+                    if done:
+                        unfinished += [
+                            trial
+                            for trial, (_, status) in zip(numbers, pairs, strict=True)
+                            if status not in done
+                        ]
+                begin = stop
+            yield axes, trials, values, unfinished
+
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows in the table of a sweep, sorted by point and trial."""
         for chunk in self.chunks(name):
