@@ -136,6 +136,7 @@ soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m benchmarks.termination
 	@$(BIN)/python -m benchmarks.studio --attacks
 	@SHOAL_SOAK=100000 $(BIN)/python -m pytest -q -n 2 tests/properties/test_soak.py -k random_searches
+	@SHOAL_SOAK=1 $(BIN)/python -m pytest -q -n 2 $$(grep -rl "from tests.soak import" tests)
 
 docs: $(VENV)/.dev-installed
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site

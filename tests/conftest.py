@@ -21,4 +21,6 @@ gc.disable()
 
 def pytest_collection_finish() -> None:
     gc.freeze()
+    # The usual thresholds suit a small program: here each collection searches what many modules hold.
+    gc.set_threshold(20_000, 20, 20)
     gc.enable()

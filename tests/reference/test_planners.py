@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import LinearConstraint, linprog, minimize
 from tests.reference import contact
 from tests.reference.test_steering import random_point, random_polygon, walls_of
+from tests.soak import often
 from tests.steering import steer
 
 from shoal.steering import (
@@ -37,7 +38,7 @@ SHAPES = {
     "hexagon": lambda _rng: regular_polygon(6),
     "7-gon": partial(random_polygon, sides=7),
 }
-INSTANCES = 10  # of each kind; acceptance runs used 1000
+INSTANCES = often(4, 1000)  # of each kind
 
 
 def replayed_error(space, episode):
@@ -321,8 +322,8 @@ def test_nearest_differences_are_members_and_none_is_nearer(shape):
 @pytest.mark.parametrize("friction", [0.7, 1.5, np.inf])
 def test_grown_chains_obey_walls_and_friction(friction):
     rng = np.random.default_rng(35)
-    found = 0
-    for _ in range(12):
+    found, tries = 0, often(6, 100)
+    for _ in range(tries):
         space = random_polygon(rng, sides=6)
         points = np.array([random_point(rng, space) for _ in range(4)])
         task = SteeringTask(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
@@ -348,7 +349,7 @@ def test_grown_chains_obey_walls_and_friction(friction):
         moves = task.moves_of(chain, query)
         assert moves is not None
         assert task.error(task.world.play(task.start, moves)[-1]) < 1e-6
-    assert found >= 6
+    assert found >= tries // 2
 
 
 @pytest.mark.parametrize(
@@ -356,8 +357,8 @@ def test_grown_chains_obey_walls_and_friction(friction):
 )
 def test_plans_in_space(space):
     rng = np.random.default_rng(36)
-    base, no_more = space.base, 0
-    for _ in range(8):
+    base, no_more, tries = space.base, 0, often(4, 100)
+    for _ in range(tries):
         points = np.array(
             [[*random_point(rng, base), rng.random() * space.height] for _ in range(4)]
         )
@@ -366,7 +367,7 @@ def test_plans_in_space(space):
         flat = steer(SteeringProblem(base, points[:2, :2], points[2:, :2]), planner="greedy")
         no_more += episode.moves <= flat.moves
         assert steer(SteeringProblem(space, points[:2], points[2:])).length <= episode.length + 1e-6
-    assert no_more >= 6
+    assert no_more >= tries * 3 // 4
 
 
 def test_plans_of_the_plane_take_heights():

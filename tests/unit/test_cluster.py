@@ -34,14 +34,14 @@ def sweep(trials=60):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Four worker processes on this machine, without a page to watch them."""
+    """Three worker processes on this machine, without a page to watch them."""
     root = str(Path(__file__).parents[2])
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.syspath_prepend(root)
         patch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
         warnings.simplefilter("ignore")
         made = distributed.LocalCluster(
-            n_workers=4,
+            n_workers=3,
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
@@ -61,7 +61,7 @@ def rows_of(path):
 @pytest.mark.filterwarnings("ignore")  # of Dask's own, when a worker is killed
 def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     processes = {worker.process.process.pid for worker in cluster.workers.values()}
-    assert len(processes) == 4
+    assert len(processes) == 3
     victim = sorted(processes)[0]
 
     def kill_midway(progress):

@@ -69,14 +69,14 @@ def output_lines_of(text: str) -> list[str]:
 def write_files_of(text: str) -> list[str]:
     """Write what a page asks its reader to have.
 
-    That is files it shows (title="NAME"), photographs (<!-- needs: NAME -->) and what a script
+    That is files it shows (title="NAME"), sweeps with three trials, photographs (<!-- needs: NAME -->) and what a script
     makes (<!-- runs: NAME -->).
     """
     shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
     for name, content in shown:
         Path(f"{name}.py").write_text(content)
     for name, content in re.findall(r'```toml title="(\w+\.toml)"\n(.*?)```', text, re.S):
-        Path(name).write_text(content)
+        Path(name).write_text(re.sub(r"^trials = \d+", "trials = 3", content, flags=re.M))
     for name, content in re.findall(r'```text title="(\w+\.(?:asc|csv))"\n(.*?)```', text, re.S):
         Path(name).write_text(content)
     for name, content in re.findall(r'```json title="(\w+\.json)"\n(.*?)```', text, re.S):

@@ -38,6 +38,7 @@ TESTED = ("0.68.",)
 _C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
+_dtype_of = np.generic.dtype.__get__  # a record looks among its fields first, which takes longer
 _PLAIN = frozenset([bool, float, type(None), *(np.dtype(name).type for name in "?bhilBHILfd")])
 
 
@@ -79,7 +80,7 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
         elif issubclass(kind, np.ndarray):
             kinds.append((kind, _of_array(value)))
         elif kind is np.record:
-            kinds.append((kind, value.dtype))
+            kinds.append((kind, _dtype_of(value)))
         elif kind is np.random.Generator:  # here, because NumPy imports its module `random` on use
             kinds.append(kind)
         else:

@@ -177,14 +177,14 @@ class NoiseMonitor:
         """
         axis, sign = AXES[command]
         axis += self.ndim
-        first, second = self._flat(before), self._flat(after)
+        # np.isin sorts, which takes longer than all the rest
+        first = self._flat(before)
+        old, new = self._mask(first), self._mask(self._flat(after))
         for other in range(self.ndim):
             step = sign * self._strides[other]
-            surplus = int(np.isin(first + step, second).sum()) - int(
-                np.isin(first - step, second).sum()
-            )
+            surplus = int(new[first + step].sum()) - int(new[first - step].sum())
             self.advance[axis, other] += surplus
-            touching = np.isin(first + step, first).sum()
+            touching = old[first + step].sum()
             variance = 4 * (self.noise.miss + self.noise.misplace) * touching
             variance += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
             self.variance[axis, other] += variance
@@ -198,13 +198,18 @@ class NoiseMonitor:
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            cells_held, able = self._see_motion(cells, ahead, first, second, inside, free)
+            cells_held, able = self._see_motion(cells, ahead, old, new, inside, free)
             self._remember_stays(command, cells_held, able)
             self._follow(cells, before, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
         return flat
+
+    def _mask(self, flat: NDArray[np.int64]) -> NDArray[np.bool_]:
+        mask = np.zeros(len(self._seen), dtype=bool)
+        mask[flat] = True
+        return mask
 
     def _count_ghosts(self, cells: NDArray[np.int64], after: NDArray[np.int64]) -> None:
         """Count the detections of a scan that nobody expected, and that the scan after does not
@@ -229,26 +234,27 @@ class NoiseMonitor:
         self,
         cells: NDArray[np.int64],
         ahead: NDArray[np.int64],
-        first: NDArray[np.int64],
-        second: NDArray[np.int64],
+        old: NDArray[np.bool_],
+        new: NDArray[np.bool_],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
     ) -> tuple[list[int], int]:
         """Return in which cells particles stayed, and of how many, and count them: those with a
-        free cell ahead and no other particle in their line.
+        free cell ahead and no other particle in their line. ``old`` and ``new`` are what the scans
+        before and after the command show, by flat index.
         """
         able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
             able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
-            able &= ~np.isin(self._flat(cells + distance * ahead), first)
-        there = np.isin(self._flat(cells + ahead), second)
-        far = np.isin(self._flat(cells + 2 * ahead), second)
-        leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
+            able &= ~old[self._flat(cells + distance * ahead)]
+        there, here = new[self._flat(cells + ahead)], new[self._flat(cells)]
+        far = new[self._flat(cells + 2 * ahead)]
+        leapt = far[able & (there ^ far) & ~here]
         self.leapt.add(int(leapt.sum()), len(leapt))
         if len(leapt):
             self._leaps_by_command.append((int(leapt.sum()), len(leapt)))
         able &= free[tuple((cells + ahead + 1).T)]
-        there, here = there[able], np.isin(self._flat(cells[able]), second)
+        there, here = there[able], here[able]
         stayed = here[here ^ there]
         self.stayed.add(int(stayed.sum()), len(stayed))
         return self._flat(cells[able])[here & ~there].tolist(), len(stayed)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.soak import often
 from tests.steering import steer
 
 from shoal.core.errors import InvalidInputError
@@ -84,11 +85,11 @@ def test_two_particles_around_obstacles(room, start, goal):
     [
         # were 8.1 to 10.7 long
         (YARD, [(0.01, 3.89), (1.19, 1.26), (3.57, 2.34), (1.89, 3.09)], 5.83),
-        (YARD, [(1.19, 2.97), (2.89, 0.87), (3.32, 2.63), (2.73, 3.28)], 5.42),  # 9.6
         # 6.9: one wall after the other holds
         (POSTS, [(0.142, 1.191), (1.69, 2.687), (2.924, 0.372), (0.077, 2.417)], 5.425),
+        (YARD, [(1.19, 2.97), (2.89, 0.87), (3.32, 2.63), (2.73, 3.28)], 5.42),  # 9.6
         (POSTS, [(2.652, 1.23), (4.217, 0.943), (5.461, 0.828), (2.122, 2.578)], 6.208),  # 9.1
-    ],
+    ][: often(2, 4)],
 )
 def test_plans_around_obstacles_come_near_to_the_best_known(room, points, best_known):
     """Best known: the shortest of searches ten times as long."""

@@ -8,6 +8,7 @@ from math import atan, inf, sin
 
 import numpy as np
 import pytest
+from tests.soak import often
 from tests.steering import steer
 
 from shoal import load_problem
@@ -268,7 +269,7 @@ def test_degenerate_cases_in_the_square(start, goal, planner):
 )
 @pytest.mark.parametrize("planner", ["shortest", "fewest-moves"])
 def test_where_the_clearance_has_no_room_a_plan_is_sensitive(start, goal, fields, planner):
-    narrow = steer(SteeringProblem(SQUARE, start, goal), planner=planner, time=1)
+    narrow = steer(SteeringProblem(SQUARE, start, goal), planner=planner, time=0.2)
     assert (narrow.status, bool(narrow), narrow.sensitive) == ("sensitive", False, True)
     assert narrow.error <= 1e-6
     assert "only in exact arithmetic: with " in narrow.reason
@@ -569,7 +570,7 @@ def test_robust_reaches_corners_in_a_world_without_noise_and_says_what_noise_it_
     for start, goal in (
         ([(0.8, 0.3), (0.6, 0.9)], [(1, 1), (0, 0)]),
         ([(0.5, 0.3), (0.2, 0.2)], [(1, 0), (0, 0)]),
-    ):
+    )[: often(1, 2)]:
         episode = steer(SteeringProblem(SQUARE, start, goal), planner="robust")
         assert episode.status == "solved"
         assert "execution noise" in episode.reason

@@ -23,6 +23,8 @@ ANGLES = 12  # number of line angles over half a turn
 LINE_WINDOW = (
     15  # window width in pixels (Nguyen et al. 2013); the line lengths are 1, 3, ... 15 pixels
 )
+LONGER = range(3, LINE_WINDOW + 1, 2)
+DIRECTIONS = np.pi * np.arange(ANGLES) / ANGLES
 THICKEST_VESSEL = 10  # pixels, from the published filters
 FLATTENING = 19  # pixels, standard deviation of the Gaussian for the background
 # standard deviations across and along a vessel, in pixels
@@ -112,35 +114,40 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
     The response is averaged over lines of several lengths.
     """
-    total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
-    lengths = range(1, LINE_WINDOW + 1, 2)
-    for length in lengths:
-        total = total + standardised(strongest_line(grey, length) - around, view)
-    return total / (len(lengths) + 1)
+    strongest = [grey, *(np.full_like(grey, -np.inf) for _ in LONGER)]
+    for angle in DIRECTIONS:
+        sums = grey
+        for highest, length in zip(strongest[1:], LONGER, strict=True):
+            # a line is the line shorter by two points, and its ends
+            ends = np.array([-1, 1]) * (length - 1) / 2
+            sums = sums + scipy.ndimage.convolve(grey, _points(ends, angle))
+            np.maximum(highest, sums / length, out=highest)
+    total = standardised(grey, view)
+    for highest in strongest:
+        total = total + standardised(highest - around, view)
+    return total / (len(strongest) + 1)
 
 
-def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return, for each pixel, the highest mean value along a line through the pixel.
+def lines_through(grey: Grey) -> Iterable[Grey]:
+    """Yield, for each angle of `DIRECTIONS`, the mean value along the line through each pixel."""
+    steps = np.arange(LINE_WINDOW) - (LINE_WINDOW - 1) / 2
+    for angle in DIRECTIONS:
+        yield scipy.ndimage.convolve(grey, _points(steps, angle) / LINE_WINDOW)
 
-    The function tries lines at `ANGLES` different angles.
+
+def _points(steps: NDArray[np.float64], angle: float) -> Grey:
+    """Return the pixel weights of the points at some distances from a pixel along a line. A point
+    between pixels adds weight to all neighbouring pixels.
     """
-    angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
-    return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
-
-
-def _line(length: int, angle: float) -> Grey:
-    """Return the pixel weights of a straight line. A point between pixels adds weight to all
-    neighbouring pixels.
-    """
-    weights = np.zeros((length + 2, length + 2))
-    for step in np.arange(length) - (length - 1) / 2:
-        row = (length + 1) / 2 + step * np.sin(angle)
-        column = (length + 1) / 2 + step * np.cos(angle)
+    middle = int(steps.max()) + 1
+    weights = np.zeros((2 * middle + 1, 2 * middle + 1))
+    for step in steps:
+        row, column = middle + step * np.sin(angle), middle + step * np.cos(angle)
         top, left = int(row), int(column)
         down, right = row - top, column - left
         weights[top : top + 2, left : left + 2] += np.outer([1 - down, down], [1 - right, right])
-    return weights / length
+    return weights
 
 
 def _ridge_strength(grey: Grey) -> Grey:
@@ -488,7 +495,9 @@ class VesselFinder:
         if self.bright is not None:
             ways = [self.bright]
         else:
-            ratio = _strength(flat, view) / (_strength(-flat, view) + 1e-12)
+            lines = [line[view] for line in lines_through(flat)]
+            dark = _mean_of_highest(_highest(-line for line in lines), 0.05)
+            ratio = _mean_of_highest(_highest(lines), 0.05) / (dark + 1e-12)
             # an optic disc is also bright
             ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
         for way in ways:
@@ -571,14 +580,15 @@ def levels_of(picture: Photograph, thickest: float) -> int:
     return 1 + max(0, int(np.ceil(np.log2(width) - 0.2)))
 
 
-def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
-    """Return the strength of bright lines: the mean of the highest responses.
+def _strength(flat: Grey, view: Mask) -> float:
+    """Return the strength of bright lines: the mean of the highest responses."""
+    return _mean_of_highest(_highest(line[view] for line in lines_through(flat)), 0.02)
 
-    The mean includes the fraction ``share`` of all pixels.
-    """
-    lines: NDArray[np.float64] = strongest_line(flat)[view]
-    kept = max(1, int(share * lines.size))
-    return float(np.partition(lines, -kept)[-kept:].mean())
+
+def _mean_of_highest(values: Grey, share: float) -> float:
+    """Return the mean of the highest values, which are the fraction ``share`` of all."""
+    kept = max(1, int(share * values.size))
+    return float(np.partition(values, -kept)[-kept:].mean())
 
 
 def _without_small(found: Mask, least: float) -> Mask:
@@ -605,7 +615,7 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))
     noise = np.fft.irfft2(np.abs(spectrum) * np.exp(1j * phase), flat.shape)
-    ratio = _strength(flat, view, 0.02) / (_strength(noise, view, 0.02) + 1e-12)
+    ratio = _strength(flat, view) / (_strength(noise, view) + 1e-12)
     ground = flat[view & ~network]
     contrast = (
         (flat[network].mean() - ground.mean()) / (ground.std() + 1e-12)
