@@ -7,6 +7,7 @@ needs before its work (imports, the data) is subtracted from the memory.
 from __future__ import annotations
 
 import inspect
+import multiprocessing
 import resource
 import sys
 import tempfile
@@ -14,8 +15,12 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from shoal.lab import Sweep
 
 WARM = 100  # size of the first call, which loads libraries and kernels
 
@@ -31,7 +36,7 @@ def measure(text: str, call: Callable[[], object], *, per: float = 1, unit: str 
     seconds = time.process_time() - began
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     share = f", {grown / per:.1f} bytes a {unit}" if unit else ""
-    print(f"{text}: {seconds:.2f} CPU s, {grown / 2**20:.0f} MiB more{share}: {str(found)[:160]}")
+    print(f"{text}: {seconds:.2f} CPU s, {grown / 2**20:.0f} MiB more{share}: {repr(found)[:160]}")
 
 
 def bootstrap(size: int = 100_000) -> None:
@@ -45,7 +50,7 @@ def bootstrap(size: int = 100_000) -> None:
 
 def summary(size: int = 10_000_000) -> None:
     """The summary and the CSV of a store of so many rows."""
-    from benchmarks.store import fill, large
+    from benchmarks.store import large
     from shoal.lab import Store
     from shoal.lab.exchange import export
     from shoal.lab.statistics import estimate, summarise
@@ -54,8 +59,7 @@ def summary(size: int = 10_000_000) -> None:
     estimate([1, 2, 3])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.sqlite"
-        with Store(path, write=True) as store:
-            fill(store, sweep, skip=9973)
+        elsewhere(write_store, path, sweep)
         with Store(path) as store:
             measure(f"summary of {size} rows", lambda: len(summarise(store, "large", "moves")))
             measure(f"CSV of {size} rows", lambda: export(store, "large", Path(folder) / "a.csv"))
@@ -63,48 +67,68 @@ def summary(size: int = 10_000_000) -> None:
 
 def merge(size: int = 1_000_000) -> None:
     """Two stores of so many rows, whose sweeps differ."""
-    from benchmarks.store import fill, large
-    from shoal.lab import Store, merge_stores
+    from benchmarks.store import large
+    from shoal.lab import merge_stores
 
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / name for name in "ab"]
         for seed, path in enumerate(paths):
-            with Store(path, write=True) as store:
-                fill(store, large(size, seed=seed), skip=9973)
+            elsewhere(write_store, path, large(size, seed=seed))
         measure(f"merge of {size} rows each", lambda: merge_stores(paths, Path(folder) / "c"))
+
+
+def elsewhere(call: Callable[..., object], *arguments: object) -> None:
+    """Call a function in another process, whose memory does not count."""
+    process = multiprocessing.get_context("fork").Process(target=call, args=arguments)
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+
+
+def write_store(path: Path, sweep: Sweep) -> None:
+    from benchmarks.store import fill
+    from shoal.lab import Store
+
+    with Store(path, write=True) as store:
+        fill(store, sweep, skip=9973)
+
+
+def write_mask(path: Path, side: int) -> None:
+    from PIL import Image
+
+    blocks = np.random.default_rng(0).random((side // 10, side // 10)) < 0.7
+    Image.fromarray(np.kron(blocks, np.full((10, 10), 255, dtype=np.uint8))).save(path)
+
+
+def write_volumes(paths: list[Path], side: int) -> None:
+    import nibabel
+    import nrrd
+
+    blocks = np.random.default_rng(0).random((side // 8, side // 8, side // 8)) < 0.7
+    cells = np.kron(blocks, np.ones((8, 8, 8), dtype=np.uint8))
+    nibabel.save(nibabel.Nifti1Image(cells, np.eye(4)), paths[0])
+    nrrd.write(str(paths[1]), cells, compression_level=1)
 
 
 def mask(size: int = 10_000) -> None:
     """A mask of size x size pixels."""
-    from PIL import Image
-
     from shoal.swarm.maps.files import read_map
 
     with tempfile.TemporaryDirectory() as folder:
         for side in (WARM, size):
             path = Path(folder) / f"{side}.png"
-            blocks = np.random.default_rng(0).random((side // 10, side // 10)) < 0.7
-            Image.fromarray(np.kron(blocks, np.full((10, 10), 255, dtype=np.uint8))).save(path)
-            del blocks
+            elsewhere(write_mask, path, side)
             measure(f"{side}^2 pixels", partial(read_map, path), per=side**2, unit="pixel")
 
 
 def volume(size: int = 512) -> None:
     """A volume of size^3 cells, as NIfTI and as NRRD."""
-    import nibabel
-    import nrrd
-
     from shoal.swarm.maps.files import read_map
 
     with tempfile.TemporaryDirectory() as folder:
         for side in (16, size):
-            cells = np.zeros((side, side, side), dtype=np.uint8)
-            cells[1:-1, 1:-1, 1:-1] = np.random.default_rng(0).integers(0, 2, dtype=np.uint8)
-            cells[side // 2] = 1
             paths = [Path(folder) / f"{side}{suffix}" for suffix in (".nii.gz", ".nrrd")]
-            nibabel.save(nibabel.Nifti1Image(cells, np.eye(4)), paths[0])
-            nrrd.write(str(paths[1]), cells, compression_level=1)
-            del cells
+            elsewhere(write_volumes, paths, side)
             for path in paths:
                 measure(
                     f"{path.name}, {side}^3 cells",
@@ -161,7 +185,7 @@ def best(size: int = 1000) -> None:
 
     for side in (64, size):
         problem = SwarmProblem(
-            map=f"cave:{side}x{side}", particles=100, policy="best", max_moves=20
+            map=f"cave:{side}x{side}", particles=side**2 // 100, policy="best", max_moves=20
         )
         measure(f"{side}^2 cells, 20 moves", partial(run, problem))
 

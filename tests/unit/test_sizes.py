@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import shoal
+from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
 from shoal.lab import Store, Sweep, merge_stores, run_sweep
 from shoal.lab.batches import Answer, worker_versions
 from shoal.lab.statistics import compare_along, estimate, measured, summarise
 from shoal.lab.sweep import trial_seed
+from shoal.swarm import SwarmEpisode
 
 NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
 
@@ -106,3 +109,13 @@ def test_a_merge_compares_all_sweeps_before_it_copies_a_row(tmp_path, monkeypatc
     with pytest.raises(InvalidInputError, match=r"c: sweep s: expected the same .* changes: seed"):
         merge_stores([tmp_path / name for name in "abc"], tmp_path / "merged")
     assert not (tmp_path / "merged").exists()
+
+
+def test_a_replay_refuses_a_page_that_is_too_large_before_it_replays(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "e.npz"
+    shoal.run("line:9", particles=2, max_moves=20).save(path)
+    monkeypatch.setattr("shoal.views.swarm.page.LARGEST", 10)
+    monkeypatch.setattr(SwarmEpisode, "verify", lambda _: pytest.fail("replayed first"))
+    assert command(["replay", str(path), "--film", str(tmp_path / "a.html")]) == 2
+    assert "the HTML player: expected a number of cells times" in capsys.readouterr().err
+    assert not (tmp_path / "a.html").exists()

@@ -13,6 +13,7 @@ from shoal.cli import options
 from shoal.cli.output import check_outputs, check_seed, print_json, say, write_episode, write_films
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.parts import load
+from shoal.swarm import SwarmEpisode
 
 EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
 
@@ -76,6 +77,12 @@ def replay(
         return
     episode = load(episode_file, trust=trust)
     check_seed(episode_file, seed, episode.seed)
+    if isinstance(episode, SwarmEpisode) and any(
+        path.suffix.lower() == ".html" for path in film or ()
+    ):
+        from shoal.views.swarm.page import check_page
+
+        check_page(episode)  # before a replay, which may take minutes
     report, write, show = _functions_of(episode)
     try:
         verified = episode.verify()

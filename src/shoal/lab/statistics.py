@@ -196,10 +196,10 @@ def _bootstrap_interval(array: NDArray[np.float64], level: float, seed: int) -> 
     """Return the bias-corrected and accelerated bootstrap interval of the mean, in memory that does
     not grow with the product of values and resamples.
 
-    Efron and Tibshirani, An Introduction to the Bootstrap, 1993, equations 14.9, 14.14 and 14.15.
     `scipy.stats.bootstrap` computes the same ends, but keeps all values that are left out one at a
     time: the square of the sample.
     """
+    # Efron and Tibshirani, An Introduction to the Bootstrap (1993), equations 14.9, 14.14, 14.15
     from scipy.special import ndtr, ndtri
 
     rng = np.random.default_rng(seed)

@@ -32,13 +32,23 @@ def player_page(episode: SwarmEpisode) -> str:
     InvalidInputError
         If the data of the map and the episode together are too large for a browser.
     """
+    check_page(episode)
+    return render("swarm", page_data(episode))
+
+
+def check_page(episode: SwarmEpisode) -> None:
+    """Refuse an episode that is too large for a browser, without a replay of its moves.
+
+    Raises
+    ------
+    InvalidInputError
+    """
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
         raise InvalidInputError(
             "the HTML player: expected a number of cells times a number of moves of at most"
             f" {LARGEST:.0e}, got {work:.1e} (use .gif or .mp4)"
         )
-    return render("swarm", page_data(episode))
 
 
 def page_data(episode: SwarmEpisode) -> dict[str, object]:
