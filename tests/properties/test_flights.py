@@ -11,6 +11,7 @@ import pytest
 import shapely
 from tests.properties.flights import judged, missions_of_plan
 from tests.reference.flight import dubins_path, narrow_turns, way_of_plan
+from tests.soak import often
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
@@ -36,7 +37,7 @@ TURNED = 773
 def test_no_mission_is_longer_than_its_battery_and_no_turn_narrower_than_its_radius(tmp_path):
     """A thousand: python -m benchmarks.endurance."""
     shares, narrow, refused = [], [], 0
-    for seed in (*range(7), TURNED):
+    for seed in (*range(often(3, 7)), TURNED):
         found = judged(seed, tmp_path / str(seed))
         refused += found is None
         if found is not None:

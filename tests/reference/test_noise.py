@@ -9,6 +9,7 @@ import copy
 import numpy as np
 import pytest
 from tests.reference import noise as plain
+from tests.soak import often
 
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.kernels import noise as kernels
@@ -29,10 +30,10 @@ def random_case(rng):
     return workspace, workspace.cells[np.sort(rng.choice(workspace.n_free, size=n, replace=False))]
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(often(8, 16)))
 def test_moves_looks_and_belief(seed):
     rng = np.random.default_rng(seed)
-    often = 1.0 if seed % 2 else 0.4  # how often a scan follows a command
+    scanning = 1.0 if seed % 2 else 0.4  # how often a scan follows a command
     workspace, start = random_case(rng)
     about = Noise(*rng.choice([0.0, 0.05, 0.3], size=3))
     shape, layout = workspace.shape, GridLayout(workspace.shape)
@@ -60,7 +61,7 @@ def test_moves_looks_and_belief(seed):
         assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(
             sum(cell) for cell in before
         ) * sum(step)
-        if often == 1.0 or rng.random() < often:
+        if often == 1.0 or rng.random() < scanning:
             seen = scan()
             belief.update(command, Board.of_cells(layout, sorted(seen)))
             reference.update(step, seen)

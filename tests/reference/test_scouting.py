@@ -25,6 +25,7 @@ from tests.reference.scouting import (
     shifts,
     tried,
 )
+from tests.soak import often
 from tests.swarm_runs import run
 
 from shoal.swarm import GridWorkspace, GridWorld
@@ -60,7 +61,7 @@ def random_case(rng, dimensions):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize(("dimensions", "maps"), [(2, 45), (3, 20)])
+@pytest.mark.parametrize(("dimensions", "maps"), [(2, often(20, 45)), (3, often(10, 20))])
 def test_episodes(dimensions, maps, rule):
     rng = np.random.default_rng(71 + dimensions)
     for _ in range(maps):

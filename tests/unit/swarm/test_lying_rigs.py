@@ -803,7 +803,7 @@ def test_neighbours_of_which_scans_miss_one_each_are_no_motion():
 )
 def test_one_direction_that_does_nothing_is_noticed(noise):
     for workspace, particles in SMALL:
-        for seed in range(often(1, 10)):
+        for seed in range(often(1, 2)):
             rig = Lying(
                 noisy(workspace, particles, seed, noise),
                 command=lambda letter: "" if letter == "u" else letter,
@@ -840,7 +840,7 @@ def test_commands_carried_out_twice_now_and_then_mark_small_maps(noise):
 def test_honest_rigs_with_few_particles_finish_without_alarms():
     for noise in (*NOISES, Noise(0.4, 0, 0), Noise(0.1, 0.02, 0.1)):
         for workspace, particles in SMALL:
-            for seed in range(often(1, 10)):
+            for seed in range(often(1, 2)):
                 driven = drive(
                     noisy(workspace, particles, seed, noise),
                     **vars(noise),
@@ -858,7 +858,7 @@ def test_honest_rigs_with_few_particles_finish_without_alarms():
 def test_a_particle_that_no_scan_shows_any_more_is_said(miss, particles):
     """The benchmark benchmarks/rigs.py measures more places, noises and moments."""
     noise = Noise(0.1, 0.02, miss)
-    for seed in range(often(1, 10)):
+    for seed in range(often(1, 2)):
         workspace = open_map(f"cave:16x12:{seed}")
         start = place(workspace, particles, "uniform", np.random.default_rng([seed, 1]))
         for lost in (60, None):
@@ -922,7 +922,7 @@ def test_a_number_that_scans_leave_open_is_no_change():
 
 def test_the_misses_of_a_single_particle_are_counted():
     """Scans that show nothing are scans, too."""
-    for seed in range(often(1, 10)):
+    for seed in range(often(1, 2)):
         noise = Noise(0.1, 0.02, 0.3)
         rig = noisy(ROOM, 1, seed, noise)
         driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=400)
@@ -943,7 +943,7 @@ LATE = {
 def test_commands_that_are_not_carried_out_as_sent_now_and_then_are_said(lie, every):
     """The benchmark benchmarks/rigs.py measures more places, noises and intervals."""
     noise = Noise(0.1, 0.02, 0.1)
-    for seed in range(often(1, 10)):
+    for seed in range(often(1, 2)):
         rig = Lying(noisy(open_map("maze:9x7"), 4, seed, noise))
 
         def carry_out(letter, rig=rig):
