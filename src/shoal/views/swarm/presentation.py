@@ -33,7 +33,7 @@ _REST = 1.2  # seconds for which the final map is shown
 _HEAD, _FOOT, _SIDE = 110, 176, 60  # pixels around the map
 _PHOTOGRAPH = 0.55  # how much of the photograph shows through unknown cells and obstacles
 _THROUGH = 0.25  # and through all others
-_WHOLE = 4.0  # pixels a cell from which cells are a whole number of pixels wide
+_WHOLE = 8.0  # pixels a cell from which cells are a whole number of pixels wide
 _SMALLEST = 9.0  # pixels: diameter of a particle
 _LINE = "#dfe3e8"
 _ARROWS = {"l": "\u2190", "r": "\u2192", "u": "\u2191", "d": "\u2193"}
@@ -213,6 +213,10 @@ class PresentedSwarm:
         left, level = float(_SIDE), self.height - 66.0
         for key, name in legend_of(episode).items():
             colour = legend_colour(episode, key)
+            if key == "unknown" and self._photograph is not None:
+                mean = self._photograph.mean(axis=(0, 1))
+                shade = _PHOTOGRAPH * mean + (1 - _PHOTOGRAPH) * np.array(rgb_of(colour))
+                colour = f"#{bytes(np.rint(shade).astype(np.uint8)).hex()}"
             middle = np.array([left + 11, level - 8])
             if key == "particle":
                 canvas.disc(middle, 10, colour)
