@@ -120,8 +120,8 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
         sums = grey
         for highest, length in zip(strongest[1:], LONGER, strict=True):
             # a line is the line shorter by two points, and its ends
-            ends = np.array([-1.0, 1.0]) * ((length - 1) / 2)
-            sums = sums + scipy.ndimage.convolve(grey, _points(ends, angle))
+            half = (length - 1) / 2
+            sums = sums + scipy.ndimage.convolve(grey, _points(np.array([-half, half]), angle))
             np.maximum(highest, sums / length, out=highest)
     total = standardised(grey, view)
     for highest in strongest:
