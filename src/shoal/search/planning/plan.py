@@ -74,7 +74,7 @@ from shoal.search.planning.orientation import (
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
-from shoal.search.problem.target import Ground, Looks, MovingGround, looks_of
+from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
@@ -944,7 +944,7 @@ def _looks_of(plan: SearchPlan) -> Looks:
     stops = [plan.stops(robot) for robot in range(len(plan.places))]
     seen = [plan.seen(robot, own) for robot, own in enumerate(stops)]
     times = [plan.times_by_cost(robot, own) for robot, own in enumerate(stops)]
-    return looks_of(plan.ground, seen, times)
+    return looks_from(plan.ground, seen, times)
 
 
 def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None = None) -> float:

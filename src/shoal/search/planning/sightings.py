@@ -15,7 +15,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
-from shoal.search.problem.target import Ground, looks_of
+from shoal.search.problem.target import Ground, looks_from
 
 Floats = NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def success_of(
     """
     ground = plan.ground
     assert ground is not None
-    looks = looks_of(ground, seen, [own.times for own in sightings])
+    looks = looks_from(ground, seen, [own.times for own in sightings])
     moments = looks.times[:, None]
     if isinstance(ground, Ground) and any(len(own.track) for own in sightings):
         # vehicles first see parts of a cell on their way, before they are at a stop

@@ -51,7 +51,7 @@ _TRIES = 100  # of finding a place in the area
 _ROUNDED = 1e-9  # pixels: rounding error of a border
 _NEAR = 8.0  # sides of a square from the middle of a ring, within which its mass is exact
 _FALLS = 16  # times to 1 / e, beyond which a ring has nothing left
-_FALL_STEPS = 32  # of a distribution function that falls to 1 / e
+_FALL_STEPS = 8  # of a distribution function that falls to 1 / e
 _SPREADS = 6.0  # standard deviations beyond which a spread point counts as nothing
 _DRIFT = re.compile(r"([^,:]+),([^,:]+)(?::([^,:]+))?")
 _UNITS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}  # of times, in seconds
@@ -156,7 +156,7 @@ class DistanceRing:
         for bend in self.distances:
             exact |= np.abs(away - bend) < side
         last, end = self.distances[-1], radii[-1]
-        if last < end < last + _FALLS * _NEAR * side:
+        if last < end < last + _FALLS * side:
             exact |= (away > last) & (away < end + side)
         density[exact] = self._exact(points[exact] - self.middle, side)
         return density

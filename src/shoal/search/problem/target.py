@@ -58,7 +58,7 @@ def _in_order(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
     return Looks(pieces, cells[order], times[order], earlier)
 
 
-def looks_of(
+def looks_from(
     ground: Ground | MovingGround, seen: Sequence[Sequence[Numbers]], times: Sequence[Floats]
 ) -> Looks:
     """Return the looks of robots at the ground.
