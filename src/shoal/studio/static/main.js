@@ -30,6 +30,31 @@ wear(dark.matches ? "dark" : "light");
 const known = new Map();
 const addressOf = (place, what) => `#${place}?${encodeURIComponent(JSON.stringify(what))}`;
 
+/** What the places had before a reload: their parts of the address and their stores. */
+const SESSION = "shoal-places";
+function before() {
+  const how = performance.getEntriesByType("navigation")[0]?.type;
+  try {
+    return how === "reload" ? JSON.parse(sessionStorage.getItem(SESSION)) ?? {} : {};
+  } catch {
+    return {};
+  }
+}
+const session = before();
+for (const [place, { address }] of Object.entries(session)) if (address) known.set(place, address);
+addEventListener("pagehide", () => {
+  const kept = { ...session };
+  for (const [place, { store }] of opened) kept[place] = { address: known.get(place), store: store?.text ? store.saved() : null };
+  try {
+    sessionStorage.setItem(SESSION, JSON.stringify(kept));
+  } catch {
+    try { // a browser without room for the steps
+      for (const one of Object.values(kept)) if (one.store) Object.assign(one.store, { done: [], undone: [] });
+      sessionStorage.setItem(SESSION, JSON.stringify(kept));
+    } catch { /* nor for the states: the address has them */ }
+  }
+});
+
 /** The address says what is shown: the place, and after a question mark its state as JSON. */
 function readAddress() {
   const [place, given] = location.hash.slice(1).split(/\?(.*)/s);
@@ -41,6 +66,7 @@ function readAddress() {
 }
 
 let here = null;
+/** The address mirrors what the place shows. */
 const remember = (place) => (what) => {
   known.set(place, JSON.stringify(what));
   if (place === here) history.replaceState(null, "", addressOf(place, what));
@@ -58,20 +84,21 @@ function setAway(element, away) {
 const show = guarded(async () => {
   const [place, given] = readAddress();
   here = place;
-  const begins = !opened.has(place);
-  if (begins) {
+  const saved = opened.has(place) ? null : session[place];
+  if (!opened.has(place)) {
     opened.set(place, PLACES[place][1]({ remember: remember(place) }));
     $("place").append(opened.get(place).element);
   }
-  const room = opened.get(place), kept = known.get(place);
+  const room = opened.get(place), kept = known.get(place), same = kept !== undefined && (given === null || JSON.stringify(given) === kept);
   for (const one of opened.values()) setAway(one.element, one !== room);
   document.title = `${room.title} – Shoal studio`;
   for (const link of $("places").children) {
     if (link.dataset.place === place) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  if (kept !== undefined && given === null) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
-  await room.open(given !== null && JSON.stringify(given) === kept ? null : given);
+  if (same) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
+  if (same && saved?.store && room.revive) await room.revive(saved.store);
+  else await room.open(same && !saved ? null : same ? JSON.parse(kept) : given);
 });
 
 // ---- undo, in every place that has it ----
@@ -81,13 +108,13 @@ const commit = (field) => { if (field && "value" in field) committed.set(field, 
 document.addEventListener("focusin", (event) => commit(event.target));
 document.addEventListener("change", (event) => {
   commit(event.target);
-  opened.get(here)?.history?.end();
+  opened.get(here)?.store?.end();
 });
 /** Whether letters are being typed that nothing has taken up yet: the browser takes them back. */
 const typing = (field) => field.matches?.("textarea, input[type=text], input[type=number]") && field.value !== (committed.get(field) ?? "");
 
 document.addEventListener("keydown", (event) => {
-  const key = event.key.toLowerCase(), past = opened.get(here)?.history;
+  const key = event.key.toLowerCase(), past = opened.get(here)?.store;
   if (!past || !(event.ctrlKey || event.metaKey) || event.altKey || !["z", "y"].includes(key) || $("sheet").open || typing(event.target)) return;
   event.preventDefault();
   if (key === "y" || event.shiftKey) past.redo();

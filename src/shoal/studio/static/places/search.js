@@ -1,7 +1,7 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
 import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
-import { History } from "../shared/history.js";
+import { Store, dated } from "../shared/store.js";
 import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
@@ -32,7 +32,7 @@ const closed = (polygons) => polygons.flat().map((points) => `M${points.map((poi
 
 export function search({ remember }) {
   const schema = state.start.schemas.search;
-  const history = new History(put);
+  const store = new Store(put);
   let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null, begun = false, written = null;
 
   // ---- what is set ----
@@ -40,7 +40,7 @@ export function search({ remember }) {
   const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(name); } });
   const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
   const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
-  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), history });
+  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), store });
   const underlay = new Underlay(canvas, {
     frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
     changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
@@ -60,11 +60,18 @@ export function search({ remember }) {
 
   /** Note what is set: one step to take back, and the address. */
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember(whole());
+    store.act(whole(), gesture);
+  }
+
+  store.subscribe(() => {
+    remember(store.state);
     simulate.refresh();
     missions.refresh();
-  }
+    planned.refresh();
+  });
+
+  /** The plan on the canvas is of the region, zones and settings that are drawn and set, or wears a veil. */
+  const planned = dated(() => JSON.stringify(question()), canvas.element, (fresh) => { list.dataset.aged = fresh ? "" : "out of date"; });
 
   function put({ problem, drawing: told = null, under = null, missions: options = {}, seed: start = 0 }) {
     seed = start;
@@ -142,7 +149,7 @@ export function search({ remember }) {
 
   const load = newest(async () => {
     facts.classList.add("loading");
-    const asked = { ...question(), frame: drawing.told.frame };
+    const of = JSON.stringify(question()), asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
@@ -161,6 +168,7 @@ export function search({ remember }) {
       complain(error.message);
     }
     facts.classList.remove("loading");
+    planned.is(of);
     canvas.show([...(plan?.outline.flat(2) ?? []), ...drawing.points, ...(plan?.robots?.map((robot) => robot.place) ?? [])]);
     show();
     clearTimeout(waiting);
@@ -243,8 +251,9 @@ export function search({ remember }) {
   }
 
   function drawn({ drawnOnly = false, corner = false, closed: whole_ = false } = {}) {
-    if (whole_) history.fold((one) => !!one.drawing?.draft);
+    if (whole_) store.fold((one) => !!one.drawing?.draft);
     if (corner) keep();
+    planned.refresh();
     if (drawnOnly || corner) drawMarks(drawing.show());
     else redo();
   }
@@ -336,8 +345,8 @@ export function search({ remember }) {
 
   // ---- the stages ----
 
-  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent });
-  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
+  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent, store });
+  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`), store });
   const watching = watchPanel();
   const stages = tabbed("Search", [
     ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
@@ -348,6 +357,7 @@ export function search({ remember }) {
     chosen: (name) => {
       watching.shown(name === "watch");
       missions.form.element.hidden = name !== "missions";
+      store.look({ tab: name });
       if (name === "simulate") guarded(() => simulate.enter())();
     },
   });
@@ -372,7 +382,17 @@ export function search({ remember }) {
   return {
     element,
     title: "Search",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "plan" } = saved.view;
+      canvas.moved = false;
+      store.revive(saved);
+      missions.revive();
+      stages.pick(tab);
+      await guarded(simulate.revive)();
+    },
     open(given) {
       if (begun && !given?.problem) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");

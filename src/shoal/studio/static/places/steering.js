@@ -1,7 +1,7 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
-import { History } from "../shared/history.js";
+import { Store, dated, stepButtons } from "../shared/store.js";
 import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
@@ -18,8 +18,8 @@ const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners 
 
 export function steering({ remember }) {
   const schema = state.start.schemas.steering;
-  const history = new History(put);
-  let begun = false, shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown
+  const store = new Store(put);
+  let begun = false, shown = null; // the episode on the stage: its file and its sentence
   let problem = { ...BEGIN }, seed = 0, place = null, corners = null, running = null, chosen = "greedy", plans = {}, waiting = 0;
 
   const form = makeForm(schema, SECTIONS, { hidden: ["workspace"], changed: (_, name) => { problem = { workspace: problem.workspace, ...form.values() }; redo(name); } });
@@ -46,16 +46,22 @@ export function steering({ remember }) {
   }
 
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember({ problem, seed });
-    markShown();
+    store.act(whole(), gesture);
   }
+
+  store.subscribe(() => {
+    remember({ problem, seed, ...(corners ? { corners } : {}) });
+    played.refresh();
+  });
 
   // ---- what is asked ----
 
   function redo(gesture = null) {
     keep(gesture);
     plans = {};
+    drawPlans();
+    drawRoom();
+    room.dataset.aged = ""; // until the workspace of these settings is there
     loadRoom();
   }
 
@@ -74,6 +80,7 @@ export function steering({ remember }) {
       spaceBox.hidden = true;
       complain(error.message);
     }
+    delete room.dataset.aged;
   });
 
   /** What follows the hand: greedy's plan, and what two moves reach. */
@@ -233,7 +240,7 @@ export function steering({ remember }) {
       const note = !plan ? "planning …" : plan.problem ?? (plan.status === "solved" ? `${plan.moves} moves, length ${number(plan.length)}` : `${plan.status}: ${plan.reason}`);
       return el("button.plan", {
         type: "button", role: "radio", "aria-checked": String(name === chosen), disabled: !plan?.ways,
-        onclick: () => { chosen = name; drawPlans(); drawRoom(); },
+        onclick: () => { chosen = name; store.look({ chosen }); drawPlans(); drawRoom(); },
       }, el("b", {}, name), el("span", {}, note));
     }), ...(plans.greedy?.bound ? [el("p.soft", {}, `No plan is shorter than ${number(plans.greedy.bound)}.`)] : []));
   }
@@ -288,7 +295,7 @@ export function steering({ remember }) {
   /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {
     const found = corners;
-    history.fold((one) => !!one.corners);
+    store.fold((one) => !!one.corners);
     corners = null;
     showChoice();
     if (found.length < 3) {
@@ -327,9 +334,11 @@ export function steering({ remember }) {
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Play");
 
   async function play() {
-    const given = planned(), at = JSON.stringify(whole());
+    const given = planned(), at = store.text;
     shown = null;
     result.replaceChildren();
+    player.close();
+    empty.hidden = false;
     stages.pick("play");
     go.disabled = true;
     const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
@@ -337,15 +346,20 @@ export function steering({ remember }) {
       done: guarded(async ({ file, sentence }) => {
         go.disabled = false;
         word.textContent = "";
-        const { data } = await ask("page", { file });
-        await player.open(data);
-        empty.hidden = true;
-        shown = { file, sentence, at, fresh: null };
-        markShown();
+        await showEpisode(file, sentence, at);
       }),
       failed: (now) => { go.disabled = false; word.textContent = ""; told(new Error(failure(now))); },
     }).catch((error) => { go.disabled = false; throw error; });
     running = job.id;
+  }
+
+  async function showEpisode(file, sentence, at) {
+    const { data, sentence: own } = await ask("page", { file });
+    await player.open(data);
+    empty.hidden = true;
+    shown = { file, sentence: sentence ?? own };
+    store.look({ file, at });
+    played.is(at);
   }
 
   const empty = el("p.empty", {}, "Press Play to watch the plan here, contact by contact.");
@@ -354,19 +368,35 @@ export function steering({ remember }) {
     plan: el("div.panel", { id: panelId("Steering", "plan"), role: "tabpanel", "aria-labelledby": tabId("Steering", "plan") }, el("div.twin", {}, el("figure.workspace", {}, el("figcaption", {}, "Workspace: drag particles and goals"), room), spaceBox), table),
     play: el("div.panel", { id: panelId("Steering", "play"), role: "tabpanel", "aria-labelledby": tabId("Steering", "play") }, el("div.stageHead", {}, result), player.element, empty),
   };
-  const stages = tabs("Steering", [["plan", "Plan"], ["play", "Play"]], (name) => { for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name; });
+  /** Say so if the episode on the stage is of other settings than those that are set now. */
+  const played = dated(() => store.text, player.element, (fresh) => {
+    if (shown) result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Play plays them as they are now.`), exports(shown.file, { fresh }));
+  });
+  const stages = tabs("Steering", [["plan", "Plan"], ["play", "Play"]], (name) => {
+    for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
+    store.look({ tab: name });
+  });
   stages.pick("plan");
   on("files", listFiles);
   listFiles();
 
   return {
     element: el("div.place", {},
-      el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, history.buttons), warning, Object.values(panels)),
+      el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, stepButtons(store)), warning, Object.values(panels)),
       el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
       el("footer.bottom", {}, seedRow, word,
-        el("button.second", { type: "button", onclick: guarded(() => (!panels.play.hidden && shown?.fresh ? showCopiesOf(shown.file) : showCopies(planned(), seed))) }, "As Python …"), go)),
+        el("button.second", { type: "button", onclick: guarded(() => (!panels.play.hidden && shown && played.fresh ? showCopiesOf(shown.file) : showCopies(planned(), seed))) }, "As Python …"), go)),
     title: "Steering",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "plan", file, at, chosen: plan } = saved.view;
+      if (plan) chosen = plan;
+      store.revive(saved);
+      stages.pick(tab);
+      if (file) await guarded(showEpisode)(file, null, at);
+    },
     open(given) {
       if (begun && !given?.problem?.workspace) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
@@ -374,14 +404,6 @@ export function steering({ remember }) {
       put(given?.problem?.workspace ? given : { problem, seed });
     },
   };
-
-  /** Say so if the episode on the stage is of other settings than those that are set now. */
-  function markShown() {
-    const fresh = shown && shown.at === JSON.stringify(whole());
-    if (!shown || shown.fresh === fresh) return;
-    shown.fresh = fresh;
-    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Play plays them as they are now.`), exports(shown.file));
-  }
 
   /** The problem with the planner that is shown. */
   function planned() {

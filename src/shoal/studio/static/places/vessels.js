@@ -5,7 +5,7 @@ import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
 import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { History } from "../shared/history.js";
+import { Store, dated } from "../shared/store.js";
 import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
@@ -23,16 +23,16 @@ const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
 const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const MOST_LISTED = 200; // episodes to choose from at once; the Lab has all
-const PAINTED = "shoal-painted";
-const reloaded = () => performance.getEntriesByType("navigation")[0]?.type === "reload";
+const REST = 700; // milliseconds after a stroke until what is painted is in the folder
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
-  const history = new History(put), reading = ["vessels", ...schema.reading];
+  const store = new Store(put), reading = ["vessels", ...schema.reading];
   let problem = { ...EXAMPLE }, seed = 0, map = null, running = null, begun = false;
   let painted = null; // cells that were painted over the map: { shape, free }, until they are written as a file
-  let shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown, and whether they are still those
+  let draft = null; // the file in the folder that follows what is painted over a map: { of, file, text }
+  let shown = null; // the episode on the stage: its file and its sentence
 
   // ---- what is set ----
 
@@ -43,7 +43,7 @@ export function vessels({ remember }) {
       redo();
     } else load();
   });
-  const tools = toolbar(editor, history);
+  const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
   const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); redo(); });
@@ -76,15 +76,47 @@ export function vessels({ remember }) {
   }
 
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember({ problem: fields(), seed });
-    markShown();
+    store.act(whole(), gesture);
+  }
+
+  store.subscribe(() => {
+    mirror();
+    played.refresh();
+    mapped.refresh();
     races.refresh();
     comparisons.refresh();
-    try { // what is painted is in no file yet, and outlasts a reload of the page
-      if (painted) sessionStorage.setItem(PAINTED, JSON.stringify(whole()));
-      else sessionStorage.removeItem(PAINTED);
-    } catch { /* a browser without room for it */ }
+    clearTimeout(saving);
+    if (painted && draft?.text !== JSON.stringify(painted)) saving = setTimeout(guarded(saveDraft), REST);
+  });
+
+  /** A link holds the whole problem: what is painted is named by its file. */
+  function mirror() {
+    const { problem: set, inlet } = store.state, file = painted && draft?.text === JSON.stringify(painted) ? draft.file : null;
+    remember({ problem: file ? drawnProblem(file) : set, seed, ...(inlet.length ? { inlet } : {}) });
+  }
+
+  /** The problem with the painted map in a file, which says nothing of how to read it. */
+  function drawnProblem(file) {
+    const kept = form.values();
+    for (const name of reading) delete kept[name];
+    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing; // a picture does not say how large its cells are
+    return { kind: "swarm", map: file, ...kept };
+  }
+
+  /** Painted cells are in the folder soon after the stroke: one file follows them until it is used. */
+  let saving = 0;
+  const writing = newest(saveNow);
+  const saveDraft = () => writing();
+  async function write(text) {
+    const of = written(problem.map);
+    if (draft?.text === text && draft.of === of) return;
+    const { file } = await ask("sketch", { ...JSON.parse(text), name: of, over: draft?.of === of ? draft.file : null });
+    draft = { of, file, text };
+  }
+  async function saveNow() {
+    if (!painted) return;
+    await write(JSON.stringify(painted));
+    mirror();
   }
 
   async function changed(values, name) {
@@ -130,6 +162,7 @@ export function vessels({ remember }) {
   // ---- the map ----
 
   const load = newest(async () => {
+    const of = store.text;
     facts.classList.add("loading");
     try {
       if (problem.vessels && view === "photo" && !painted) await overlay();
@@ -143,7 +176,10 @@ export function vessels({ remember }) {
       complain(error.message);
     }
     facts.classList.remove("loading");
+    mapped.is(of);
   });
+  /** The cells on the stage, while those of other settings are on their way. */
+  const mapped = dated(() => store.text, editor.element);
 
   async function showMap(answer) {
     if (editor.stroke) return; // loaded once more at its end
@@ -279,27 +315,30 @@ export function vessels({ remember }) {
   /** Write what was painted as a file, and return the problem. */
   async function ready() {
     if (!painted) return fields();
-    const cells = painted, before = JSON.stringify(whole()), { file } = await ask("sketch", { ...cells, name: written(problem.map) });
-    const kept = form.values();
-    for (const name of reading) delete kept[name];
-    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing; // a picture does not say how large its cells are
-    const given = { kind: "swarm", map: file, ...kept };
-    if (before !== JSON.stringify(whole())) return given; // painted on while it was written
+    clearTimeout(saving);
+    const before = store.text, text = JSON.stringify(painted);
+    await write(text);
+    const given = drawnProblem(draft.file);
+    draft = null; // from now on this file stays as it is
+    if (before !== store.text) return given; // painted on while it was written
+    const { kind, ...rest } = given;
     painted = null;
-    problem = { map: file, ...kept };
+    problem = rest;
     form.write(problem);
     showSource();
     showRelevant();
-    history.amend(whole());
-    remember({ problem: fields(), seed });
+    store.amend(whole());
+    mapped.is(store.text); // the same cells
     return fields();
   }
 
   async function play() {
-    const asked = performance.now(), given = await ready(), at = JSON.stringify(whole());
+    const asked = performance.now(), given = await ready(), at = store.text, turn = (turns += 1);
+    const here = () => turn === turns; // another episode may be on the stage by now
     stages.pick("run");
     result.replaceChildren();
     shown = null;
+    played.is(at);
     let inside = null, opening = null, waiting = [];
     const take = (piece) => {
       if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
@@ -308,6 +347,7 @@ export function vessels({ remember }) {
     const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
       piece(piece) {
         if (piece.begin) {
+          if (!here()) return;
           opening = frame.open({ ...piece.begin, live: true, playing: true }).then((opened) => {
             inside = opened;
             performance.measure("shoal-first-frame", { start: asked });
@@ -324,11 +364,13 @@ export function vessels({ remember }) {
       done: guarded(async (found) => {
         finish();
         await opening;
+        if (!here()) return say(`The run is saved as ${found.file}`);
         if (!opening) await frame.open((await ask("page", { file: found.file })).data);
-        showResult(found.file, found.sentence, at);
+        return showResult(found.file, found.sentence, at);
       }),
       failed: (now) => {
         finish();
+        if (here() && now.state !== "cancelled") played.is(null);
         if (now.state !== "cancelled") told(new Error(failure(now)));
         else inside?.shoalPlayer?.end("interrupted");
       },
@@ -347,17 +389,25 @@ export function vessels({ remember }) {
     runWord.textContent = "";
   }
 
+  let turns = 0; // of what is on the stage
   function showResult(file, sentence, at) {
-    shown = { file, sentence, at, fresh: null };
-    markShown();
+    shown = { file, sentence };
+    store.look({ file, at });
+    played.is(at);
   }
 
   /** Say so if the episode on the stage is of other settings than those that are set now. */
-  function markShown() {
-    const fresh = shown && shown.at === JSON.stringify(whole());
-    if (!shown || shown.fresh === fresh) return;
-    shown.fresh = fresh;
-    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Run plays them as they are now.`), exports(shown.file));
+  const played = dated(() => store.text, frame.element, (fresh) => {
+    if (!shown) result.replaceChildren(...(fresh ? [] : [el("p.soft", {}, "The settings have changed since this run began.")]));
+    else result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Run plays them as they are now.`), exports(shown.file, { fresh }));
+  });
+
+  /** Show an episode of the folder, made or opened with the settings `at`. */
+  async function showEpisode(file, at) {
+    const turn = (turns += 1), { data, sentence } = await ask("page", { file });
+    if (turn !== turns) return;
+    await frame.open(data);
+    showResult(file, sentence, at);
   }
 
   const ALL = "all of them";
@@ -367,12 +417,7 @@ export function vessels({ remember }) {
       const file = episodes.value;
       episodes.value = "";
       if (file === ALL) location.hash = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`;
-      else if (file) {
-        const { data, sentence } = await ask("page", { file });
-        await frame.open(data);
-        shown = null;
-        showResult(file, sentence, JSON.stringify(whole()));
-      }
+      else if (file) await showEpisode(file, store.text);
     }),
   });
   function shownEpisodes() {
@@ -384,7 +429,7 @@ export function vessels({ remember }) {
 
   // ---- the stages ----
 
-  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => JSON.stringify(whole()) };
+  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => store.text, look: (changes) => store.look(changes), view: () => store.view };
   const races = driving(context), comparisons = comparison(context);
   const empty = el("p.empty", {}, PRESS);
   const panels = {
@@ -396,6 +441,7 @@ export function vessels({ remember }) {
   const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
     for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
     if (name === "map") editor.resize();
+    store.look({ tab: name });
   });
   frame.element.addEventListener("load", () => { empty.hidden = !!frame.shown; }, true);
 
@@ -407,7 +453,7 @@ export function vessels({ remember }) {
 
   /** What the stage shows, as Python: an episode whose settings were not changed since, or else the settings. */
   async function copies() {
-    if (!panels.run.hidden && shown?.fresh) await showCopiesOf(shown.file);
+    if (!panels.run.hidden && shown && played.fresh) await showCopiesOf(shown.file);
     else await showCopies(await ready(), seed);
   }
 
@@ -424,7 +470,18 @@ export function vessels({ remember }) {
   return {
     element,
     title: "Vessels",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "map", file, at } = saved.view;
+      setView(JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells");
+      store.revive(saved);
+      races.revive();
+      comparisons.revive();
+      stages.pick(tab);
+      if (file) await guarded(showEpisode)(file, at);
+    },
     async open(given) {
       if (begun && !given?.problem?.map) return;
       if (begun && painted) say("The painted cells are not lost: Ctrl Z brings them back.");
@@ -435,8 +492,7 @@ export function vessels({ remember }) {
       }
       sayUnknown(schema, given.problem);
       stages.pick("map");
-      const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
-      put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
+      put({ problem: given.problem, seed: given.seed ?? 0, inlet: given.inlet ?? [] });
     },
   };
 }

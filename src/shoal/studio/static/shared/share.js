@@ -67,15 +67,15 @@ function openPrint(episode) {
     width.row, text.row, at.row, exportsOf("export", spec, [["pdf", "Figure for print", "PDF"], ["svg", "Figure for print", "SVG"], ["png", "Figure for print", "PNG"]]));
 }
 
-/** Buttons that export an episode of the folder. */
-export const exports = (episode) => exportsOf("export", () => ({ episode }), FORMATS, [
+/** Buttons that export an episode of the folder; one of other settings than those of the page is named an earlier one. */
+export const exports = (episode, { fresh = true } = {}) => exportsOf("export", () => ({ episode }), FORMATS, [
   el("button.chip", { type: "button", title: "A figure for print, at any moment", "aria-label": "Figure for print", onclick: () => openPrint(episode) }, "Print …"),
   el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
   el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
-]);
+], fresh ? "Export" : "Export the earlier episode");
 
 /** Buttons that write a file each, by a job of that kind; `spec()` is what the job is told. */
-export function exportsOf(kind, spec, formats, more = []) {
+export function exportsOf(kind, spec, formats, more = [], words = "Export") {
   const buttons = formats.map(([format, what, word]) => {
     const button = el("button.chip", { type: "button", title: `${what} as ${word}`, "aria-label": `${what} as ${word}` }, word);
     button.addEventListener("click", guarded(async () => {
@@ -97,7 +97,7 @@ export function exportsOf(kind, spec, formats, more = []) {
     }));
     return button;
   });
-  return el("div.exports", { role: "group", "aria-label": "Export" }, el("span.soft", {}, "Export"), buttons, more);
+  return el("div.exports", { role: "group", "aria-label": words }, el("span.soft", {}, words), buttons, more);
 }
 
 export const failure = (job) => job.result?.error ?? `The job was ${job.state}.`;

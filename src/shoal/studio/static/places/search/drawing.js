@@ -1,5 +1,6 @@
 /* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers. */
 import { el, guarded, svg, symbol } from "../../shared/page.js";
+import { stepButtons } from "../../shared/store.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
 
@@ -13,11 +14,11 @@ const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")
 export class Drawing {
   /** `changed()` is called when something was drawn, with `drawnOnly` while a hand still draws it and with `corner` for an outline
    *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
-  constructor(canvas, { changed, launched, history }) {
+  constructor(canvas, { changed, launched, store }) {
     Object.assign(this, { canvas, changed, launched, tool: LOOK });
     this.load(null);
     this.layer = svg("g", { class: "drawn" });
-    this.toolbar = this.makeToolbar(history);
+    this.toolbar = this.makeToolbar(store);
   }
 
   /** Show what is drawn, an outline that is not closed yet included. */
@@ -129,7 +130,7 @@ export class Drawing {
     };
   }
 
-  makeToolbar(history) {
+  makeToolbar(store) {
     const tools = [
       [LOOK, "Move", "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3", "Move the canvas and corners"],
       [PART, "Region", "M5 8l6-4 8 4-2 10-10 2z", "Draw a region to search: click its corners"],
@@ -147,7 +148,7 @@ export class Drawing {
     this.numbers = byNumbers(this);
     this.guide = el("div.guide", { hidden: true }, this.hint, this.closing); // on the canvas, whose size must not change under the hand
     this.canvas.element.append(this.guide);
-    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), history.buttons, this.numbers.element);
+    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), stepButtons(store), this.numbers.element);
   }
 }
 

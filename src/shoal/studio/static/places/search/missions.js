@@ -3,6 +3,7 @@ import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
 import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
+import { dated } from "../../shared/store.js";
 import { lasting } from "./simulate.js";
 
 const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot", "separation", "delay_tolerance", "altitude_frame", "terrain", "terrain_error", "rally", "cap"] }];
@@ -10,7 +11,7 @@ const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot
 const MOST_SAID = 50; // mistakes and warnings
 
 /** `current()` is a text of all that missions are made from: results of another one are not current any more. */
-export function missionsPanel({ ready, current, changed }) {
+export function missionsPanel({ ready, current, changed, store }) {
   const schema = state.start.schemas.missions;
   const form = makeForm(schema, SECTIONS, { label: "Settings of missions", changed });
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
@@ -18,7 +19,17 @@ export function missionsPanel({ ready, current, changed }) {
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
   const result = el("div.missions", {}), empty = el("p.empty", {}, `Press Write missions: the studio writes files in the chosen formats (${schema.properties.format.names.join(", ")}), and checks them in a simulated flight.`);
 
-  let last = null; // what was written: the answer, of which settings, and whether it was shown as current
+  let last = null; // what was written
+  const dates = dated(current, result, (fresh) => {
+    go.className = fresh ? "second" : "main";
+    if (fresh) show(last);
+    else result.replaceChildren(el("p.warning", {}, `The settings have changed since ${last.file} was written, so its missions are not shown here. Write the missions again.`));
+  });
+  function take(found, of) {
+    last = found;
+    store.look({ missions: { found, of } });
+    dates.is(of);
+  }
 
   async function start() {
     const of = current(), [{ seed }, missions] = JSON.parse(of), problem = await ready();
@@ -27,19 +38,10 @@ export function missionsPanel({ ready, current, changed }) {
     const free = () => { go.disabled = false; bar.hidden = stop.hidden = true; word.textContent = ""; };
     const job = await run("missions", { problem, missions, seed }, {
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
-      done: (found) => { free(); last = { found, of, fresh: null }; refresh(); },
+      done: (found) => { free(); take(found, of); },
       failed: (now) => { free(); if (now.state !== "cancelled") told(new Error(failure(now))); },
     }).catch((error) => { free(); throw error; });
     stop.onclick = guarded(() => cancelJob(job.id));
-  }
-
-  function refresh() {
-    const fresh = last && last.of === current();
-    if (!last || last.fresh === fresh) return;
-    last.fresh = fresh;
-    go.className = fresh ? "second" : "main";
-    if (fresh) show(last.found);
-    else result.replaceChildren(el("p.warning", {}, `The settings have changed since ${last.found.file} was written, so its missions are not shown here. Write the missions again.`));
   }
 
   function show({ file, map, missions, check, command }) {
@@ -64,7 +66,8 @@ export function missionsPanel({ ready, current, changed }) {
 
   return {
     form,
-    refresh,
+    refresh: () => dates.refresh(),
+    revive() { const { missions } = store.view; if (missions) take(missions.found, missions.of); },
     children: [el("div.stageHead", {}, go, stop, bar, word), result, empty],
   };
 }

@@ -3,6 +3,7 @@ import { ask, newest, run } from "../../shared/api.js";
 import { duration, el, guarded, number, percent, say, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
+import { dated } from "../../shared/store.js";
 
 const CRASH = /^crash:(\d+)@([\d.]+)$/;
 export const lasting = (seconds) => {
@@ -13,7 +14,7 @@ export const lasting = (seconds) => {
 /** `question()` is what is simulated: the problem with its drawing and seed; `ready()` gives it as it is run, with the drawing in a file;
  *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it is shown, and `said()` what is said
  *  to be wrong already. */
-export function simulation({ ready, question, fields, set, open, visible, said }) {
+export function simulation({ ready, question, fields, set, open, visible, said, store }) {
   const frame = new PlayerFrame("search", { title: "The player of the search" });
   const loss = el("input", { type: "range", min: 0, max: 0.95, step: 0.05, value: 0, id: "searchLoss" }), lossWord = el("output", { htmlFor: "searchLoss" }, "0 %");
   const result = el("div.result", {}), faults = el("div.faults", {}), robots = el("div.group.deaths", { role: "group", "aria-label": "Let a robot die now" });
@@ -21,12 +22,23 @@ export function simulation({ ready, question, fields, set, open, visible, said }
   const keep = el("button.second.keep", { type: "button", hidden: true, onclick: guarded(play) }, "Keep this run");
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Simulate");
   const empty = el("p.empty", {}, "Press Simulate to watch the robots search here. During the search, you can make messages fail and robots die.");
-  let shown = null; // what is played, as text
-  let stale = false; // and whether it is said that the form is another one
+  let film = null; // of the film: its file, if it was kept, and what is said of it
   let runs = 0, running = false; // what was asked for before a run is not shown after it
 
   const crashes = () => [fields().faults ?? []].flat();
-  const same = () => shown === JSON.stringify(question());
+  const nowText = () => JSON.stringify(question());
+  const same = () => dates.of === nowText();
+  /** What was played before a change is not exported as if it were of the settings now. */
+  const dates = dated(nowText, frame.element, (fresh) => {
+    keep.hidden = !fresh || !!film.file;
+    result.replaceChildren(...(fresh ? film.words() : [el("p.warning", {}, "The settings have changed: the film shows the search before the change.")]));
+  });
+  function date(told, of) {
+    film = told;
+    store.look({ simulated: { file: told.file, of } });
+    dates.is(of);
+  }
+  const kept = (file, sentence) => ({ file, words: () => [el("p", {}, sentence), exports(file)] });
 
   async function show(data, { at = 0, playing = true }) {
     const inside = await frame.open(data), player = inside.shoalPlayer;
@@ -64,12 +76,10 @@ export function simulation({ ready, question, fields, set, open, visible, said }
       const found = await ask("simulate", { ...about, slow: true });
       if (asked !== runs) return;
       await show(found.data, { at: at ?? before?.time ?? 0, playing: playing ?? before?.playing ?? true });
-      shown = JSON.stringify(about);
-      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${percent(found.seen)} seen`));
-      keep.hidden = stale = false;
+      date({ file: null, words: () => [el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${percent(found.seen)} seen`)] }, JSON.stringify(about));
     } catch (error) {
       word.textContent = "";
-      keep.hidden = stale = true;
+      keep.hidden = true;
       result.replaceChildren(el("p.warning", {}, `The film shows the search before the change: the settings cannot be simulated${said() === error.message ? "" : `, ${error.message}`}.`));
       return;
     }
@@ -90,10 +100,7 @@ export function simulation({ ready, question, fields, set, open, visible, said }
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
       done: guarded(async ({ file, sentence }) => {
         free();
-        result.replaceChildren(el("p", {}, sentence), exports(file));
-        keep.hidden = true;
-        shown = of;
-        stale = false;
+        date(kept(file, sentence), of);
         const { data } = await ask("page", { file, slow: true });
         await show(data, again);
         refresh();
@@ -108,10 +115,7 @@ export function simulation({ ready, question, fields, set, open, visible, said }
     const { loss: now = 0 } = fields();
     loss.value = now;
     lossWord.textContent = `${number(100 * now, 3)} %`;
-    if (!frame.shown || stale || same()) return;
-    stale = true;
-    keep.hidden = true;
-    result.replaceChildren(el("p.warning", {}, "The settings have changed: the film shows the search before the change."));
+    dates.refresh();
   }
 
   loss.addEventListener("input", () => {
@@ -123,6 +127,17 @@ export function simulation({ ready, question, fields, set, open, visible, said }
     go, word, bar,
     children: [el("div.stageHead", {}, el("span.slider", {}, el("label", { htmlFor: "searchLoss" }, "Messages lost"), loss, lossWord), robots, keep), faults, el("div.stageHead", {}, result), frame.element, empty],
     refresh,
+    /** The film that was there before a reload. */
+    async revive() {
+      const { simulated } = store.view;
+      if (!simulated) return;
+      if (!simulated.file) await vary({ playing: false });
+      else {
+        const { data, sentence } = await ask("page", { file: simulated.file, slow: true });
+        date(kept(simulated.file, sentence), simulated.of);
+        await show(data, { playing: false });
+      }
+    },
     /** Play the form as it is now, if something is played. */
     vary() { if (frame.shown && visible() && !same()) vary(); },
     /** The panel is shown: what was played before is played anew if the form is another one. */

@@ -2,29 +2,37 @@
 import { ask, cancelJob, run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
 import { rowsChart } from "../../shared/charts.js";
-import { dataTable, el, guarded, number, older, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { failure } from "../../shared/share.js";
+import { dated } from "../../shared/store.js";
 
 const MOST = 4;
 
-export function comparison({ names, problem, seed, current }) {
+export function comparison({ names, problem, seed, current, look, view }) {
   const chosen = new Set(["best", "closest-frontier"].filter((name) => names.includes(name)));
   const boxes = names.filter((name) => !NEED_OPTIONS.includes(name)).map((name) => {
     const box = el("input", { type: "checkbox", checked: chosen.has(name), value: name });
     box.addEventListener("change", () => {
       if (box.checked) chosen.add(name);
       else chosen.delete(name);
-      boxes.forEach((one) => { const other = one.querySelector("input"); other.disabled = chosen.size >= MOST && !other.checked; });
+      limit();
     });
     return el("label.pick", {}, box, name);
   });
-  const trials = el("input.short", { type: "number", min: 2, max: 1000, value: 10, id: "compareTrials" });
+  const trials = el("input.short", { type: "number", min: 2, max: 1000, value: 10, id: "compareTrials", oninput: () => limit() });
+  /** Four at most; what is chosen outlasts a reload. */
+  function limit() {
+    for (const one of boxes) { const box = one.querySelector("input"); box.disabled = chosen.size >= MOST && !box.checked; }
+    look({ compare: { policies: [...chosen], trials: trials.value } });
+  }
   const progress = el("progress", { max: 1, value: 0, "aria-label": "Trials played", hidden: true }), word = el("p.soft", { role: "status" });
   const chart = el("div.chartArea", {}), films = el("div.films", {}), verdict = el("p.verdict", {});
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Compare");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
-  const aged = older("this comparison", current);
+  const agedWord = el("p.warning", { role: "status", hidden: true }, "The settings have changed since this comparison began.");
+  const results = el("div.compared", {}, verdict, chart, films);
+  const aged = dated(current, results, (fresh) => { agedWord.hidden = fresh; });
   let frames = [];
 
   async function start() {
@@ -34,7 +42,7 @@ export function comparison({ names, problem, seed, current }) {
     frames = [];
     verdict.textContent = "";
     const base = await problem();
-    aged.begin();
+    aged.is(current());
     const job = await run("compare", { problem: base, policies, trials: Number(trials.value), seed: seed() }, {
       job: (now) => { progress.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : now.note ?? ""; },
       piece: ({ compared }) => draw(compared),
@@ -94,6 +102,15 @@ export function comparison({ names, problem, seed, current }) {
     el("div.setting", {}, el("fieldset", {}, el("legend", {}, "Up to four policies, from the same starts"), el("div.picks", {}, boxes)),
       el("div.actions", {}, el("label", { htmlFor: "compareTrials" }, "Starts"), trials, go, stop, progress, word,
         el("button.second", { type: "button", onclick: guarded(toLab) }, "Over more settings, in the Lab …"))),
-    aged.element, verdict, chart, films);
-  return { element, refresh: aged.refresh };
+    agedWord, results);
+  function revive() {
+    const { policies, trials: count } = view().compare ?? {};
+    if (!policies) return;
+    chosen.clear();
+    policies.forEach((name) => chosen.add(name));
+    for (const one of boxes) { const box = one.querySelector("input"); box.checked = chosen.has(box.value); }
+    trials.value = count;
+    limit();
+  }
+  return { element, refresh: () => aged.refresh(), revive };
 }

@@ -1,5 +1,6 @@
 /* The tools beside the map. */
 import { el, symbol } from "../../shared/page.js";
+import { stepButtons } from "../../shared/store.js";
 import { FREE, INLET, LOOK, WALL } from "./editor.js";
 
 const TOOLS = [
@@ -10,7 +11,7 @@ const TOOLS = [
 ];
 
 /** The tools beside the map: what the pointer does, how wide, undo, and painting by numbers. */
-export function toolbar(editor, history) {
+export function toolbar(editor, store) {
   const buttons = TOOLS.map(([name, words, path, help]) => el("button.tool", {
     type: "button", title: help, "aria-pressed": String(name === LOOK), onclick: () => pick(name),
   }, symbol(path), el("span", {}, words)));
@@ -34,7 +35,7 @@ export function toolbar(editor, history) {
   const byNumbers = el("details.by", {}, el("summary", {}, "By numbers"), form);
   return el("div.toolbar", { role: "toolbar", "aria-label": "Painting" },
     el("div.group", {}, buttons), width,
-    history.buttons,
+    stepButtons(store),
     el("div.group", {},
       el("button.tool", { type: "button", title: "Fit the map", "aria-label": "Fit the map", onclick: () => editor.fit() }, symbol("M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15"))),
     byNumbers);
