@@ -143,6 +143,7 @@ export function search({ remember }) {
 
   function redo(gesture = null) {
     keep(gesture);
+    drawMarks(drawing.show()); // at once; the plan follows
     simulate.vary();
     load();
   }
