@@ -12,7 +12,16 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 from tests.browser.studio import Studio, run_and_load, tab
-from tests.browser.test_studio_truth import DRAWN, MAZE, add_zone, click_at, drawn, planned, told
+from tests.browser.test_studio_truth import (
+    DRAWN,
+    FAST,
+    MAZE,
+    add_zone,
+    click_at,
+    drawn,
+    planned,
+    told,
+)
 from tests.browser.waiting import until
 
 import shoal
@@ -288,3 +297,73 @@ def test_what_was_deleted_comes_back(page: Page, studio: Studio) -> None:
         page.keyboard.press("Control+Shift+z")
     assert told(page)["drawing"] == {"frame": None, "parts": [DRAWN["parts"][0][1:]], "zones": []}
     assert "launch" not in told(page)["problem"]
+
+
+CANVASES = {
+    "vessels": ({"problem": {"map": "rectangle:6x8", "particles": 3}, "seed": 0}, ".editor canvas"),
+    "search": ({"problem": FAST, "drawing": DRAWN, "seed": 1}, ".plane"),
+    "steering": (None, ".room"),
+}
+
+
+@pytest.mark.forms(3)
+@pytest.mark.parametrize("place", CANVASES)
+def test_two_fingers_and_keys_zoom_every_canvas(page: Page, studio: Studio, place: str) -> None:
+    given, canvas = CANVASES[place]
+    studio.open(page, place, given)
+    page.locator(".facts, .plan").locator("visible=true").first.wait_for()
+    page.wait_for_load_state("networkidle")
+    grown = page.evaluate(
+        """async (canvas) => {
+            const element = document.querySelector(canvas);
+            element.setPointerCapture = () => {};  // these fingers are none
+            const box = element.getBoundingClientRect();
+            const frames = () => new Promise((done) =>
+                requestAnimationFrame(() => requestAnimationFrame(done)));
+            const seen = async () => {  // a picture of the canvas, or where things are on it
+                await frames();
+                return element.toDataURL?.() ?? element.getAttribute("viewBox")
+                    + element.querySelector("g:nth-of-type(3)")?.getAttribute("transform");
+            };
+            const touch = (kind, id, x, y) => element.dispatchEvent(new PointerEvent(kind, {
+                pointerId: id, bubbles: true, button: 0,
+                clientX: box.left + x * box.width, clientY: box.top + y * box.height,
+            }));
+            const key = (key) => element.dispatchEvent(
+                new KeyboardEvent("keydown", { key, bubbles: true }));
+            const first = await seen();
+            touch("pointerdown", 1, 0.4, 0.5);
+            touch("pointerdown", 2, 0.6, 0.5);
+            touch("pointermove", 2, 0.8, 0.5);
+            touch("pointermove", 2, 0.9, 0.5);
+            touch("pointerup", 1, 0.4, 0.5);
+            touch("pointerup", 2, 0.9, 0.5);
+            const pinched = await seen();
+            key("0");
+            const whole = await seen();
+            key("+");
+            const keyed = await seen();
+            return [first === pinched, first === whole, whole === keyed];
+        }""",
+        canvas,
+    )
+    assert grown == [False, True, False]
+
+
+@pytest.mark.forms(0)
+def test_a_second_finger_takes_the_dab_of_the_first_one_back(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "rectangle:6x8", "particles": 3}, "seed": 0})
+    page.locator(".underStage .facts").get_by_text("48 free").wait_for()
+    page.get_by_role("button", name="Erase").click()
+    page.evaluate("""() => {
+        const element = document.querySelector(".editor canvas"), box = element.getBoundingClientRect();
+        element.setPointerCapture = () => {};
+        for (const [kind, id, x] of [["pointerdown", 1, 0.5], ["pointerdown", 2, 0.6],
+            ["pointermove", 2, 0.7], ["pointerup", 1, 0.5], ["pointerup", 2, 0.7]]) {
+            element.dispatchEvent(new PointerEvent(kind, { pointerId: id, bubbles: true, button: 0,
+                clientX: box.left + x * box.width, clientY: box.top + box.height / 2 }));
+        }
+    }""")
+    assert page.locator(".toolbar").get_by_role("button", name="Undo").first.is_disabled()
+    assert told(page)["problem"]["map"] == "rectangle:6x8"
+    assert page.locator(".underStage .facts").inner_text().startswith("6 rows × 8 columns, 48 free")

@@ -2,6 +2,7 @@
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
 import { Store, dated, stepButtons } from "../shared/store.js";
+import { hands, spotOf } from "../shared/hands.js";
 import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
@@ -14,6 +15,7 @@ const SECTIONS = [
 const NAMES = ["square", "triangle", "pentagon", "hexagon", "heptagon", "octagon", "disk"];
 const BEGIN = { workspace: "square", start: [[0.2, 0.3], [0.5, 0.35]], goal: [[0.8, 0.2], [0.3, 0.75]] };
 const PLANS = ["greedy", "shortest", "fewest-moves"];
+const CLOSEST = 40; // the largest zoom
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
 
 export function steering({ remember }) {
@@ -143,11 +145,42 @@ export function steering({ remember }) {
   const path = (points, at, closed = true) => points.map((point, i) => `${i ? "L" : "M"}${at(point).map((x) => x.toFixed(3)).join(" ")}`).join("") + (closed ? "Z" : "");
 
   let frame = null;
+  const eye = { zoom: 1, x: -8, y: -8 }; // what of the picture is seen: its upper left corner
+  function lookThrough() {
+    const sides = [frame.width + 16, frame.height + 16].map((side) => side / eye.zoom);
+    room.setAttribute("viewBox", `${eye.x} ${eye.y} ${sides.join(" ")}`);
+  }
+  function showAll() {
+    Object.assign(eye, { zoom: 1, x: -8, y: -8 });
+    if (frame) lookThrough();
+  }
+  /** A place on the element, in pixels, to one in the picture. */
+  function spotIn([right, down]) {
+    const box = room.getBoundingClientRect();
+    return new DOMPoint(right + box.left, down + box.top).matrixTransform(room.getScreenCTM().inverse());
+  }
+  hands(room, {
+    zoom(factor, spot) {
+      const zoom = Math.max(1, Math.min(CLOSEST, eye.zoom * factor)), by = eye.zoom / zoom, at = spotIn(spot);
+      if (zoom === 1) return showAll();
+      Object.assign(eye, { zoom, x: at.x - (at.x - eye.x) * by, y: at.y - (at.y - eye.y) * by });
+      return lookThrough();
+    },
+    pan(right, down) {
+      if (eye.zoom === 1) return;
+      const { a } = room.getScreenCTM();
+      Object.assign(eye, { x: eye.x - right / a, y: eye.y - down / a });
+      lookThrough();
+    },
+    fit: showAll,
+    tap: (spot) => corners && addCorner(spotIn(spot)),
+  });
+
   function drawRoom() {
     if (!place && !corners) return;
     const focused = document.activeElement?.dataset?.handle;
     frame = frameOf(corners ? [[[0, 0], [1, 1]]] : place.rings);
-    room.setAttribute("viewBox", `-8 -8 ${frame.width + 16} ${frame.height + 16}`);
+    lookThrough();
     const { at } = frame;
     if (corners) {
       room.replaceChildren(svg("rect", { class: "paper", x: 0, y: 0, width: frame.width, height: frame.height }),
@@ -172,6 +205,7 @@ export function steering({ remember }) {
     group.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       event.preventDefault();
+      event.stopPropagation();
       group.focus();
       drag(what, i, event);
     });
@@ -201,7 +235,7 @@ export function steering({ remember }) {
   }
 
   function pointOf(event) {
-    const spot = new DOMPoint(event.clientX, event.clientY).matrixTransform(room.getScreenCTM().inverse());
+    const spot = spotIn(spotOf(room, event));
     return frame.back([spot.x, spot.y]);
   }
 
@@ -271,6 +305,7 @@ export function steering({ remember }) {
 
   function take(name, points = {}) {
     corners = null;
+    showAll();
     problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
     form.write(problem);
     showChoice();
@@ -306,9 +341,8 @@ export function steering({ remember }) {
     }
     take(`POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`);
   }
-  room.addEventListener("pointerdown", (event) => {
-    if (!corners || event.button !== 0) return;
-    const corner = pointOf(event).map((x) => Math.max(0, Math.min(1, x)));
+  function addCorner(spot) {
+    const corner = frame.back([spot.x, spot.y]).map((x) => Math.max(0, Math.min(1, x)));
     const near = (other) => other && Math.hypot(corner[0] - other[0], corner[1] - other[1]) < 0.015;
     if (near(corners.at(-1)) || (corners.length > 2 && near(corners[0]))) { // a double click, or the first corner again, closes it
       endSketch();
@@ -317,7 +351,7 @@ export function steering({ remember }) {
     corners = [...corners, corner];
     keep();
     drawRoom();
-  });
+  }
   function listFiles() {
     const found = state.files.filter((file) => ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name));
     files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("workspace") + leftOut("region")));

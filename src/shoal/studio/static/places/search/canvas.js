@@ -1,8 +1,9 @@
 /* A canvas in metres: panned and zoomed by hand and keys; graticule, scale bar, arrow to the north. */
 import { ticksOf } from "../../shared/charts.js";
+import { hands, spotOf } from "../../shared/hands.js";
 import { el, svg, symbol } from "../../shared/page.js";
 
-const MARGIN = 36, SLIP = 5, NEAREST = 400, FARTHEST = 2e-4; // pixels; pixels a metre
+const MARGIN = 36, NEAREST = 400, FARTHEST = 2e-4; // pixels; pixels a metre
 const LINES = 7; // about how many lines of the graticule there are
 
 export class MetricCanvas {
@@ -137,49 +138,16 @@ export class MetricCanvas {
   // ---- hands ----
 
   spotOf(event) {
-    const box = this.plane.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return spotOf(this.plane, event);
   }
 
   listen() {
-    const { plane } = this, held = new Map();
-    let from = null;
-    plane.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      plane.setPointerCapture(event.pointerId);
-      held.set(event.pointerId, this.spotOf(event));
-      from = held.size === 1 ? this.spotOf(event) : null;
-    });
-    plane.addEventListener("pointermove", (event) => {
-      const here = this.spotOf(event), last = held.get(event.pointerId), other = [...held].find(([id]) => id !== event.pointerId)?.[1];
-      this.over(this.back(here));
-      if (!last) return;
-      if (from && Math.hypot(here[0] - from[0], here[1] - from[1]) > SLIP) from = null;
-      if (other) {
-        const apart = (spot) => Math.max(1, Math.hypot(spot[0] - other[0], spot[1] - other[1]));
-        this.zoomBy(apart(here) / apart(last), [(here[0] + other[0]) / 2, (here[1] + other[1]) / 2]);
-      } else if (!from) this.pan(here[0] - last[0], here[1] - last[1]);
-      if (!from) held.set(event.pointerId, here);
-    });
-    const up = (event) => {
-      held.delete(event.pointerId);
-      if (from && event.type === "pointerup") this.tap(this.back(from), event);
-      from = null;
-    };
-    plane.addEventListener("pointerup", up);
-    plane.addEventListener("pointercancel", up);
-    plane.addEventListener("pointerleave", () => this.over(null));
-    plane.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoomBy(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 16 : 1) * 0.0015), this.spotOf(event));
-    }, { passive: false });
-    plane.addEventListener("keydown", (event) => {
-      if (event.target !== plane) return;
-      const step = { ArrowUp: [0, 60], ArrowDown: [0, -60], ArrowLeft: [60, 0], ArrowRight: [-60, 0] }[event.key], factor = { "+": 1.5, "=": 1.5, "-": 1 / 1.5 }[event.key];
-      if (!step && !factor) return;
-      event.preventDefault();
-      if (step) this.pan(...step);
-      else this.zoomBy(factor);
+    hands(this.plane, {
+      zoom: (factor, spot) => this.zoomBy(factor, spot),
+      pan: (right, down) => this.pan(right, down),
+      fit: () => this.fit(),
+      tap: (spot, event) => this.tap(this.back(spot), event),
+      over: (spot) => this.over(spot && this.back(spot)),
     });
   }
 }

@@ -1,5 +1,6 @@
 /* The map on a canvas: looked at, painted and erased cell by cell; and the photograph with what was found on it. */
-import { el, symbol } from "../../shared/page.js";
+import { hands } from "../../shared/hands.js";
+import { el } from "../../shared/page.js";
 
 export const LOOK = "look", FREE = "free", WALL = "wall", INLET = "inlet";
 
@@ -30,7 +31,7 @@ export class Editor {
   /** `edited(what)` is called after each stroke: "map", "inlet", or null if it changed nothing. */
   constructor(edited) {
     this.edited = edited;
-    this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-label": "The map. Arrow keys move a cursor, Space paints." });
+    this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-label": "The map. Plus and minus zoom, 0 shows all of it, and arrow keys move it; with a brush, they move a cursor, and Space paints." });
     this.pen = this.canvas.getContext("2d");
     this.image = document.createElement("canvas");
     this.overlay = null;
@@ -213,10 +214,9 @@ export class Editor {
 
   // ---- hands ----
 
-  cellAt(event) {
-    const box = this.canvas.getBoundingClientRect();
-    const x = (event.clientX - box.left) * this.ratio, y = (event.clientY - box.top) * this.ratio;
-    return { x, y, row: Math.floor((y - this.top) / this.scale), column: Math.floor((x - this.left) / this.scale) };
+  cellAt(spot) {
+    const [x, y] = spot.map((one) => one * this.ratio);
+    return [Math.floor((y - this.top) / this.scale), Math.floor((x - this.left) / this.scale)];
   }
 
   stamp(row, column) {
@@ -225,67 +225,74 @@ export class Editor {
   }
 
   listen() {
-    const { canvas } = this;
-    let last = null;
-    canvas.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      canvas.setPointerCapture(event.pointerId);
-      last = this.cellAt(event);
-      if (this.tool === LOOK || this.photograph || !this.map) return;
-      this.beginStroke();
-      this.stamp(last.row, last.column);
-      this.paint();
+    hands(this.canvas, {
+      zoom: (factor, spot) => this.zoomAt(factor, ...spot.map((one) => one * this.ratio)),
+      pan: (right, down) => this.pan(right, down),
+      fit: () => this.fit(),
+      over: (spot) => {
+        this.cursor = spot && this.cellAt(spot);
+        this.redraw();
+      },
+      take: (spot) => (this.paints ? this.strokeFrom(this.cellAt(spot)) : null),
+      arrow: (step, event) => this.paints && this.step(step, event.shiftKey ? 10 : 1),
     });
-    canvas.addEventListener("pointermove", (event) => {
-      const here = this.cellAt(event);
-      this.cursor = [here.row, here.column];
-      if (canvas.hasPointerCapture(event.pointerId) && last) {
-        if (this.stroke) {
-          const steps = Math.max(1, Math.abs(here.row - last.row), Math.abs(here.column - last.column));
-          for (let i = 1; i <= steps; i++) {
-            this.stamp(Math.round(last.row + ((here.row - last.row) * i) / steps), Math.round(last.column + ((here.column - last.column) * i) / steps));
-          }
-          this.paint();
-        } else if (this.zoom > 1) {
-          this.left += here.x - last.x;
-          this.top += here.y - last.y;
-        }
-        last = this.cellAt(event);
-      }
-      this.redraw();
-    });
-    const up = () => {
-      last = null;
-      this.endStroke();
-    };
-    canvas.addEventListener("pointerup", up);
-    canvas.addEventListener("pointercancel", up);
-    canvas.addEventListener("pointerleave", () => {
-      this.cursor = null;
-      this.redraw();
-    });
-    canvas.addEventListener("wheel", (event) => {
+    this.canvas.addEventListener("keydown", (event) => {
+      if (event.key !== " " || !this.paints) return;
       event.preventDefault();
-      const { x, y } = this.cellAt(event);
-      this.zoomAt(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 16 : 1) * 0.0015), x, y);
-    }, { passive: false });
-    canvas.addEventListener("keydown", (event) => this.key(event));
-  }
-
-  key(event) {
-    const step = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
-    if (!this.map || this.photograph || (!step && event.key !== " ")) return;
-    event.preventDefault();
-    const [height, width] = this.map.shape;
-    this.cursor ??= [height >> 1, width >> 1];
-    if (step) {
-      const by = event.shiftKey ? 10 : 1;
-      this.cursor = [Math.max(0, Math.min(height - 1, this.cursor[0] + by * step[0])), Math.max(0, Math.min(width - 1, this.cursor[1] + by * step[1]))];
-      this.redraw();
-    } else if (this.tool !== LOOK) {
+      this.cursor ??= this.middle;
       this.beginStroke();
       this.stamp(...this.cursor);
       this.endStroke();
-    }
+    });
+  }
+
+  /** Whether a hand paints, and does not move the map. */
+  get paints() {
+    return this.map && !this.photograph && this.tool !== LOOK;
+  }
+
+  get middle() {
+    return this.map.shape.map((side) => side >> 1);
+  }
+
+  pan(right, down) {
+    if (this.zoom === 1) return;
+    this.left += right * this.ratio;
+    this.top += down * this.ratio;
+    this.redraw();
+  }
+
+  strokeFrom(first) {
+    let last = first;
+    const { free } = this.map, before = free.slice(), inlet = new Set(this.inlet);
+    this.beginStroke();
+    this.stamp(...first);
+    this.paint();
+    return {
+      move: (spot) => {
+        const here = this.cellAt(spot), by = here.map((x, axis) => x - last[axis]);
+        const steps = Math.max(1, ...by.map(Math.abs));
+        for (let i = 1; i <= steps; i++) {
+          this.stamp(...last.map((x, axis) => Math.round(x + (by[axis] * i) / steps)));
+        }
+        last = here;
+        this.paint();
+      },
+      end: () => this.endStroke(),
+      cancel: () => { // a second finger: both of them zoom
+        free.set(before);
+        this.inlet = inlet;
+        this.stroke = null;
+        this.paint();
+      },
+    };
+  }
+
+  /** Move the cursor by so many cells. */
+  step([left, up], by) {
+    const [row, column] = this.cursor ?? this.middle, [height, width] = this.map.shape;
+    this.cursor = [Math.max(0, Math.min(height - 1, row - by * up)), Math.max(0, Math.min(width - 1, column - by * left))];
+    this.redraw();
+    return true;
   }
 }
