@@ -236,6 +236,7 @@ def test_a_painted_map_is_in_the_folder_and_the_address_names_it(
     link = told(page)
     page.get_by_role("link", name="Papers", exact=True).click()
     page.get_by_role("link", name="Vessels", exact=True).click()
+    until(page, "location.hash.startsWith('#vessels?')")
     assert told(page) == link
     page.locator(".editor canvas").focus()
     page.keyboard.press("Control+z")  # back to one stroke: the file follows

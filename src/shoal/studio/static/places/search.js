@@ -1,12 +1,15 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
-import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
+import { ask, loadFiles, newest, state, upload } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
+import { confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
+import { chooser } from "./search/chooser.js";
 import { Drawing } from "./search/drawing.js";
-import { earthAt, pointText, pointsOf } from "./search/earth.js";
+import { earthAt } from "./search/earth.js";
+import { fleetList } from "./search/fleet.js";
+import { launchPoints } from "./search/launch.js";
 import { missionsPanel } from "./search/missions.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
@@ -26,7 +29,6 @@ const BEGIN = {
   drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
-const MOST_ROBOTS = 200; // in the list
 const REST = 600; // milliseconds after which what takes longer is asked
 const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
 
@@ -37,10 +39,10 @@ export function search({ remember }) {
 
   // ---- what is set ----
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(name); } });
+  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") launch.spread(); redo(name); } });
   const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
   const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
-  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), store });
+  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch.add(point), store });
   const underlay = new Underlay(canvas, {
     frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
     changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
@@ -48,7 +50,7 @@ export function search({ remember }) {
   const land = svg("g", { class: "region" }), ways = new Ways(() => show());
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
   const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
-  const list = el("ul.fleet", { "aria-label": "Robots" });
+  const list = fleetList((k) => { chosen = k; show(); });
   const { input: seedInput, element: seedRow } = seedField("searchSeed", () => { seed = seedIn(seedInput); redo(); });
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
@@ -71,20 +73,19 @@ export function search({ remember }) {
   });
 
   /** The plan on the canvas is of the region, zones and settings that are drawn and set, or wears a veil. */
-  const planned = dated(() => JSON.stringify(question()), canvas.element, (fresh) => { list.dataset.aged = fresh ? "" : "out of date"; });
+  const planned = dated(() => JSON.stringify(question()), canvas.element, (fresh) => { list.element.classList.toggle("aged", !fresh); });
 
   function put({ problem, drawing: told = null, under = null, missions: options = {}, seed: start = 0 }) {
     seed = start;
     seedInput.value = seed;
     region = typeof problem.region === "string" ? problem.region : null;
-    typed.value = region ?? "";
     form.write(problem);
     vehicle.write(problem.vehicle);
     missions.form.write(options);
-    shared = null;
+    launch.forget();
     drawing.load(told);
     if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null)) guarded(() => underlay.load(under))();
-    listFiles();
+    choice.show();
     redo();
   }
 
@@ -108,35 +109,9 @@ export function search({ remember }) {
     keep(gesture);
   }
 
-  // ---- launch points: in the form's field, as text ----
-
-  const launchAt = (point) => ({ point, text: pointText(point, frame() ? canvas.earth : null) });
-  /** Each launch point once, with its text as it was entered. */
-  function launches() {
-    const texts = [...new Set(String(form.values().launch ?? "").split(/[;\n]+/).map((text) => text.trim()).filter(Boolean))];
-    const points = pointsOf(texts.join(";"), frame() ? canvas.earth : null) ?? [];
-    return points.map((point, k) => ({ point, text: texts[k] }));
-  }
-
-  /** One point is for all; several are shared out among the robots. */
-  function launch(some, { quiet = false } = {}) {
-    const count = form.values().robots ?? schema.properties.robots.default, all = some.length > 1 ? Array.from({ length: Math.max(count, some.length) }, (_, k) => some[k % some.length]) : some;
-    if (some.length > count) form.row("robots").write(some.length);
-    form.row("launch").write(all.map(({ text }) => text).join(";") || undefined);
-    if (quiet) show();
-    else redo();
-  }
-  /** Share the launch points out among another number of robots. The "1" of a "12" that is being typed takes none away. */
-  let shared = null;
-  const spread = () => {
-    shared ??= launches();
-    const count = Number(form.values().robots ?? schema.properties.robots.default);
-    if (shared.length > 1 && count >= 1) launch(shared.slice(0, count), { quiet: true });
-  };
-  form.element.addEventListener("change", () => {
-    const left = (shared?.length ?? 0) - launches().length;
-    shared = null;
-    if (left > 0) say(`${left} launch ${left === 1 ? "point is" : "points are"} left out: a robot has one. Ctrl Z brings ${left === 1 ? "it" : "them"} back.`);
+  const launch = launchPoints({
+    form, robots: schema.properties.robots.default, earth: () => (frame() ? canvas.earth : null),
+    quietly: () => show(), done: () => redo(),
   });
 
   // ---- the plan ----
@@ -204,7 +179,7 @@ export function search({ remember }) {
     ] : []));
     ways.show(plan, chosen);
     drawMarks(drawing.show());
-    drawList(robots);
+    list.show(robots, fleet?.starts ?? [], chosen);
     source.textContent = own ? (written?.text === JSON.stringify(drawing.told) ? written.file : "drawn") : region ?? "";
     facts.textContent = plan?.cells ? [
       plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
@@ -220,24 +195,15 @@ export function search({ remember }) {
   }
 
   function drawMarks(corners) {
-    const points = launches(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
+    const points = launch.read(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
     const home = points.map(({ point }, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
-      move: (to) => launch(points.map((one, i) => (i === k ? launchAt(to) : one)), { quiet: true }), done: () => redo(), remove: () => launch(points.filter((_, i) => i !== k)),
+      move: (to) => launch.move(k, to), done: () => redo(), remove: () => launch.remove(k),
     }));
     const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
     const heads = starts.length > 30 ? [] : starts.map((robot, k) => ({ point: ways.head(robot), element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) })).filter((head) => head.point);
     const meeting = near ? [{ point: near.place, element: svg("g", { class: "near" }, svg("circle", { r: 11 }), svg("title", {}, `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`)) }] : [];
     canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
     canvas.draw();
-  }
-
-  function drawList(robots) {
-    list.replaceChildren(...robots.slice(0, MOST_ROBOTS).map((robot, k) => {
-      const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
-      const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].start_s ? `after ${lasting(flights[0].start_s)}` : ""].filter(Boolean).join(", ") : "";
-      const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
-      return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
-    }), ...(robots.length > MOST_ROBOTS ? [el("li.soft", {}, `and ${number(robots.length - MOST_ROBOTS, 9)} more robots`)] : []));
   }
 
   // ---- hands ----
@@ -264,15 +230,9 @@ export function search({ remember }) {
   /** Whether what was drawn may make room for something else. */
   const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`, "Replace it");
 
-  /** The fields that say where the region comes from, as they are. */
-  function listRegion() {
-    typed.value = region ?? "";
-    listFiles();
-  }
-
   async function choose(name) {
     if (await mayGo(name)) take(name);
-    else listRegion();
+    else choice.show();
   }
 
   function take(name) {
@@ -282,7 +242,7 @@ export function search({ remember }) {
     form.row("launch").write(undefined);
     form.row("no_go").write(undefined);
     canvas.moved = false;
-    listRegion();
+    choice.show();
     stages.pick("plan");
     redo();
   }
@@ -296,7 +256,7 @@ export function search({ remember }) {
     told.parts = corners.map(([shell]) => shell);
     told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
     region = null;
-    listRegion();
+    choice.show();
     redo();
   }
 
@@ -313,16 +273,6 @@ export function search({ remember }) {
     take(name);
   }
 
-  const choices = el("select", { id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)) });
-  function listFiles() {
-    const found = state.files.filter((file) => file.kind === "region" || /\.csv$/i.test(file.name)).filter((file) => !/^papers\//.test(file.name)), kept = region;
-    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("region")));
-    choices.value = found.some((file) => file.name === kept) ? kept : "";
-  }
-  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => { const brought = [...picked.files]; picked.value = ""; if (brought.length) await bring(brought); }) });
-  const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
-  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
-  const blank = el("button.second", { type: "button", onclick: guarded(begin) }, "Draw a region");
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
   async function begin() {
     if (!(await mayGo("An empty canvas"))) return;
@@ -330,7 +280,7 @@ export function search({ remember }) {
     region = plan = null;
     drawing.load({ frame: kept });
     form.row("launch").write(undefined);
-    listRegion();
+    choice.show();
     stages.pick("plan");
     drawing.pick("parts");
     if (!underlay.told.file) {
@@ -339,10 +289,7 @@ export function search({ remember }) {
     }
     redo();
   }
-  const loose = el("button.second", { type: "button", title: "Turn the region into a drawing with movable corners", onclick: guarded(loosen) }, "Edit its corners");
-  const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"), choices, blank),
-    el("div.pair", {}, el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed, loose), el("p.help", { id: "searchRegionHelp" }, "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres."));
+  const choice = chooser({ choose, bring, blank: begin, loosen, region: () => region });
 
   // ---- the stages ----
 
@@ -350,7 +297,7 @@ export function search({ remember }) {
   const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`), store });
   const watching = watchPanel();
   const stages = tabbed("Search", [
-    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
+    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list.element],
     ["simulate", "Simulate", ...simulate.children],
     ["missions", "Missions", ...missions.children],
     ["watch", "Watch", ...watching.children],
@@ -365,12 +312,10 @@ export function search({ remember }) {
   stages.panels[2].classList.add("scrolls");
   stages.panels[3].classList.add("scrolls");
   stages.pick("plan");
-  on("files", listFiles);
-  listFiles();
 
   const element = el("div.place.search-place", {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
-    el("section.panel-side", { "aria-label": "Settings" }, chooser, missions.form.element, form.element, vehicle.element, underlay.element),
+    el("section.panel-side", { "aria-label": "Settings" }, choice.element, missions.form.element, form.element, vehicle.element, underlay.element),
     el("footer.bottom", {}, seedRow, simulate.word, simulate.bar,
       el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), simulate.go));
   for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });

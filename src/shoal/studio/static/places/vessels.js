@@ -1,14 +1,18 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
-import { ask, cancelJob, leftOut, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, newest, state, upload } from "../shared/api.js";
+import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
+import { confirmed, el, guarded, number, say, shapeText, tabbed } from "../shared/page.js";
+import { PlayerFrame } from "../shared/player.js";
+import { showCopies, showCopiesOf } from "../shared/share.js";
+import { Store, dated } from "../shared/store.js";
+import { chooser } from "./vessels/chooser.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
+import { paintedFile } from "./vessels/painted.js";
+import { photographs } from "./vessels/photograph.js";
+import { running } from "./vessels/run.js";
 import { toolbar } from "./vessels/toolbar.js";
-import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { Store, dated } from "../shared/store.js";
-import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
-import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
   { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },
@@ -20,19 +24,15 @@ const SECTIONS = [
 ];
 const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
-const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
-const MOST_LISTED = 200; // episodes to choose from at once; the Lab has all
-const REST = 700; // milliseconds after a stroke until what is painted is in the folder
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
   const store = new Store(put), reading = ["vessels", ...schema.reading];
-  let problem = { ...EXAMPLE }, seed = 0, map = null, running = null, begun = false;
+  let problem = { ...EXAMPLE }, seed = 0, map = null, begun = false;
   let painted = null; // cells that were painted over the map: { shape, free }, until they are written as a file
-  let draft = null; // the file in the folder that follows what is painted over a map: { of, file, text }
-  let shown = null; // the episode on the stage: its file and its sentence
+  const file = paintedFile();
 
   // ---- what is set ----
 
@@ -81,42 +81,24 @@ export function vessels({ remember }) {
 
   store.subscribe(() => {
     mirror();
-    played.refresh();
-    mapped.refresh();
-    races.refresh();
-    comparisons.refresh();
-    clearTimeout(saving);
-    if (painted && draft?.text !== JSON.stringify(painted)) saving = setTimeout(guarded(saveDraft), REST);
+    for (const results of [mapped, runs, races, comparisons]) results.refresh();
+    file.soon(painted, written(problem.map), mirror);
   });
 
   /** A link holds the whole problem: what is painted is named by its file. */
   function mirror() {
-    const { problem: set, inlet } = store.state, file = painted && draft?.text === JSON.stringify(painted) ? draft.file : null;
-    remember({ problem: file ? drawnProblem(file) : set, seed, ...(inlet.length ? { inlet } : {}) });
+    const { problem: set, inlet } = store.state, name = painted && file.nameOf(painted, written(set.map));
+    const linked = name ? drawnProblem(name) : set;
+    remember({ problem: linked, seed, ...(inlet.length ? { inlet } : {}) });
   }
 
   /** The problem with the painted map in a file, which says nothing of how to read it. */
-  function drawnProblem(file) {
+  function drawnProblem(name) {
     const kept = form.values();
-    for (const name of reading) delete kept[name];
-    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing; // a picture does not say how large its cells are
-    return { kind: "swarm", map: file, ...kept };
-  }
-
-  /** Painted cells are in the folder soon after the stroke: one file follows them until it is used. */
-  let saving = 0;
-  const writing = newest(saveNow);
-  const saveDraft = () => writing();
-  async function write(text) {
-    const of = written(problem.map);
-    if (draft?.text === text && draft.of === of) return;
-    const { file } = await ask("sketch", { ...JSON.parse(text), name: of, over: draft?.of === of ? draft.file : null });
-    draft = { of, file, text };
-  }
-  async function saveNow() {
-    if (!painted) return;
-    await write(JSON.stringify(painted));
-    mirror();
+    for (const field of reading) delete kept[field];
+    // a picture does not say how large its cells are
+    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing;
+    return { kind: "swarm", map: name, ...kept };
   }
 
   async function changed(values, name) {
@@ -205,8 +187,7 @@ export function vessels({ remember }) {
   function showSource() {
     const name = written(problem.map);
     source.textContent = painted ? `${name}, painted` : name;
-    choices.value = state.files.some((file) => file.name === name) ? name : "";
-    generated.value = choices.value ? "" : name;
+    maps.show(name);
   }
 
   function showFacts() {
@@ -219,40 +200,18 @@ export function vessels({ remember }) {
     warning.textContent = sentence ?? "";
   }
 
-  /** The photograph with what the sliders find on it: soon, and then once more as a run will find it. */
-  let view = "cells", exact = 0, photograph = null;
+  let view = "cells";
+  const photograph = photographs({
+    editor, fields, complain, visible: () => view === "photo", said: (words) => { facts.textContent = words; },
+  });
   const overlay = newest(async () => {
     if (view !== "photo") setView("photo");
     try {
-      if (photograph?.file !== problem.map) photograph = { file: problem.map, image: await imageOf((await ask("photograph", { file: problem.map })).picture, "jpeg") };
-      if (editor.photograph !== photograph.image) {
-        editor.setPhotograph(photograph.image, null);
-        facts.textContent = "looking for vessels …";
-      }
-      await drawVessels(false);
-      clearTimeout(exact);
-      exact = setTimeout(guarded(() => drawVessels(true)), 700);
+      await photograph();
     } catch (error) {
       complain(error.message);
     }
   });
-
-  async function drawVessels(surely) {
-    const began = performance.now(), asked = fields();
-    const found = await ask("vessels", { problem: asked, exact: surely });
-    if (asked.map !== problem.map || view !== "photo") return;
-    editor.setPhotograph(photograph.image, await imageOf(found.mask, "png"));
-    performance.measure("shoal-overlay", { start: began });
-    if (surely) complain(found.warning);
-    facts.textContent = `${percent(found.share)} of the pixels are vessel${surely ? `, confidence ${number(found.confidence, 2)} of 1` : ""}`;
-  }
-
-  async function imageOf(text, kind) {
-    const image = new Image();
-    image.src = `data:image/${kind};base64,${text}`;
-    await image.decode();
-    return image;
-  }
 
   const viewButtons = [["photo", "Photograph"], ["cells", "Cells"]].map(([name, words]) => el("button", { type: "button", "aria-pressed": "false", onclick: () => { setView(name); load(); } }, words));
   const views = el("div.segmented", { role: "group", "aria-label": "What to show", hidden: true }, viewButtons);
@@ -285,41 +244,17 @@ export function vessels({ remember }) {
     await load();
   }
 
-  const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
-  function listFiles() {
-    const maps = state.files.filter((file) => file.kind === "map" && !/^papers\/|-figure(-\d+)?\.png$/.test(file.name)), kept = choices.value;
-    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("map")));
-    choices.value = kept;
-    shownEpisodes();
-  }
-  const picked = el("input", { type: "file", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file) await bring(file); }) });
-  const bring = async (file) => { if (await mayGo(file.name)) await take(await upload(file)); };
-  const kinds = el("select", {
-    "aria-label": "Kind of generated map",
-    onchange: guarded(async () => { const kind = kinds.value; kinds.value = ""; if (kind) await choose(kind); }),
-  }, el("option", { value: "" }, "draw a map"), state.start.maps.map((one) => el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`)));
-  const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, such as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
-  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a picture or volume here"), el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"));
-  const chooser = el("section.chooser", { "aria-label": "Map" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "vesselsFile" }, "A file in the folder"), choices, kinds), el("div.pair", {}, el("span.soft", {}, "Generated"), generated));
-
-  // ---- run ----
-
-  const frame = new PlayerFrame("swarm", { title: "The player of the episode" });
+  const bring = async (brought) => { if (await mayGo(brought.name)) await take(await upload(brought)); };
+  const maps = chooser({ choose, bring });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
-  const runWord = el("p.soft", { role: "status" }), runBar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
-  const result = el("div.result", {});
-  const go = el("button.main", { type: "button", onclick: guarded(() => play()) }, "Run");
-  const stop = el("button.second", { type: "button", hidden: true, onclick: guarded(() => running && cancelJob(running)) }, "Stop");
+
+  // ---- what is done with it ----
 
   /** Write what was painted as a file, and return the problem. */
   async function ready() {
     if (!painted) return fields();
-    clearTimeout(saving);
-    const before = store.text, text = JSON.stringify(painted);
-    await write(text);
-    const given = drawnProblem(draft.file);
-    draft = null; // from now on this file stays as it is
+    const before = store.text;
+    const given = drawnProblem(await file.use(painted, written(problem.map)));
     if (before !== store.text) return given; // painted on while it was written
     const { kind, ...rest } = given;
     painted = null;
@@ -332,128 +267,35 @@ export function vessels({ remember }) {
     return fields();
   }
 
-  async function play() {
-    const asked = performance.now(), given = await ready(), at = store.text, turn = (turns += 1);
-    const here = () => turn === turns; // another episode may be on the stage by now
-    stages.pick("run");
-    result.replaceChildren();
-    shown = null;
-    played.is(at);
-    let inside = null, opening = null, waiting = [];
-    const take = (piece) => {
-      if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
-      if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
-    };
-    const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
-      piece(piece) {
-        if (piece.begin) {
-          if (!here()) return;
-          opening = frame.open({ ...piece.begin, live: true, playing: true }).then((opened) => {
-            inside = opened;
-            performance.measure("shoal-first-frame", { start: asked });
-            waiting.forEach(take);
-            waiting = [];
-          });
-        } else if (inside) take(piece);
-        else waiting.push(piece);
-      },
-      job: (now) => {
-        runBar.value = now.done ?? 0;
-        runWord.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", ");
-      },
-      done: guarded(async (found) => {
-        finish();
-        await opening;
-        if (!here()) return say(`The run is saved as ${found.file}`);
-        if (!opening) await frame.open((await ask("page", { file: found.file })).data);
-        return showResult(found.file, found.sentence, at);
-      }),
-      failed: (now) => {
-        finish();
-        if (here() && now.state !== "cancelled") played.is(null);
-        if (now.state !== "cancelled") told(new Error(failure(now)));
-        else inside?.shoalPlayer?.end("interrupted");
-      },
-    });
-    running = job.id;
-    go.disabled = go.hidden = true;
-    stop.hidden = runBar.hidden = false;
-    empty.textContent = "The studio opens the map and chooses the first moves …";
-  }
-
-  function finish() {
-    running = null;
-    go.disabled = go.hidden = false;
-    empty.textContent = PRESS;
-    stop.hidden = runBar.hidden = true;
-    runWord.textContent = "";
-  }
-
-  let turns = 0; // of what is on the stage
-  function showResult(file, sentence, at) {
-    shown = { file, sentence };
-    store.look({ file, at });
-    played.is(at);
-  }
-
-  /** Say so if the episode on the stage is of other settings than those that are set now. */
-  const played = dated(() => store.text, frame.element, (fresh) => {
-    if (!shown) result.replaceChildren(...(fresh ? [] : [el("p.soft", {}, "The settings have changed since this run began.")]));
-    else result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Run plays them as they are now.`), exports(shown.file, { fresh }));
-  });
-
-  /** Show an episode of the folder, made or opened with the settings `at`. */
-  async function showEpisode(file, at) {
-    const turn = (turns += 1), { data, sentence } = await ask("page", { file });
-    if (turn !== turns) return;
-    await frame.open(data);
-    showResult(file, sentence, at);
-  }
-
-  const ALL = "all of them";
-  const episodes = el("select", {
-    "aria-label": "Episodes of the folder",
-    onchange: guarded(async () => {
-      const file = episodes.value;
-      episodes.value = "";
-      if (file === ALL) location.hash = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`;
-      else if (file) await showEpisode(file, store.text);
-    }),
-  });
-  function shownEpisodes() {
-    const found = state.files.filter((file) => file.name.endsWith(".npz"));
-    const listed = found.slice(0, MOST_LISTED), others = leftOut("episode") + found.length - listed.length;
-    episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...listed.map((file) => el("option", { value: file.name }, file.name)),
-      ...(others > 0 ? [el("option", { value: ALL }, `${number(others, 9)} older ones: in the Lab …`)] : []));
-  }
-
-  // ---- the stages ----
-
-  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => store.text, look: (changes) => store.look(changes), view: () => store.view };
-  const races = driving(context), comparisons = comparison(context);
-  const empty = el("p.empty", {}, PRESS);
-  const panels = {
-    map: el("div.panel", { id: panelId("Vessels", "map"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "map") }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
-    run: el("div.panel", { id: panelId("Vessels", "run"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "run") }, el("div.stageHead", {}, result, episodes), frame.element, empty),
-    race: el("div.panel", { id: panelId("Vessels", "race"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "race") }, races.element),
-    compare: el("div.panel.scrolls", { id: panelId("Vessels", "compare"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "compare") }, comparisons.element),
+  const context = {
+    names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => store.text,
+    look: (changes) => store.look(changes), view: () => store.view,
   };
-  const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
-    for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
-    if (name === "map") editor.resize();
-    store.look({ tab: name });
+  const runs = running({ store, problem: ready, open: () => stages.pick("run") });
+  const races = driving(context), comparisons = comparison(context);
+  const stages = tabbed("Vessels", [
+    ["map", "Map", el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)],
+    ["run", "Run", ...runs.children],
+    ["race", "Drive", races.element],
+    ["compare", "Compare", comparisons.element],
+  ], {
+    chosen: (name) => {
+      if (name === "map") editor.resize();
+      store.look({ tab: name });
+    },
   });
-  frame.element.addEventListener("load", () => { empty.hidden = !!frame.shown; }, true);
+  const [, runPanel, , comparePanel] = stages.panels;
+  comparePanel.classList.add("scrolls");
 
   const element = el("div.place", {},
-    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
-    el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
-    el("footer.bottom", {}, seedRow, runWord, runBar, stop,
-      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"), go));
+    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
+    el("section.panel-side", { "aria-label": "Settings" }, maps.element, form.element),
+    el("footer.bottom", {}, seedRow, runs.word, runs.bar, runs.stop,
+      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"), runs.go));
 
   /** What the stage shows, as Python: an episode whose settings were not changed since, or else the settings. */
   async function copies() {
-    if (!panels.run.hidden && shown && played.fresh) await showCopiesOf(shown.file);
+    if (!runPanel.hidden && runs.current) await showCopiesOf(runs.current);
     else await showCopies(await ready(), seed);
   }
 
@@ -464,8 +306,6 @@ export function vessels({ remember }) {
     if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
   }));
   document.addEventListener("shoal-theme", () => editor.paint());
-  on("files", listFiles);
-  listFiles();
 
   return {
     element,
@@ -474,13 +314,13 @@ export function vessels({ remember }) {
     /** As it was before a reload. */
     async revive(saved) {
       begun = true;
-      const { tab = "map", file, at } = saved.view;
+      const { tab = "map", file: shown, at } = saved.view;
       setView(JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells");
       store.revive(saved);
       races.revive();
       comparisons.revive();
       stages.pick(tab);
-      if (file) await guarded(showEpisode)(file, at);
+      if (shown) await runs.show(shown, at);
     },
     async open(given) {
       if (begun && !given?.problem?.map) return;
