@@ -1,4 +1,5 @@
-/* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
+/* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes,
+   simulations, missions. */
 import { ask, loadFiles, newest, state, upload } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
@@ -19,46 +20,150 @@ import { Ways } from "./search/ways.js";
 
 const SECTIONS = [
   { title: "Robots", open: true, fields: ["robots", "footprint", "launch", "land", "starts"] },
-  { title: "Rows", open: true, fields: ["angle", "along", "cross_track", "margin", "tour", "allocation", "multiplicity"] },
-  { title: "Messages and faults", fields: ["loss", "network", "packet", "faults", "crashes", "rates"] },
-  { title: "Things to find", fields: ["prior", "elsewhere", "at_most", "searched", "targets", "detection", "false_alarm", "obstacles"] },
-  { title: "How the file is read", fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"] },
+  {
+    title: "Rows",
+    open: true,
+    fields: ["angle", "along", "cross_track", "margin", "tour", "allocation", "multiplicity"],
+  },
+  {
+    title: "Messages and faults",
+    fields: ["loss", "network", "packet", "faults", "crashes", "rates"],
+  },
+  {
+    title: "Things to find",
+    fields: [
+      "prior",
+      "elsewhere",
+      "at_most",
+      "searched",
+      "targets",
+      "detection",
+      "false_alarm",
+      "obstacles",
+    ],
+  },
+  {
+    title: "How the file is read",
+    fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"],
+  },
 ];
 const BEGIN = {
-  problem: { robots: 4, footprint: "20", vehicle: { preset: "multirotor" }, launch: "8.4971,47.3987" },
-  drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
+  problem: {
+    robots: 4,
+    footprint: "20",
+    vehicle: { preset: "multirotor" },
+    launch: "8.4971,47.3987",
+  },
+  drawing: {
+    frame: [8.5, 47.4],
+    parts: [
+      [
+        [-210, -140],
+        [120, -165],
+        [250, -40],
+        [205, 130],
+        [20, 175],
+        [-190, 95],
+      ],
+    ],
+    zones: [
+      [
+        [10, -35],
+        [85, -30],
+        [80, 40],
+        [25, 50],
+      ],
+    ],
+  },
 };
-const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
+const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i,
+  PARTS = /\.(shx|dbf|prj|cpg)$/i;
 const REST = 600; // milliseconds after which what takes longer is asked
-const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
+const closed = (polygons) =>
+  polygons
+    .flat()
+    .map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`)
+    .join("");
 
 export function search({ remember }) {
   const schema = state.start.schemas.search;
   const store = new Store(put);
-  let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null, begun = false, written = null;
+  let region = null,
+    seed = 0,
+    plan = null,
+    waiting = 0,
+    chosen = -1,
+    fleet = null,
+    begun = false,
+    written = null;
 
   // ---- what is set ----
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") launch.spread(); redo(name); } });
-  const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
-  const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
-  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch.add(point), store });
-  const underlay = new Underlay(canvas, {
-    frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
-    changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
+  const form = makeForm(schema, SECTIONS, {
+    hidden: ["region", "vehicle"],
+    changed: (_, name) => {
+      if (name === "robots") launch.spread();
+      redo(name);
+    },
   });
-  const land = svg("g", { class: "region" }), ways = new Ways(() => show());
+  const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
+  const canvas = new MetricCanvas(
+    "The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.",
+    { tap, over },
+  );
+  const drawing = new Drawing(canvas, {
+    changed: drawn,
+    launched: (point) => launch.add(point),
+    store,
+  });
+  const underlay = new Underlay(canvas, {
+    frame: () => frame(),
+    setFrame: (given) => {
+      drawing.told.frame = given;
+    },
+    changed: ({ placed = false, gesture = null } = {}) => {
+      if (placed) redo();
+      else keep(gesture);
+    },
+  });
+  const land = svg("g", { class: "region" }),
+    ways = new Ways(() => show());
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
-  const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
-  const list = fleetList((k) => { chosen = k; show(); });
-  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => { seed = seedIn(seedInput); redo(); });
+  const warning = el("p.warning", { role: "status", hidden: true }),
+    source = el("b.source", {}),
+    facts = el("p.facts", {}),
+    where = el("p.soft.where", {});
+  const list = fleetList((k) => {
+    chosen = k;
+    show();
+  });
+  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => {
+    seed = seedIn(seedInput);
+    redo();
+  });
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
-  const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
+  const fields = () => ({
+    kind: "search",
+    ...(region ? { region } : {}),
+    ...form.values(),
+    vehicle: vehicle.value(),
+  });
   /** All that is set; what is planned, simulated and written follows from it. */
-  const whole = () => ({ problem: fields(), drawing: drawing.state, under: underlay.told.file ? underlay.told : null, missions: missions.form.values(), seed });
+  const whole = () => ({
+    problem: fields(),
+    drawing: drawing.state,
+    under: underlay.told.file ? underlay.told : null,
+    missions: missions.form.values(),
+    seed,
+  });
   const question = () => ({ problem: fields(), drawing: drawing.asked, seed });
-  const own = () => drawing.draft || (!drawing.empty && ["parts", "zones"].some((kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind])));
+  const own = () =>
+    drawing.draft ||
+    (!drawing.empty &&
+      ["parts", "zones"].some(
+        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind]),
+      ));
 
   /** Note what is set: one step to take back, and the address. */
   function keep(gesture = null) {
@@ -72,10 +177,23 @@ export function search({ remember }) {
     planned.refresh();
   });
 
-  /** The plan on the canvas is of the region, zones and settings that are drawn and set, or wears a veil. */
-  const planned = dated(() => JSON.stringify(question()), canvas.element, (fresh) => { list.element.classList.toggle("aged", !fresh); });
+  /** The plan on the canvas is of the region, zones and settings that are drawn and set, or wears a
+   *  veil. */
+  const planned = dated(
+    () => JSON.stringify(question()),
+    canvas.element,
+    (fresh) => {
+      list.element.classList.toggle("aged", !fresh);
+    },
+  );
 
-  function put({ problem, drawing: told = null, under = null, missions: options = {}, seed: start = 0 }) {
+  function put({
+    problem,
+    drawing: told = null,
+    under = null,
+    missions: options = {},
+    seed: start = 0,
+  }) {
     seed = start;
     seedInput.value = seed;
     region = typeof problem.region === "string" ? problem.region : null;
@@ -84,24 +202,31 @@ export function search({ remember }) {
     missions.form.write(options);
     launch.forget();
     drawing.load(told);
-    if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null)) guarded(() => underlay.load(under))();
+    if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null))
+      guarded(() => underlay.load(under))();
     choice.show();
     redo();
   }
 
   /** The problem with what was drawn written as a file, once. */
   async function ready() {
-    const given = fields(), { told } = drawing;
+    const given = fields(),
+      { told } = drawing;
     if (drawing.empty) return given;
     const text = JSON.stringify(told);
-    let file = written?.text === text && state.files.some((one) => one.name === written.file) ? written.file : null;
+    let file =
+      written?.text === text && state.files.some((one) => one.name === written.file)
+        ? written.file
+        : null;
     if (!file) {
       ({ file } = await ask("draw", { problem: given, drawing: JSON.parse(text) }));
       written = { text, file };
       await loadFiles();
       if (text === JSON.stringify(drawing.told)) source.textContent = file;
     }
-    return JSON.parse(text).parts.length ? { ...given, region: file } : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
+    return JSON.parse(text).parts.length
+      ? { ...given, region: file }
+      : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
   }
 
   function set(values, gesture = null) {
@@ -110,8 +235,11 @@ export function search({ remember }) {
   }
 
   const launch = launchPoints({
-    form, robots: schema.properties.robots.default, earth: () => (frame() ? canvas.earth : null),
-    quietly: () => show(), done: () => redo(),
+    form,
+    robots: schema.properties.robots.default,
+    earth: () => (frame() ? canvas.earth : null),
+    quietly: () => show(),
+    done: () => redo(),
   });
 
   // ---- the plan ----
@@ -125,7 +253,8 @@ export function search({ remember }) {
 
   const load = newest(async () => {
     facts.classList.add("loading");
-    const of = JSON.stringify(question()), asked = { ...JSON.parse(of), frame: drawing.told.frame };
+    const of = JSON.stringify(question()),
+      asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
@@ -139,13 +268,18 @@ export function search({ remember }) {
         complain(found.problem);
       }
     } catch (error) {
-      plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] }; // no plan of other settings over these
+      // no plan of other settings over these
+      plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] };
       fleet = null;
       complain(error.message);
     }
     facts.classList.remove("loading");
     planned.is(of);
-    canvas.show([...(plan?.outline.flat(2) ?? []), ...drawing.points, ...(plan?.robots?.map((robot) => robot.place) ?? [])]);
+    canvas.show([
+      ...(plan?.outline.flat(2) ?? []),
+      ...drawing.points,
+      ...(plan?.robots?.map((robot) => robot.place) ?? []),
+    ]);
     show();
     clearTimeout(waiting);
     waiting = setTimeout(after, REST);
@@ -156,7 +290,12 @@ export function search({ remember }) {
     if (!plan?.robots) return;
     const of = plan;
     try {
-      const found = await ask("missions", { ...of.asked, missions: missions.form.values(), frame: frame(), slow: true });
+      const found = await ask("missions", {
+        ...of.asked,
+        missions: missions.form.values(),
+        frame: frame(),
+        slow: true,
+      });
       if (of === plan) fleet = found;
     } catch (error) {
       if (of === plan) fleet = { problem: error.message };
@@ -172,36 +311,114 @@ export function search({ remember }) {
   // ---- what is shown ----
 
   function show() {
-    const robots = plan?.robots ?? [], own = drawing.told.parts.length;
-    land.replaceChildren(...(plan ? [
-      svg("path", { class: "land", "fill-rule": "evenodd", d: own ? "" : closed(plan.outline) }), svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
-      svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
-    ] : []));
+    const robots = plan?.robots ?? [],
+      own = drawing.told.parts.length;
+    land.replaceChildren(
+      ...(plan
+        ? [
+            svg("path", {
+              class: "land",
+              "fill-rule": "evenodd",
+              d: own ? "" : closed(plan.outline),
+            }),
+            svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
+            svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
+          ]
+        : []),
+    );
     ways.show(plan, chosen);
     drawMarks(drawing.show());
     list.show(robots, fleet?.starts ?? [], chosen);
-    source.textContent = own ? (written?.text === JSON.stringify(drawing.told) ? written.file : "drawn") : region ?? "";
-    facts.textContent = plan?.cells ? [
-      plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
-      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "the paths have too many corners to be drawn here",
-    ].filter(Boolean).join(" · ") : "";
+    source.textContent = own
+      ? written?.text === JSON.stringify(drawing.told)
+        ? written.file
+        : "drawn"
+      : (region ?? "");
+    facts.textContent = plan?.cells
+      ? [
+          plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
+          `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
+          `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`,
+          `searched in ${lasting(plan.makespan)}`,
+          nearest(),
+          plan.drawn ? "" : "the paths have too many corners to be drawn here",
+        ]
+          .filter(Boolean)
+          .join(" · ")
+      : "";
     drawing.numbers.fill();
   }
 
   function nearest() {
     if (!fleet) return "";
     const near = fleet.nearest_approach;
-    return fleet.problem ?? (near ? `nearest approach ${number(near.horizontal_m, 3)} m` : "vehicles keep apart in height");
+    return (
+      fleet.problem ??
+      (near
+        ? `nearest approach ${number(near.horizontal_m, 3)} m`
+        : "vehicles keep apart in height")
+    );
   }
 
   function drawMarks(corners) {
-    const points = launch.read(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
-    const home = points.map(({ point }, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
-      move: (to) => launch.move(k, to), done: () => redo(), remove: () => launch.remove(k),
-    }));
-    const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
-    const heads = starts.length > 30 ? [] : starts.map((robot, k) => ({ point: ways.head(robot), element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) })).filter((head) => head.point);
-    const meeting = near ? [{ point: near.place, element: svg("g", { class: "near" }, svg("circle", { r: 11 }), svg("title", {}, `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`)) }] : [];
+    const points = launch.read(),
+      starts = plan?.robots ?? [],
+      near = fleet?.nearest_approach;
+    const home = points.map(({ point }, k) =>
+      handle(
+        canvas,
+        `launch${k}`,
+        point,
+        `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`,
+        [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })],
+        {
+          move: (to) => launch.move(k, to),
+          done: () => redo(),
+          remove: () => launch.remove(k),
+        },
+      ),
+    );
+    const places = points.length
+      ? []
+      : starts.map((robot, k) => ({
+          point: robot.place,
+          element: svg(
+            "g",
+            { class: `spot r${k % 12}` },
+            svg("rect", { x: -4, y: -4, width: 8, height: 8 }),
+          ),
+        }));
+    const heads =
+      starts.length > 30
+        ? []
+        : starts
+            .map((robot, k) => ({
+              point: ways.head(robot),
+              element: svg(
+                "g",
+                { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` },
+                svg("circle", { r: 8 }),
+                svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1)),
+              ),
+            }))
+            .filter((head) => head.point);
+    const meeting = near
+      ? [
+          {
+            point: near.place,
+            element: svg(
+              "g",
+              { class: "near" },
+              svg("circle", { r: 11 }),
+              svg(
+                "title",
+                {},
+                `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`,
+              ),
+            ),
+          },
+        ]
+      : [];
     canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
     canvas.draw();
   }
@@ -214,7 +431,14 @@ export function search({ remember }) {
   }
 
   function over(point) {
-    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
+    where.textContent = !point
+      ? ""
+      : canvas.earth
+        ? canvas.earth
+            .degrees(point)
+            .map((x) => x.toFixed(6))
+            .join(", ")
+        : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
   }
 
   function drawn({ drawnOnly = false, corner = false, closed: whole_ = false } = {}) {
@@ -228,7 +452,13 @@ export function search({ remember }) {
   // ---- where the region comes from ----
 
   /** Whether what was drawn may make room for something else. */
-  const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`, "Replace it");
+  const mayGo = async (what) =>
+    !own() ||
+    confirmed(
+      "Replace the drawing?",
+      `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`,
+      "Replace it",
+    );
 
   async function choose(name) {
     if (await mayGo(name)) take(name);
@@ -250,7 +480,11 @@ export function search({ remember }) {
   /** Corners of what a file holds, to be moved: it becomes a drawing. */
   function loosen() {
     if (!plan || drawing.told.parts.length) return;
-    const corners = plan.outline.map((rings) => rings.map((points) => (String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points)));
+    const corners = plan.outline.map((rings) =>
+      rings.map((points) =>
+        String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points,
+      ),
+    );
     const { told } = drawing;
     told.frame = plan.frame;
     told.parts = corners.map(([shell]) => shell);
@@ -261,15 +495,26 @@ export function search({ remember }) {
   }
 
   async function bring(files) {
-    const shape = files.find((file) => /\.shp$/i.test(file.name)), rest = files.filter((file) => file !== shape);
+    const shape = files.find((file) => /\.shp$/i.test(file.name)),
+      rest = files.filter((file) => file !== shape);
     const main = shape ?? rest.find((file) => REGIONS.test(file.name));
     if (!main) {
-      if (!files.every((file) => PARTS.test(file.name)) && files[0]) { await underlay.load({ file: await upload(files[0]) }); keep(); return; }
+      if (!files.every((file) => PARTS.test(file.name)) && files[0]) {
+        await underlay.load({ file: await upload(files[0]) });
+        keep();
+        return;
+      }
       throw new Error("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
     }
     if (!(await mayGo(main.name))) return;
     const name = await upload(main);
-    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : []) await upload(new File([part], name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase())));
+    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : [])
+      await upload(
+        new File(
+          [part],
+          name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase()),
+        ),
+      );
     take(name);
   }
 
@@ -293,37 +538,92 @@ export function search({ remember }) {
 
   // ---- the stages ----
 
-  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent, store });
-  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`), store });
-  const watching = watchPanel();
-  const stages = tabbed("Search", [
-    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list.element],
-    ["simulate", "Simulate", ...simulate.children],
-    ["missions", "Missions", ...missions.children],
-    ["watch", "Watch", ...watching.children],
-  ], {
-    chosen: (name) => {
-      watching.shown(name === "watch");
-      missions.form.element.hidden = name !== "missions";
-      store.look({ tab: name });
-      if (name === "simulate") guarded(() => simulate.enter())();
-    },
+  const simulate = simulation({
+    ready,
+    question,
+    fields,
+    set,
+    open: () => stages.pick("simulate"),
+    visible: () => !stages.panels[1].hidden,
+    said: () => warning.textContent,
+    store,
   });
+  const missions = missionsPanel({
+    ready,
+    current: () => JSON.stringify([question(), missions.form.values()]),
+    changed: (_, name) => redo(`missions ${name}`),
+    store,
+  });
+  const watching = watchPanel();
+  const stages = tabbed(
+    "Search",
+    [
+      [
+        "plan",
+        "Plan",
+        el("div.stageHead", {}, drawing.toolbar, ways.element),
+        canvas.element,
+        el("div.underStage", {}, source, facts, where),
+        list.element,
+      ],
+      ["simulate", "Simulate", ...simulate.children],
+      ["missions", "Missions", ...missions.children],
+      ["watch", "Watch", ...watching.children],
+    ],
+    {
+      chosen: (name) => {
+        watching.shown(name === "watch");
+        missions.form.element.hidden = name !== "missions";
+        store.look({ tab: name });
+        if (name === "simulate") guarded(() => simulate.enter())();
+      },
+    },
+  );
   stages.panels[2].classList.add("scrolls");
   stages.panels[3].classList.add("scrolls");
   stages.pick("plan");
 
-  const element = el("div.place.search-place", {},
+  const element = el(
+    "div.place.search-place",
+    {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
-    el("section.panel-side", { "aria-label": "Settings" }, choice.element, missions.form.element, form.element, vehicle.element, underlay.element),
-    el("footer.bottom", {}, seedRow, simulate.word, simulate.bar,
-      el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), simulate.go));
-  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
-  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener("drop", guarded(async (event) => {
-    event.preventDefault();
-    if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
-  }));
+    el(
+      "section.panel-side",
+      { "aria-label": "Settings" },
+      choice.element,
+      missions.form.element,
+      form.element,
+      vehicle.element,
+      underlay.element,
+    ),
+    el(
+      "footer.bottom",
+      {},
+      seedRow,
+      simulate.word,
+      simulate.bar,
+      el(
+        "button.second",
+        { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) },
+        "As Python …",
+      ),
+      simulate.go,
+    ),
+  );
+  for (const kind of ["dragover", "dragenter"])
+    element.addEventListener(kind, (event) => {
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+  for (const kind of ["dragleave", "drop"])
+    element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener(
+    "drop",
+    guarded(async (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
+    }),
+  );
 
   return {
     element,

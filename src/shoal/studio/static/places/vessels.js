@@ -15,23 +15,50 @@ import { running } from "./vessels/run.js";
 import { toolbar } from "./vessels/toolbar.js";
 
 const SECTIONS = [
-  { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },
+  {
+    title: "Photograph",
+    fields: ["vessels", "low", "high", "width", "bright", "thickest"],
+    hint: "vessels, thresholds",
+  },
   { title: "Particles", open: true, fields: ["particles", "placement", "start"] },
-  { title: "Task and policy", open: true, fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"] },
+  {
+    title: "Task and policy",
+    open: true,
+    fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"],
+  },
   { title: "Scans and prices", fields: ["scan_every", "scan_cost", "move_cost"] },
   { title: "Noise", fields: ["slip", "misplace", "miss", "confidence"] },
-  { title: "How the file is read", fields: ["threshold", "invert", "scale", "level", "label", "channel", "frame", "largest_component", "cell_size"] },
+  {
+    title: "How the file is read",
+    fields: [
+      "threshold",
+      "invert",
+      "scale",
+      "level",
+      "label",
+      "channel",
+      "frame",
+      "largest_component",
+      "cell_size",
+    ],
+  },
 ];
-const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
+// where a hand looks for thresholds; the field takes all that it may
+const ENDS = { low: [0.1, 3], high: [0.1, 4] };
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
-  const store = new Store(put), reading = ["vessels", ...schema.reading];
-  let problem = { ...EXAMPLE }, seed = 0, map = null, begun = false;
-  let painted = null; // cells that were painted over the map: { shape, free }, until they are written as a file
+  const store = new Store(put),
+    reading = ["vessels", ...schema.reading];
+  let problem = { ...EXAMPLE },
+    seed = 0,
+    map = null,
+    begun = false;
+  // cells that were painted over the map: { shape, free }, until they are written as a file
+  let painted = null;
   const file = paintedFile();
 
   // ---- what is set ----
@@ -45,8 +72,13 @@ export function vessels({ remember }) {
   });
   const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
-  const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
-  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); redo(); });
+  const source = el("b.source", {}),
+    facts = el("p.facts", {}),
+    warning = el("p.warning", { role: "status", hidden: true });
+  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => {
+    seed = seedIn(seedInput);
+    redo();
+  });
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };
@@ -56,7 +88,8 @@ export function vessels({ remember }) {
   const whole = () => ({ problem: fields(), seed, cells: painted, inlet: [...editor.inlet] });
 
   function put({ problem: given, seed: start = 0, cells = null, inlet = [] }) {
-    const same = problem.map === given.map && !problem.vessels === !given.vessels && !painted === !cells;
+    const same =
+      problem.map === given.map && !problem.vessels === !given.vessels && !painted === !cells;
     seedInput.value = seed = start;
     problem = { ...given };
     form.write(problem);
@@ -87,7 +120,8 @@ export function vessels({ remember }) {
 
   /** A link holds the whole problem: what is painted is named by its file. */
   function mirror() {
-    const { problem: set, inlet } = store.state, name = painted && file.nameOf(painted, written(set.map));
+    const { problem: set, inlet } = store.state,
+      name = painted && file.nameOf(painted, written(set.map));
     const linked = name ? drawnProblem(name) : set;
     remember({ problem: linked, seed, ...(inlet.length ? { inlet } : {}) });
   }
@@ -119,7 +153,13 @@ export function vessels({ remember }) {
   }
 
   /** Whether what was painted may make room for something else. */
-  const mayGo = async (what) => !painted || confirmed("Replace what you painted?", `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`, "Replace it");
+  const mayGo = async (what) =>
+    !painted ||
+    confirmed(
+      "Replace what you painted?",
+      `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`,
+      "Replace it",
+    );
 
   function showRelevant() {
     form.show(VESSEL_FIELDS, !!problem.vessels);
@@ -130,11 +170,25 @@ export function vessels({ remember }) {
 
   /** Cells painted as an inlet are where particles start, the nearest to its middle first. */
   function enterAtInlet() {
-    const [, columns] = map.shape, cells = [...editor.inlet], count = Math.min(form.values().particles ?? 100, cells.length);
+    const [, columns] = map.shape,
+      cells = [...editor.inlet],
+      count = Math.min(form.values().particles ?? 100, cells.length);
     const place = (cell) => [Math.floor(cell / columns), cell % columns];
-    const middle = cells.reduce((sum, cell) => { const [r, c] = place(cell); return [sum[0] + r / cells.length, sum[1] + c / cells.length]; }, [0, 0]);
-    const distance = (cell) => { const [r, c] = place(cell); return (r - middle[0]) ** 2 + (c - middle[1]) ** 2; };
-    const chosen = cells.sort((a, b) => distance(a) - distance(b)).slice(0, count).sort((a, b) => a - b);
+    const middle = cells.reduce(
+      (sum, cell) => {
+        const [r, c] = place(cell);
+        return [sum[0] + r / cells.length, sum[1] + c / cells.length];
+      },
+      [0, 0],
+    );
+    const distance = (cell) => {
+      const [r, c] = place(cell);
+      return (r - middle[0]) ** 2 + (c - middle[1]) ** 2;
+    };
+    const chosen = cells
+      .sort((a, b) => distance(a) - distance(b))
+      .slice(0, count)
+      .sort((a, b) => a - b);
     form.row("start").write(chosen.length ? chosen.map(place) : undefined);
     if (chosen.length) form.row("particles").write(chosen.length);
     problem = { map: problem.map, ...form.values() };
@@ -165,8 +219,10 @@ export function vessels({ remember }) {
 
   async function showMap(answer) {
     if (editor.stroke) return; // loaded once more at its end
-    const cells = answer.shape.reduce((all, side) => all * side, 1), volume = answer.shape.length === 3;
-    if (painted && String(painted.shape) !== String(answer.shape)) throw new Error(`The painted cells do not fit ${answer.name}, whose size has changed.`);
+    const cells = answer.shape.reduce((all, side) => all * side, 1),
+      volume = answer.shape.length === 3;
+    if (painted && String(painted.shape) !== String(answer.shape))
+      throw new Error(`The painted cells do not fit ${answer.name}, whose size has changed.`);
     map = { ...answer, free: unpack(painted?.free ?? answer.free, cells) };
     map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
     complain(answer.problem);
@@ -177,8 +233,21 @@ export function vessels({ remember }) {
     if (!volume) editor.setMap(map);
     else {
       await volumeFrame.open({
-        title: answer.name, map: answer.name, task: "coverage", policy: "", rule: "block", shape: answer.shape, spacing: answer.spacing, free: answer.free,
-        start: packedCells(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
+        title: answer.name,
+        map: answer.name,
+        task: "coverage",
+        policy: "",
+        rule: "block",
+        shape: answer.shape,
+        spacing: answer.spacing,
+        free: answer.free,
+        start: packedCells(answer.start ?? []),
+        targets: null,
+        commands: "",
+        scanned: null,
+        status: "",
+        seed: null,
+        version: state.start.version,
       });
     }
   }
@@ -202,7 +271,13 @@ export function vessels({ remember }) {
 
   let view = "cells";
   const photograph = photographs({
-    editor, fields, complain, visible: () => view === "photo", said: (words) => { facts.textContent = words; },
+    editor,
+    fields,
+    complain,
+    visible: () => view === "photo",
+    said: (words) => {
+      facts.textContent = words;
+    },
   });
   const overlay = newest(async () => {
     if (view !== "photo") setView("photo");
@@ -213,11 +288,33 @@ export function vessels({ remember }) {
     }
   });
 
-  const viewButtons = [["photo", "Photograph"], ["cells", "Cells"]].map(([name, words]) => el("button", { type: "button", "aria-pressed": "false", onclick: () => { setView(name); load(); } }, words));
-  const views = el("div.segmented", { role: "group", "aria-label": "What to show", hidden: true }, viewButtons);
+  const viewButtons = [
+    ["photo", "Photograph"],
+    ["cells", "Cells"],
+  ].map(([name, words]) =>
+    el(
+      "button",
+      {
+        type: "button",
+        "aria-pressed": "false",
+        onclick: () => {
+          setView(name);
+          load();
+        },
+      },
+      words,
+    ),
+  );
+  const views = el(
+    "div.segmented",
+    { role: "group", "aria-label": "What to show", hidden: true },
+    viewButtons,
+  );
   function setView(name) {
     view = name;
-    viewButtons.forEach((button, i) => button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))));
+    viewButtons.forEach((button, i) =>
+      button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))),
+    );
     tools.hidden = name === "photo";
     editor.element.hidden = false;
     volumeFrame.element.hidden = true;
@@ -244,7 +341,9 @@ export function vessels({ remember }) {
     await load();
   }
 
-  const bring = async (brought) => { if (await mayGo(brought.name)) await take(await upload(brought)); };
+  const bring = async (brought) => {
+    if (await mayGo(brought.name)) await take(await upload(brought));
+  };
   const maps = chooser({ choose, bring });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
 
@@ -268,43 +367,79 @@ export function vessels({ remember }) {
   }
 
   const context = {
-    names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => store.text,
-    look: (changes) => store.look(changes), view: () => store.view,
+    names: schema.properties.policy.names,
+    problem: ready,
+    seed: () => seed,
+    current: () => store.text,
+    look: (changes) => store.look(changes),
+    view: () => store.view,
   };
   const runs = running({ store, problem: ready, open: () => stages.pick("run") });
-  const races = driving(context), comparisons = comparison(context);
-  const stages = tabbed("Vessels", [
-    ["map", "Map", el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)],
-    ["run", "Run", ...runs.children],
-    ["race", "Drive", races.element],
-    ["compare", "Compare", comparisons.element],
-  ], {
-    chosen: (name) => {
-      if (name === "map") editor.resize();
-      store.look({ tab: name });
+  const races = driving(context),
+    comparisons = comparison(context);
+  const stages = tabbed(
+    "Vessels",
+    [
+      [
+        "map",
+        "Map",
+        el("div.stageHead", {}, views, tools),
+        editor.element,
+        volumeFrame.element,
+        el("div.underStage", {}, source, facts),
+      ],
+      ["run", "Run", ...runs.children],
+      ["race", "Drive", races.element],
+      ["compare", "Compare", comparisons.element],
+    ],
+    {
+      chosen: (name) => {
+        if (name === "map") editor.resize();
+        store.look({ tab: name });
+      },
     },
-  });
+  );
   const [, runPanel, , comparePanel] = stages.panels;
   comparePanel.classList.add("scrolls");
 
-  const element = el("div.place", {},
+  const element = el(
+    "div.place",
+    {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
     el("section.panel-side", { "aria-label": "Settings" }, maps.element, form.element),
-    el("footer.bottom", {}, seedRow, runs.word, runs.bar, runs.stop,
-      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"), runs.go));
+    el(
+      "footer.bottom",
+      {},
+      seedRow,
+      runs.word,
+      runs.bar,
+      runs.stop,
+      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"),
+      runs.go,
+    ),
+  );
 
-  /** What the stage shows, as Python: an episode whose settings were not changed since, or else the settings. */
+  /** What the stage shows, as Python: an episode whose settings were not changed since, or else the
+   *  settings. */
   async function copies() {
     if (!runPanel.hidden && runs.current) await showCopiesOf(runs.current);
     else await showCopies(await ready(), seed);
   }
 
-  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
-  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener("drop", guarded(async (event) => {
-    event.preventDefault();
-    if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
-  }));
+  for (const kind of ["dragover", "dragenter"])
+    element.addEventListener(kind, (event) => {
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+  for (const kind of ["dragleave", "drop"])
+    element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener(
+    "drop",
+    guarded(async (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
+    }),
+  );
   document.addEventListener("shoal-theme", () => editor.paint());
 
   return {
@@ -315,7 +450,9 @@ export function vessels({ remember }) {
     async revive(saved) {
       begun = true;
       const { tab = "map", file: shown, at } = saved.view;
-      setView(JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells");
+      setView(
+        JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells",
+      );
       store.revive(saved);
       races.revive();
       comparisons.revive();

@@ -4,7 +4,8 @@ import { el, symbol } from "./page.js";
 
 const MOST_STEPS = 300;
 const MOST_CHARACTERS = 40_000_000; // of all kept states together: painted maps are long
-const MOST_SAVED = 1_500_000; // characters of one place over a reload: a browser keeps some millions
+// characters of one place over a reload: a browser keeps some millions
+const MOST_SAVED = 1_500_000;
 
 /** A state is what JSON can hold: all that is set, and nothing that follows from it. Beside it is
  *  what is looked at (the tab, the episode on the stage), which undo leaves as it is. */
@@ -100,8 +101,14 @@ export class Store {
   /** All of it, as far as it has room: the newest steps first. */
   saved() {
     let room = MOST_SAVED - (this.text?.length ?? 0);
-    const newest = (steps) => steps.slice(steps.findLastIndex((one) => (room -= one.length) < 0) + 1);
-    return { text: this.text, done: newest(this.done), undone: newest(this.undone), view: this.view };
+    const newest = (steps) =>
+      steps.slice(steps.findLastIndex((one) => (room -= one.length) < 0) + 1);
+    return {
+      text: this.text,
+      done: newest(this.done),
+      undone: newest(this.undone),
+      view: this.view,
+    };
   }
 
   revive({ text, done, undone, view }) {
@@ -112,12 +119,24 @@ export class Store {
 
 /** The buttons of undo and redo. */
 export function stepButtons(store) {
-  const button = (word, key, path, act) => el("button.tool", {
-    type: "button", disabled: true, title: `${word} (${key})`, "aria-label": word, onclick: act,
-  }, symbol(path));
-  const back = button("Undo", "Ctrl Z", "M9 5L4 10l5 5M4 10h10a5 5 0 0 1 0 10h-3", () => store.undo());
-  const forth = button("Redo", "Ctrl Shift Z", "M15 5l5 5-5 5M20 10H10a5 5 0 0 0 0 10h3",
-    () => store.redo());
+  const button = (word, key, path, act) =>
+    el(
+      "button.tool",
+      {
+        type: "button",
+        disabled: true,
+        title: `${word} (${key})`,
+        "aria-label": word,
+        onclick: act,
+      },
+      symbol(path),
+    );
+  const back = button("Undo", "Ctrl Z", "M9 5L4 10l5 5M4 10h10a5 5 0 0 1 0 10h-3", () =>
+    store.undo(),
+  );
+  const forth = button("Redo", "Ctrl Shift Z", "M15 5l5 5-5 5M20 10H10a5 5 0 0 0 0 10h3", () =>
+    store.redo(),
+  );
   store.subscribe(() => {
     back.disabled = !store.done.length;
     forth.disabled = !store.undone.length;
@@ -129,10 +148,15 @@ export function stepButtons(store) {
  *  is another one, `element` wears a veil, and `tell(fresh)` hears of it: also when undo brings the
  *  state back. */
 export function dated(current, element, tell = () => {}) {
-  let of = null, was = null;
+  let of = null,
+    was = null;
   return {
-    get fresh() { return was === true; },
-    get of() { return of; },
+    get fresh() {
+      return was === true;
+    },
+    get of() {
+      return of;
+    },
     /** What is shown now was made from the state `text`; null: nothing is shown. */
     is(text) {
       of = text;

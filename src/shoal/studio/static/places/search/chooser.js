@@ -2,17 +2,22 @@
 import { leftOut, on, state } from "../../shared/api.js";
 import { el, guarded, olderFiles } from "../../shared/page.js";
 
-const BY_NAME = "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres.";
+const BY_NAME =
+  "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres.";
 const FORMATS = "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV";
 
-/** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing and
+/** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing
+ *  and
  *  `loosen()` makes one of what a file holds; `region()` is the name of the region. */
 export function chooser({ choose, bring, blank, loosen, region }) {
   const choices = el("select", {
-    id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)),
+    id: "searchFile",
+    onchange: guarded(() => choices.value && choose(choices.value)),
   });
   const picked = el("input", {
-    type: "file", multiple: true, hidden: true,
+    type: "file",
+    multiple: true,
+    hidden: true,
     onchange: guarded(async () => {
       const brought = [...picked.files];
       picked.value = "";
@@ -20,12 +25,20 @@ export function chooser({ choose, bring, blank, loosen, region }) {
     }),
   });
   const typed = el("input", {
-    type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion",
-    placeholder: "square:400", "aria-describedby": "searchRegionHelp",
+    type: "text",
+    spellcheck: false,
+    autocomplete: "off",
+    id: "searchRegion",
+    placeholder: "square:400",
+    "aria-describedby": "searchRegionHelp",
     onchange: guarded(() => typed.value && choose(typed.value.trim())),
   });
-  const drop = el("button.drop", { type: "button", onclick: () => picked.click() },
-    el("b", {}, "Drop a region here"), el("span.soft", {}, FORMATS));
+  const drop = el(
+    "button.drop",
+    { type: "button", onclick: () => picked.click() },
+    el("b", {}, "Drop a region here"),
+    el("span.soft", {}, FORMATS),
+  );
 
   /** The fields that say where the region comes from, as they are. */
   function show() {
@@ -34,12 +47,14 @@ export function chooser({ choose, bring, blank, loosen, region }) {
   }
 
   function list() {
-    const found = state.files.filter(({ kind, name }) =>
-      (kind === "region" || /\.csv$/i.test(name)) && !/^papers\//.test(name));
+    const found = state.files.filter(
+      ({ kind, name }) => (kind === "region" || /\.csv$/i.test(name)) && !/^papers\//.test(name),
+    );
     choices.replaceChildren(
       el("option", { value: "" }, found.length ? "from the folder" : "no file yet"),
       ...found.map((file) => el("option", { value: file.name }, file.name)),
-      ...olderFiles(leftOut("region")));
+      ...olderFiles(leftOut("region")),
+    );
     choices.value = found.some((file) => file.name === region()) ? region() : "";
   }
   on("files", list);
@@ -47,16 +62,34 @@ export function chooser({ choose, bring, blank, loosen, region }) {
 
   return {
     show,
-    element: el("section.chooser", { "aria-label": "Region" }, drop, picked,
-      el("div.pair", {},
-        el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"), choices,
-        el("button.second", { type: "button", onclick: guarded(blank) }, "Draw a region")),
-      el("div.pair", {},
-        el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed,
-        el("button.second", {
-          type: "button", title: "Turn the region into a drawing with movable corners",
-          onclick: guarded(loosen),
-        }, "Edit its corners")),
-      el("p.help", { id: "searchRegionHelp" }, BY_NAME)),
+    element: el(
+      "section.chooser",
+      { "aria-label": "Region" },
+      drop,
+      picked,
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"),
+        choices,
+        el("button.second", { type: "button", onclick: guarded(blank) }, "Draw a region"),
+      ),
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "searchRegion" }, "By name"),
+        typed,
+        el(
+          "button.second",
+          {
+            type: "button",
+            title: "Turn the region into a drawing with movable corners",
+            onclick: guarded(loosen),
+          },
+          "Edit its corners",
+        ),
+      ),
+      el("p.help", { id: "searchRegionHelp" }, BY_NAME),
+    ),
   };
 }

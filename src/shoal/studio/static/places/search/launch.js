@@ -10,7 +10,9 @@ export function launchPoints({ form, robots, earth, quietly, done }) {
 
   /** Each launch point once, with its text as it was entered. */
   function read() {
-    const words = String(form.values().launch ?? "").split(/[;\n]+/).map((text) => text.trim());
+    const words = String(form.values().launch ?? "")
+      .split(/[;\n]+/)
+      .map((text) => text.trim());
     const texts = [...new Set(words.filter(Boolean))];
     const points = pointsOf(texts.join(";"), earth()) ?? [];
     return points.map((point, k) => ({ point, text: texts[k] }));
@@ -18,8 +20,10 @@ export function launchPoints({ form, robots, earth, quietly, done }) {
 
   /** One point is for all; several are shared out among the robots. */
   function write(some, { quiet = false } = {}) {
-    const all = some.length < 2 ? some
-      : Array.from({ length: Math.max(count(), some.length) }, (_, k) => some[k % some.length]);
+    const all =
+      some.length < 2
+        ? some
+        : Array.from({ length: Math.max(count(), some.length) }, (_, k) => some[k % some.length]);
     if (some.length > count()) form.row("robots").write(some.length);
     form.row("launch").write(all.map(({ text }) => text).join(";") || undefined);
     if (quiet) quietly();
@@ -31,14 +35,19 @@ export function launchPoints({ form, robots, earth, quietly, done }) {
     const left = (shared?.length ?? 0) - read().length;
     shared = null;
     const [are, them] = left === 1 ? ["point is", "it"] : ["points are", "them"];
-    if (left > 0) say(`${left} launch ${are} left out: a robot has one. Ctrl Z brings ${them} back.`);
+    if (left > 0)
+      say(`${left} launch ${are} left out: a robot has one. Ctrl Z brings ${them} back.`);
   });
 
   return {
     read,
     write,
     add: (point) => write([...read(), at(point)]),
-    move: (k, to) => write(read().map((one, i) => (i === k ? at(to) : one)), { quiet: true }),
+    move: (k, to) =>
+      write(
+        read().map((one, i) => (i === k ? at(to) : one)),
+        { quiet: true },
+      ),
     remove: (k) => write(read().filter((_, i) => i !== k)),
     /** Share the points out among another number of robots. The "1" of a "12" that is being typed
      *  takes none away. */
@@ -46,6 +55,8 @@ export function launchPoints({ form, robots, earth, quietly, done }) {
       shared ??= read();
       if (shared.length > 1 && count() >= 1) write(shared.slice(0, count()), { quiet: true });
     },
-    forget() { shared = null; },
+    forget() {
+      shared = null;
+    },
   };
 }

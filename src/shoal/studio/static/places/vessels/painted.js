@@ -6,7 +6,8 @@ const REST = 700; // milliseconds after a stroke
 
 export function paintedFile() {
   let file = null; // { name, of: the map that was painted over, text: its cells }
-  let writing = Promise.resolve(), waiting = 0;
+  let writing = Promise.resolve(),
+    waiting = 0;
 
   const holds = (cells, of) => file?.of === of && file.text === JSON.stringify(cells);
 
@@ -30,10 +31,13 @@ export function paintedFile() {
     soon(cells, of, done) {
       clearTimeout(waiting);
       if (!cells || holds(cells, of)) return;
-      waiting = setTimeout(guarded(async () => {
-        await write(cells, of);
-        done();
-      }), REST);
+      waiting = setTimeout(
+        guarded(async () => {
+          await write(cells, of);
+          done();
+        }),
+        REST,
+      );
     },
     /** Write them now, into a file that stays as it is from then on. */
     async use(cells, of) {

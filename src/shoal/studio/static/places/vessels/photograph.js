@@ -14,10 +14,12 @@ async function imageOf(text, kind) {
 /** Returns a function that shows it; `fields()` is the problem, `visible()` whether the photograph
  *  is still looked at, `said(sentence)` and `complain(sentence)` show words. */
 export function photographs({ editor, fields, visible, said, complain }) {
-  let exact = 0, photograph = null;
+  let exact = 0,
+    photograph = null;
 
   async function find(surely) {
-    const began = performance.now(), asked = fields();
+    const began = performance.now(),
+      asked = fields();
     const found = await ask("vessels", { problem: asked, exact: surely });
     const mask = await imageOf(found.mask, "png");
     if (asked.map !== fields().map || !visible()) return;
@@ -40,6 +42,9 @@ export function photographs({ editor, fields, visible, said, complain }) {
     }
     await find(false);
     clearTimeout(exact);
-    exact = setTimeout(guarded(() => find(true)), REST);
+    exact = setTimeout(
+      guarded(() => find(true)),
+      REST,
+    );
   };
 }

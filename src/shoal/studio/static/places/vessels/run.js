@@ -15,26 +15,41 @@ const OF_LAB = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`
 /** `problem()` gives the problem with painted cells in a file; `open()` shows this panel. */
 export function running({ store, problem, open }) {
   const frame = new PlayerFrame("swarm", { title: "The player of the episode" });
-  const word = el("p.soft", { role: "status" }), result = el("div.result", {});
+  const word = el("p.soft", { role: "status" }),
+    result = el("div.result", {});
   const bar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Run");
-  const stop = el("button.second", {
-    type: "button", hidden: true, onclick: guarded(() => job && cancelJob(job)),
-  }, "Stop");
+  const stop = el(
+    "button.second",
+    {
+      type: "button",
+      hidden: true,
+      onclick: guarded(() => job && cancelJob(job)),
+    },
+    "Stop",
+  );
   const empty = el("p.empty", {}, PRESS);
-  let job = null, turns = 0; // of what is on the stage
+  let job = null,
+    turns = 0; // of what is on the stage
   let shown = null; // the episode on the stage: its file and its sentence
 
   /** What is on the stage says so if it is of other settings than those that are set now. */
-  const dates = dated(() => store.text, frame.element, (fresh) => {
-    const began = "The settings have changed since this run began.";
-    if (!shown) result.replaceChildren(...(fresh ? [] : [el("p.soft", {}, began)]));
-    else {
-      const since = "the settings have changed since. Run plays them as they are now.";
-      result.replaceChildren(el("p", {}, shown.sentence),
-        fresh ? "" : el("p.soft", {}, `${shown.file}: ${since}`), exports(shown.file, { fresh }));
-    }
-  });
+  const dates = dated(
+    () => store.text,
+    frame.element,
+    (fresh) => {
+      const began = "The settings have changed since this run began.";
+      if (!shown) result.replaceChildren(...(fresh ? [] : [el("p.soft", {}, began)]));
+      else {
+        const since = "the settings have changed since. Run plays them as they are now.";
+        result.replaceChildren(
+          el("p", {}, shown.sentence),
+          fresh ? "" : el("p.soft", {}, `${shown.file}: ${since}`),
+          exports(shown.file, { fresh }),
+        );
+      }
+    },
+  );
 
   function showResult(file, sentence, at) {
     shown = { file, sentence };
@@ -44,20 +59,26 @@ export function running({ store, problem, open }) {
 
   /** Show an episode of the folder, made or opened with the settings `at`. */
   async function show(file, at) {
-    const turn = (turns += 1), { data, sentence } = await ask("page", { file });
+    const turn = (turns += 1),
+      { data, sentence } = await ask("page", { file });
     if (turn !== turns) return;
     await frame.open(data);
     showResult(file, sentence, at);
   }
 
   async function play() {
-    const asked = performance.now(), given = await problem(), at = store.text;
-    const turn = (turns += 1), here = () => turn === turns; // else another one is on the stage
+    const asked = performance.now(),
+      given = await problem(),
+      at = store.text;
+    const turn = (turns += 1),
+      here = () => turn === turns; // else another one is on the stage
     open();
     result.replaceChildren();
     shown = null;
     dates.is(at);
-    let inside = null, opening = null, waiting = [];
+    let inside = null,
+      opening = null,
+      waiting = [];
     const take = (piece) => {
       if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
       if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
@@ -71,39 +92,50 @@ export function running({ store, problem, open }) {
     go.disabled = go.hidden = true;
     stop.hidden = bar.hidden = false;
     empty.textContent = BEGINS;
-    const begun = run("play", { problem: given, seed: JSON.parse(at).seed }, {
-      piece(piece) {
-        if (!here()) return;
-        if (piece.begin) opening = begin(piece.begin);
-        else if (inside) take(piece);
-        else waiting.push(piece);
+    const begun = run(
+      "play",
+      { problem: given, seed: JSON.parse(at).seed },
+      {
+        piece(piece) {
+          if (!here()) return;
+          if (piece.begin) opening = begin(piece.begin);
+          else if (inside) take(piece);
+          else waiting.push(piece);
+        },
+        job: (now) => {
+          bar.value = now.done ?? 0;
+          word.textContent =
+            now.state === "queued"
+              ? "waits for a free processor"
+              : [now.note, duration(now.left)].filter(Boolean).join(", ");
+        },
+        done: guarded(async ({ file, sentence }) => {
+          finish();
+          await opening;
+          if (!here()) return say(`The run is saved as ${file}`);
+          if (!opening) await frame.open((await ask("page", { file })).data);
+          return showResult(file, sentence, at);
+        }),
+        failed: (now) => {
+          finish();
+          if (now.state === "cancelled") {
+            inside?.shoalPlayer?.end("interrupted");
+            return;
+          }
+          if (here()) dates.is(null);
+          told(new Error(failure(now)));
+        },
       },
-      job: (now) => {
-        bar.value = now.done ?? 0;
-        word.textContent = now.state === "queued" ? "waits for a free processor"
-          : [now.note, duration(now.left)].filter(Boolean).join(", ");
+    );
+    await begun.then(
+      ({ id }) => {
+        job = id;
       },
-      done: guarded(async ({ file, sentence }) => {
+      (error) => {
         finish();
-        await opening;
-        if (!here()) return say(`The run is saved as ${file}`);
-        if (!opening) await frame.open((await ask("page", { file })).data);
-        return showResult(file, sentence, at);
-      }),
-      failed: (now) => {
-        finish();
-        if (now.state === "cancelled") {
-          inside?.shoalPlayer?.end("interrupted");
-          return;
-        }
-        if (here()) dates.is(null);
-        told(new Error(failure(now)));
+        throw error;
       },
-    });
-    await begun.then(({ id }) => { job = id; }, (error) => {
-      finish();
-      throw error;
-    });
+    );
   }
 
   function finish() {
@@ -131,18 +163,30 @@ export function running({ store, problem, open }) {
     episodes.replaceChildren(
       el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"),
       ...listed.map((file) => el("option", { value: file.name }, file.name)),
-      ...(others > 0 ? [el("option", { value: ALL }, more)] : []));
+      ...(others > 0 ? [el("option", { value: ALL }, more)] : []),
+    );
   }
   on("files", list);
   list();
-  frame.element.addEventListener("load", () => { empty.hidden = !!frame.shown; }, true);
+  frame.element.addEventListener(
+    "load",
+    () => {
+      empty.hidden = !!frame.shown;
+    },
+    true,
+  );
 
   return {
-    go, stop, word, bar,
+    go,
+    stop,
+    word,
+    bar,
     children: [el("div.stageHead", {}, result, episodes), frame.element, empty],
     refresh: () => dates.refresh(),
     show: guarded(show),
     /** The file of the episode on the stage, if it is of the settings that are set. */
-    get current() { return shown && dates.fresh ? shown.file : null; },
+    get current() {
+      return shown && dates.fresh ? shown.file : null;
+    },
   };
 }
