@@ -16,6 +16,7 @@ from shoal.steering import SteeringProblem
 from shoal.studio.answers import files, lab, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.swarm import SwarmProblem
+from shoal.swarm.maps.files import read_map
 
 CORRIDOR = np.array([[1, 1, 1, 1], [0, 0, 0, 1]], dtype=bool)
 
@@ -31,6 +32,19 @@ def cells(free):
         "shape": list(free.shape),
         "free": base64.b64encode(np.packbits(free.ravel()).tobytes()).decode(),
     }
+
+
+def test_painted_cells_follow_into_their_own_file_and_into_no_other(folder):
+    first = vessels.sketch(folder, cells(CORRIDOR) | {"name": "rectangle:2x4"})
+    assert first == {"file": "rectangle-painted.png"}
+    again = vessels.sketch(
+        folder, cells(~CORRIDOR) | {"name": "rectangle:2x4", "over": first["file"]}
+    )
+    assert again == first
+    assert np.array_equal(read_map(first["file"]).free, ~CORRIDOR)
+    for other in ("eye.png", "../x-painted.png", "a/x-painted.png"):
+        with pytest.raises(InvalidInputError, match="over: expected the file of a painted map"):
+            vessels.sketch(folder, cells(CORRIDOR) | {"over": other})
 
 
 def test_particles_start_in_the_cells_that_were_painted(folder):

@@ -57,7 +57,7 @@ GOOD = {
     "map": {"problem": SWARM, "cells": CELLS, "seed": 1},
     "photograph": {"file": "a.png"},
     "vessels": {"problem": SWARM | {"map": "a.png", "vessels": True}, "exact": False},
-    "sketch": CELLS | {"name": "x"},
+    "sketch": CELLS | {"name": "x", "over": "x-painted.png"},
     "steer": {"problem": STEERING | {"planner": "greedy"}, "seed": 1},
     "workspace": {"problem": STEERING, "seed": 1},
     "reach": {"problem": STEERING, "moves": 2, "seed": 1},

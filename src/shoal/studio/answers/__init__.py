@@ -92,7 +92,9 @@ QUESTIONS: dict[str, Question] = {
     "map": Question(vessels.map_, {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED}),
     "photograph": Question(vessels.photograph, {"file": TEXT}),
     "vessels": Question(vessels.vessels, {"problem": OBJECT, "exact": MAYBE_BOOL}),
-    "sketch": Question(vessels.sketch, {"shape": LIST, "free": TEXT, "name": MAYBE_TEXT}),
+    "sketch": Question(
+        vessels.sketch, {"shape": LIST, "free": TEXT, "name": MAYBE_TEXT, "over": MAYBE_TEXT}
+    ),
     "steer": Question(steering.steer, {"problem": OBJECT, "seed": SEED}),
     "workspace": Question(steering.workspace, {"problem": OBJECT, "seed": SEED}),
     "reach": Question(steering.reach, {"problem": OBJECT, "moves": MAYBE_INTEGER, "seed": SEED}),

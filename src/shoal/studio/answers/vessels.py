@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -104,15 +105,23 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write the cells that a user has painted to a new map file. Return the name of the new map
-    file.
+    """Write the cells that a user has painted to a map file. Return the name of the map file.
+
+    The file is new, or, with ``about["over"]``, the file that an earlier call has written and
+    that no problem uses yet.
     """
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 
     free = _cells(about)
     stem = str(about.get("name") or "map").partition(":")[0].rpartition("/")[2].partition(".")[0]
-    name = folder.new_name(f"{stem}-painted" if not stem.endswith("-painted") else stem, ".png")
+    over = about.get("over")
+    if over is None:
+        name = folder.new_name(f"{stem}-painted" if not stem.endswith("-painted") else stem, ".png")
+    elif not re.fullmatch(r"[^/]*-painted(-\d+)?\.png", over):
+        raise InvalidInputError(f"over: expected the file of a painted map, got {shortened(over)}")
+    else:
+        name = over
     write_map(GridWorkspace(free), folder.path(name))
     return {"file": name}
 

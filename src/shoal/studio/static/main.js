@@ -9,7 +9,14 @@ import { steering } from "./places/steering.js";
 import { vessels } from "./places/vessels.js";
 import { welcome } from "./places/welcome.js";
 
-const PLACES = { start: ["Start", welcome], vessels: ["Vessels", vessels], steering: ["Steering", steering], search: ["Search", search], lab: ["Lab", lab], papers: ["Papers", papers] };
+const PLACES = {
+  start: ["Start", welcome],
+  vessels: ["Vessels", vessels],
+  steering: ["Steering", steering],
+  search: ["Search", search],
+  lab: ["Lab", lab],
+  papers: ["Papers", papers],
+};
 const opened = new Map();
 const $ = (id) => document.getElementById(id);
 
@@ -22,7 +29,9 @@ function wear(theme) {
 }
 const dark = matchMedia("(prefers-color-scheme: dark)");
 dark.addEventListener("change", (event) => wear(event.matches ? "dark" : "light"));
-$("themeButton").addEventListener("click", () => wear(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+$("themeButton").addEventListener("click", () =>
+  wear(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+);
 wear(dark.matches ? "dark" : "light");
 
 // ---- places, and links to their state ----
@@ -31,23 +40,57 @@ wear(dark.matches ? "dark" : "light");
 const known = new Map();
 const addressOf = (place, what) => `#${place}?${encodeURIComponent(JSON.stringify(what))}`;
 
+/** What the places had before a reload: their parts of the address and their stores. */
+const SESSION = "shoal-places";
+function before() {
+  const how = performance.getEntriesByType("navigation")[0]?.type;
+  try {
+    return how === "reload" ? (JSON.parse(sessionStorage.getItem(SESSION)) ?? {}) : {};
+  } catch {
+    return {};
+  }
+}
+const session = before();
+for (const [place, { address }] of Object.entries(session)) if (address) known.set(place, address);
+addEventListener("pagehide", () => {
+  const kept = { ...session };
+  for (const [place, { store }] of opened)
+    kept[place] = { address: known.get(place), store: store?.text ? store.saved() : null };
+  try {
+    sessionStorage.setItem(SESSION, JSON.stringify(kept));
+  } catch {
+    try {
+      // a browser without room for the steps
+      for (const one of Object.values(kept))
+        if (one.store) Object.assign(one.store, { done: [], undone: [] });
+      sessionStorage.setItem(SESSION, JSON.stringify(kept));
+    } catch {
+      /* nor for the states: the address has them */
+    }
+  }
+});
+
 /** The address says what is shown: the place, and after a question mark its state as JSON. */
 function readAddress() {
   const [place, given] = location.hash.slice(1).split(/\?(.*)/s);
   let told_ = null;
   try {
     told_ = given ? JSON.parse(decodeURIComponent(given)) : null;
-  } catch { /* a damaged link opens the place as it begins */ }
+  } catch {
+    /* a damaged link opens the place as it begins */
+  }
   return [Object.hasOwn(PLACES, place) ? place : "start", told_];
 }
 
 let here = null;
+/** The address mirrors what the place shows. */
 const remember = (place) => (what) => {
   known.set(place, JSON.stringify(what));
   if (place === here) history.replaceState(null, "", addressOf(place, what));
 };
 
-/** A place that is left stays on the page, with its panels hidden: a frame that leaves the page would lose its player. */
+/** A place that is left stays on the page, with its panels hidden: a frame that leaves the page
+ *  would lose its player. */
 function setAway(element, away) {
   element.hidden = away;
   for (const panel of element.querySelectorAll(away ? ".panel:not([hidden])" : ".panel.away")) {
@@ -59,38 +102,54 @@ function setAway(element, away) {
 const show = guarded(async () => {
   const [place, given] = readAddress();
   here = place;
-  const begins = !opened.has(place);
-  if (begins) {
+  const saved = opened.has(place) ? null : session[place];
+  if (!opened.has(place)) {
     opened.set(place, PLACES[place][1]({ remember: remember(place) }));
     $("place").append(opened.get(place).element);
   }
-  const room = opened.get(place), kept = known.get(place);
+  const room = opened.get(place),
+    kept = known.get(place),
+    same = kept !== undefined && (given === null || JSON.stringify(given) === kept);
   for (const one of opened.values()) setAway(one.element, one !== room);
   document.title = `${room.title} – Shoal studio`;
   for (const link of $("places").children) {
     if (link.dataset.place === place) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  if (kept !== undefined && given === null) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
-  await room.open(given !== null && JSON.stringify(given) === kept ? null : given);
-  if (given?.run) await room.run();
+  if (same) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
+  if (same && saved?.store && room.revive) await room.revive(saved.store);
+  else await room.open(same && !saved ? null : same ? JSON.parse(kept) : given);
+  if (!same && given?.run) await room.run();
 });
 
 // ---- undo, in every place that has it ----
 
 const committed = new WeakMap(); // of fields: the text that has been taken up
-const commit = (field) => { if (field && "value" in field) committed.set(field, field.value); };
+const commit = (field) => {
+  if (field && "value" in field) committed.set(field, field.value);
+};
 document.addEventListener("focusin", (event) => commit(event.target));
 document.addEventListener("change", (event) => {
   commit(event.target);
-  opened.get(here)?.history?.end();
+  opened.get(here)?.store?.end();
 });
 /** Whether letters are being typed that nothing has taken up yet: the browser takes them back. */
-const typing = (field) => field.matches?.("textarea, input[type=text], input[type=number]") && field.value !== (committed.get(field) ?? "");
+const typing = (field) =>
+  field.matches?.("textarea, input[type=text], input[type=number]") &&
+  field.value !== (committed.get(field) ?? "");
 
 document.addEventListener("keydown", (event) => {
-  const key = event.key.toLowerCase(), past = opened.get(here)?.history;
-  if (!past || !(event.ctrlKey || event.metaKey) || event.altKey || !["z", "y"].includes(key) || $("sheet").open || typing(event.target)) return;
+  const key = event.key.toLowerCase(),
+    past = opened.get(here)?.store;
+  if (
+    !past ||
+    !(event.ctrlKey || event.metaKey) ||
+    event.altKey ||
+    !["z", "y"].includes(key) ||
+    $("sheet").open ||
+    typing(event.target)
+  )
+    return;
   event.preventDefault();
   if (key === "y" || event.shiftKey) past.redo();
   else past.undo();
@@ -99,33 +158,92 @@ document.addEventListener("keydown", (event) => {
 
 // ---- jobs ----
 
-const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", missions: "Missions", sweep: "Sweep", table: "Table" };
-const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
+const WORDS = {
+  play: "Episode",
+  compare: "Comparison",
+  export: "Export",
+  reproduce: "Figure of a paper",
+  missions: "Missions",
+  sweep: "Sweep",
+  table: "Table",
+};
+const STATES = {
+  queued: "waits",
+  running: "runs",
+  done: "done",
+  failed: "failed",
+  cancelled: "cancelled",
+  interrupted: "interrupted",
+};
 
 const MOST_JOBS = 60; // in the list
 
 function drawJobs() {
-  const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id), open = jobs.filter((job) => !ended(job)).length;
-  const all = jobs.reduce((most, job) => Math.max(most, job.id), 0); // jobs are numbered, and none is ever removed
+  const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id),
+    open = jobs.filter((job) => !ended(job)).length;
+  // jobs are numbered, and none is ever removed
+  const all = jobs.reduce((most, job) => Math.max(most, job.id), 0);
   $("busy").hidden = !open;
   $("jobsWord").textContent = open ? `${open} ${open === 1 ? "job" : "jobs"}` : "Jobs";
   if ($("jobs").hidden) return;
-  $("jobs").replaceChildren(el("h2", {}, "Jobs"), ...(jobs.length ? [el("ul", {}, jobs.slice(0, MOST_JOBS).map(row)), all > MOST_JOBS ? el("p.soft", {}, `The newest ${MOST_JOBS} of ${all.toLocaleString("en-GB")} jobs.`) : ""] : [el("p.soft", {}, "No job has run in this folder yet.")]));
+  $("jobs").replaceChildren(
+    el("h2", {}, "Jobs"),
+    ...(jobs.length
+      ? [
+          el("ul", {}, jobs.slice(0, MOST_JOBS).map(row)),
+          all > MOST_JOBS
+            ? el("p.soft", {}, `The newest ${MOST_JOBS} of ${all.toLocaleString("en-GB")} jobs.`)
+            : "",
+        ]
+      : [el("p.soft", {}, "No job has run in this folder yet.")]),
+  );
 }
 
 function row(job) {
-  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? job.spec.name ?? job.spec.sweep ?? "";
+  const { problem = {} } = job.spec,
+    what =
+      problem.map ??
+      problem.workspace ??
+      problem.region ??
+      job.spec.episode ??
+      job.spec.name ??
+      job.spec.sweep ??
+      "";
   const facts = [STATES[job.state], job.note, duration(job.left)].filter(Boolean).join(", ");
-  return el("li.job", {},
-    el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, typeof what === "string" ? what : "")),
+  return el(
+    "li.job",
+    {},
+    el(
+      "div",
+      {},
+      el("b", {}, WORDS[job.kind] ?? job.kind),
+      " ",
+      el("span", {}, typeof what === "string" ? what : ""),
+    ),
     el("p.soft", {}, job.state === "failed" ? failure(job) : facts),
-    job.state === "running" ? el("progress", { max: 1, value: job.done ?? 0, "aria-label": "Done" }) : [],
-    job.result?.file ? el("a", { href: fileAddress(job.result.file), download: "" }, job.result.file) : [],
-    ended(job) ? [] : el("button.second.small", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Cancel"));
+    job.state === "running"
+      ? el("progress", { max: 1, value: job.done ?? 0, "aria-label": "Done" })
+      : [],
+    job.result?.file
+      ? el("a", { href: fileAddress(job.result.file), download: "" }, job.result.file)
+      : [],
+    ended(job)
+      ? []
+      : el(
+          "button.second.small",
+          { type: "button", onclick: guarded(() => cancelJob(job.id)) },
+          "Cancel",
+        ),
+  );
 }
 
 let drawing = 0;
-on("job", () => { drawing ||= requestAnimationFrame(() => { drawing = 0; drawJobs(); }); });
+on("job", () => {
+  drawing ||= requestAnimationFrame(() => {
+    drawing = 0;
+    drawJobs();
+  });
+});
 
 function toggleJobs(on_ = $("jobs").hidden) {
   $("jobs").hidden = !on_;
@@ -133,14 +251,23 @@ function toggleJobs(on_ = $("jobs").hidden) {
   drawJobs();
 }
 $("jobsButton").addEventListener("click", () => toggleJobs());
-document.addEventListener("keydown", (event) => { if (event.key === "Escape" && !$("jobs").hidden) { toggleJobs(false); $("jobsButton").focus(); } });
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape" && !$("jobs").hidden) {
+    toggleJobs(false);
+    $("jobsButton").focus();
+  }
+});
 
 // ---- begin ----
 
 try {
   const start = await begin();
   $("folder").textContent = start.folder;
-  $("places").replaceChildren(...Object.entries(PLACES).map(([place, [words]]) => el("a", { href: `#${place}`, "data-place": place }, words)));
+  $("places").replaceChildren(
+    ...Object.entries(PLACES).map(([place, [words]]) =>
+      el("a", { href: `#${place}`, "data-place": place }, words),
+    ),
+  );
   addEventListener("hashchange", show);
   drawJobs();
   await show();

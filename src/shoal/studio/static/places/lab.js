@@ -22,7 +22,7 @@ export function lab({ remember }) {
   return {
     element: el("div.lab", {}, stages.list, stages.panels),
     title: "Lab",
-    get history() { return current === "new" ? draft.history : null; },
+    get store() { return current === "new" ? draft.store : null; },
     async open(given) {
       if (given?.toml || given?.draft) draft.begin(given);
       if (given?.store) list.choose(given.store, given.sweep, given.measure);

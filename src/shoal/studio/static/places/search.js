@@ -1,12 +1,16 @@
-/* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
-import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
+/* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes,
+   simulations, missions. */
+import { ask, loadFiles, newest, state, upload } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
-import { History } from "../shared/history.js";
-import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
+import { Store, dated } from "../shared/store.js";
+import { confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
+import { chooser } from "./search/chooser.js";
 import { Drawing } from "./search/drawing.js";
-import { earthAt, pointText, pointsOf } from "./search/earth.js";
+import { earthAt } from "./search/earth.js";
+import { fleetList } from "./search/fleet.js";
+import { launchPoints } from "./search/launch.js";
 import { missionsPanel } from "./search/missions.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
@@ -16,84 +20,213 @@ import { Ways } from "./search/ways.js";
 
 const SECTIONS = [
   { title: "Robots", open: true, fields: ["robots", "footprint", "launch", "land", "starts"] },
-  { title: "Rows", open: true, fields: ["angle", "along", "cross_track", "margin", "tour", "allocation", "multiplicity"] },
-  { title: "Messages and faults", fields: ["loss", "network", "packet", "faults", "crashes", "rates"] },
-  { title: "Things to find", fields: ["prior", "elsewhere", "at_most", "searched", "targets", "detection", "false_alarm", "obstacles"] },
-  { title: "How the file is read", fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"] },
+  {
+    title: "Rows",
+    open: true,
+    fields: ["angle", "along", "cross_track", "margin", "tour", "allocation", "multiplicity"],
+  },
+  {
+    title: "Messages and faults",
+    fields: ["loss", "network", "packet", "faults", "crashes", "rates"],
+  },
+  {
+    title: "Things to find",
+    fields: [
+      "prior",
+      "elsewhere",
+      "at_most",
+      "searched",
+      "targets",
+      "detection",
+      "false_alarm",
+      "obstacles",
+    ],
+  },
+  {
+    title: "How the file is read",
+    fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"],
+  },
 ];
 const BEGIN = {
-  problem: { robots: 4, footprint: "20", vehicle: { preset: "multirotor" }, launch: "8.4971,47.3987" },
-  drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
+  problem: {
+    robots: 4,
+    footprint: "20",
+    vehicle: { preset: "multirotor" },
+    launch: "8.4971,47.3987",
+  },
+  drawing: {
+    frame: [8.5, 47.4],
+    parts: [
+      [
+        [-210, -140],
+        [120, -165],
+        [250, -40],
+        [205, 130],
+        [20, 175],
+        [-190, 95],
+      ],
+    ],
+    zones: [
+      [
+        [10, -35],
+        [85, -30],
+        [80, 40],
+        [25, 50],
+      ],
+    ],
+  },
 };
-const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
-const MOST_ROBOTS = 200; // in the list
+const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i,
+  PARTS = /\.(shx|dbf|prj|cpg)$/i;
 const REST = 600; // milliseconds after which what takes longer is asked
-const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
+const closed = (polygons) =>
+  polygons
+    .flat()
+    .map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`)
+    .join("");
 
 export function search({ remember }) {
   const schema = state.start.schemas.search;
-  const history = new History(put);
-  let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null, begun = false, written = null;
+  const store = new Store(put);
+  let region = null,
+    seed = 0,
+    plan = null,
+    waiting = 0,
+    chosen = -1,
+    fleet = null,
+    begun = false,
+    written = null;
 
   // ---- what is set ----
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(name); } });
-  const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
-  const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
-  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), history });
-  const underlay = new Underlay(canvas, {
-    frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
-    changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
+  const form = makeForm(schema, SECTIONS, {
+    hidden: ["region", "vehicle"],
+    changed: (_, name) => {
+      if (name === "robots") launch.spread();
+      redo(name);
+    },
   });
-  const land = svg("g", { class: "region" }), ways = new Ways(() => show());
+  const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
+  const canvas = new MetricCanvas(
+    "The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.",
+    { tap, over },
+  );
+  const drawing = new Drawing(canvas, {
+    changed: drawn,
+    launched: (point) => launch.add(point),
+    store,
+  });
+  const underlay = new Underlay(canvas, {
+    frame: () => frame(),
+    setFrame: (given) => {
+      drawing.told.frame = given;
+    },
+    changed: ({ placed = false, gesture = null } = {}) => {
+      if (placed) redo();
+      else keep(gesture);
+    },
+  });
+  const land = svg("g", { class: "region" }),
+    ways = new Ways(() => show());
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
-  const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
-  const list = el("ul.fleet", { "aria-label": "Robots" });
-  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => { seed = seedIn(seedInput); redo(); });
+  const warning = el("p.warning", { role: "status", hidden: true }),
+    source = el("b.source", {}),
+    facts = el("p.facts", {}),
+    where = el("p.soft.where", {});
+  const list = fleetList((k) => {
+    chosen = k;
+    show();
+  });
+  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => {
+    seed = seedIn(seedInput);
+    redo();
+  });
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
-  const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
+  const fields = () => ({
+    kind: "search",
+    ...(region ? { region } : {}),
+    ...form.values(),
+    vehicle: vehicle.value(),
+  });
   /** All that is set; what is planned, simulated and written follows from it. */
-  const whole = () => ({ problem: fields(), drawing: drawing.state, under: underlay.told.file ? underlay.told : null, missions: missions.form.values(), seed });
+  const whole = () => ({
+    problem: fields(),
+    drawing: drawing.state,
+    under: underlay.told.file ? underlay.told : null,
+    missions: missions.form.values(),
+    seed,
+  });
   const question = () => ({ problem: fields(), drawing: drawing.asked, seed });
-  const own = () => drawing.draft || (!drawing.empty && ["parts", "zones"].some((kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind])));
+  const own = () =>
+    drawing.draft ||
+    (!drawing.empty &&
+      ["parts", "zones"].some(
+        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind]),
+      ));
 
   /** Note what is set: one step to take back, and the address. */
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember(whole());
-    simulate.refresh();
-    missions.refresh();
+    store.act(whole(), gesture);
   }
 
-  function put({ problem, drawing: told = null, under = null, missions: options = {}, seed: start = 0 }) {
+  store.subscribe(() => {
+    remember(store.state);
+    simulate.refresh();
+    missions.refresh();
+    planned.refresh();
+  });
+
+  /** The plan on the canvas is of the region, zones and settings that are drawn and set, or wears a
+   *  veil. */
+  const planned = dated(
+    () => JSON.stringify(question()),
+    canvas.element,
+    (fresh) => {
+      list.element.classList.toggle("aged", !fresh);
+    },
+  );
+
+  function put({
+    problem,
+    drawing: told = null,
+    under = null,
+    missions: options = {},
+    seed: start = 0,
+  }) {
     seed = start;
     seedInput.value = seed;
     region = typeof problem.region === "string" ? problem.region : null;
-    typed.value = region ?? "";
     form.write(problem);
     vehicle.write(problem.vehicle);
     missions.form.write(options);
-    shared = null;
+    launch.forget();
     drawing.load(told);
-    if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null)) guarded(() => underlay.load(under))();
-    listFiles();
+    if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null))
+      guarded(() => underlay.load(under))();
+    choice.show();
     redo();
   }
 
   /** The problem with what was drawn written as a file, once. */
   async function ready() {
-    const given = fields(), { told } = drawing;
+    const given = fields(),
+      { told } = drawing;
     if (drawing.empty) return given;
     const text = JSON.stringify(told);
-    let file = written?.text === text && state.files.some((one) => one.name === written.file) ? written.file : null;
+    let file =
+      written?.text === text && state.files.some((one) => one.name === written.file)
+        ? written.file
+        : null;
     if (!file) {
       ({ file } = await ask("draw", { problem: given, drawing: JSON.parse(text) }));
       written = { text, file };
       await loadFiles();
       if (text === JSON.stringify(drawing.told)) source.textContent = file;
     }
-    return JSON.parse(text).parts.length ? { ...given, region: file } : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
+    return JSON.parse(text).parts.length
+      ? { ...given, region: file }
+      : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
   }
 
   function set(values, gesture = null) {
@@ -101,48 +234,27 @@ export function search({ remember }) {
     keep(gesture);
   }
 
-  // ---- launch points: in the form's field, as text ----
-
-  const launchAt = (point) => ({ point, text: pointText(point, frame() ? canvas.earth : null) });
-  /** Each launch point once, with its text as it was entered. */
-  function launches() {
-    const texts = [...new Set(String(form.values().launch ?? "").split(/[;\n]+/).map((text) => text.trim()).filter(Boolean))];
-    const points = pointsOf(texts.join(";"), frame() ? canvas.earth : null) ?? [];
-    return points.map((point, k) => ({ point, text: texts[k] }));
-  }
-
-  /** One point is for all; several are shared out among the robots. */
-  function launch(some, { quiet = false } = {}) {
-    const count = form.values().robots ?? schema.properties.robots.default, all = some.length > 1 ? Array.from({ length: Math.max(count, some.length) }, (_, k) => some[k % some.length]) : some;
-    if (some.length > count) form.row("robots").write(some.length);
-    form.row("launch").write(all.map(({ text }) => text).join(";") || undefined);
-    if (quiet) show();
-    else redo();
-  }
-  /** Share the launch points out among another number of robots. The "1" of a "12" that is being typed takes none away. */
-  let shared = null;
-  const spread = () => {
-    shared ??= launches();
-    const count = Number(form.values().robots ?? schema.properties.robots.default);
-    if (shared.length > 1 && count >= 1) launch(shared.slice(0, count), { quiet: true });
-  };
-  form.element.addEventListener("change", () => {
-    const left = (shared?.length ?? 0) - launches().length;
-    shared = null;
-    if (left > 0) say(`${left} launch ${left === 1 ? "point is" : "points are"} left out: a robot has one. Ctrl Z brings ${left === 1 ? "it" : "them"} back.`);
+  const launch = launchPoints({
+    form,
+    robots: schema.properties.robots.default,
+    earth: () => (frame() ? canvas.earth : null),
+    quietly: () => show(),
+    done: () => redo(),
   });
 
   // ---- the plan ----
 
   function redo(gesture = null) {
     keep(gesture);
+    drawMarks(drawing.show()); // at once; the plan follows
     simulate.vary();
     load();
   }
 
   const load = newest(async () => {
     facts.classList.add("loading");
-    const asked = { ...question(), frame: drawing.told.frame };
+    const of = JSON.stringify(question()),
+      asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
@@ -156,12 +268,18 @@ export function search({ remember }) {
         complain(found.problem);
       }
     } catch (error) {
-      plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] }; // no plan of other settings over these
+      // no plan of other settings over these
+      plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] };
       fleet = null;
       complain(error.message);
     }
     facts.classList.remove("loading");
-    canvas.show([...(plan?.outline.flat(2) ?? []), ...drawing.points, ...(plan?.robots?.map((robot) => robot.place) ?? [])]);
+    planned.is(of);
+    canvas.show([
+      ...(plan?.outline.flat(2) ?? []),
+      ...drawing.points,
+      ...(plan?.robots?.map((robot) => robot.place) ?? []),
+    ]);
     show();
     clearTimeout(waiting);
     waiting = setTimeout(after, REST);
@@ -172,7 +290,12 @@ export function search({ remember }) {
     if (!plan?.robots) return;
     const of = plan;
     try {
-      const found = await ask("missions", { ...of.asked, missions: missions.form.values(), frame: frame(), slow: true });
+      const found = await ask("missions", {
+        ...of.asked,
+        missions: missions.form.values(),
+        frame: frame(),
+        slow: true,
+      });
       if (of === plan) fleet = found;
     } catch (error) {
       if (of === plan) fleet = { problem: error.message };
@@ -188,47 +311,116 @@ export function search({ remember }) {
   // ---- what is shown ----
 
   function show() {
-    const robots = plan?.robots ?? [], own = drawing.told.parts.length;
-    land.replaceChildren(...(plan ? [
-      svg("path", { class: "land", "fill-rule": "evenodd", d: own ? "" : closed(plan.outline) }), svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
-      svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
-    ] : []));
+    const robots = plan?.robots ?? [],
+      own = drawing.told.parts.length;
+    land.replaceChildren(
+      ...(plan
+        ? [
+            svg("path", {
+              class: "land",
+              "fill-rule": "evenodd",
+              d: own ? "" : closed(plan.outline),
+            }),
+            svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
+            svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
+          ]
+        : []),
+    );
     ways.show(plan, chosen);
     drawMarks(drawing.show());
-    drawList(robots);
-    source.textContent = own ? (written?.text === JSON.stringify(drawing.told) ? written.file : "drawn") : region ?? "";
-    facts.textContent = plan?.cells ? [
-      plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
-      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "the paths have too many corners to be drawn here",
-    ].filter(Boolean).join(" · ") : "";
+    list.show(robots, fleet?.starts ?? [], chosen);
+    source.textContent = own
+      ? written?.text === JSON.stringify(drawing.told)
+        ? written.file
+        : "drawn"
+      : (region ?? "");
+    facts.textContent = plan?.cells
+      ? [
+          plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
+          `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
+          `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`,
+          `searched in ${lasting(plan.makespan)}`,
+          nearest(),
+          plan.drawn ? "" : "the paths have too many corners to be drawn here",
+        ]
+          .filter(Boolean)
+          .join(" · ")
+      : "";
     drawing.numbers.fill();
   }
 
   function nearest() {
     if (!fleet) return "";
     const near = fleet.nearest_approach;
-    return fleet.problem ?? (near ? `nearest approach ${number(near.horizontal_m, 3)} m` : "vehicles keep apart in height");
+    return (
+      fleet.problem ??
+      (near
+        ? `nearest approach ${number(near.horizontal_m, 3)} m`
+        : "vehicles keep apart in height")
+    );
   }
 
   function drawMarks(corners) {
-    const points = launches(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
-    const home = points.map(({ point }, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
-      move: (to) => launch(points.map((one, i) => (i === k ? launchAt(to) : one)), { quiet: true }), done: () => redo(), remove: () => launch(points.filter((_, i) => i !== k)),
-    }));
-    const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
-    const heads = starts.length > 30 ? [] : starts.map((robot, k) => ({ point: ways.head(robot), element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) })).filter((head) => head.point);
-    const meeting = near ? [{ point: near.place, element: svg("g", { class: "near" }, svg("circle", { r: 11 }), svg("title", {}, `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`)) }] : [];
+    const points = launch.read(),
+      starts = plan?.robots ?? [],
+      near = fleet?.nearest_approach;
+    const home = points.map(({ point }, k) =>
+      handle(
+        canvas,
+        `launch${k}`,
+        point,
+        `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`,
+        [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })],
+        {
+          move: (to) => launch.move(k, to),
+          done: () => redo(),
+          remove: () => launch.remove(k),
+        },
+      ),
+    );
+    const places = points.length
+      ? []
+      : starts.map((robot, k) => ({
+          point: robot.place,
+          element: svg(
+            "g",
+            { class: `spot r${k % 12}` },
+            svg("rect", { x: -4, y: -4, width: 8, height: 8 }),
+          ),
+        }));
+    const heads =
+      starts.length > 30
+        ? []
+        : starts
+            .map((robot, k) => ({
+              point: ways.head(robot),
+              element: svg(
+                "g",
+                { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` },
+                svg("circle", { r: 8 }),
+                svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1)),
+              ),
+            }))
+            .filter((head) => head.point);
+    const meeting = near
+      ? [
+          {
+            point: near.place,
+            element: svg(
+              "g",
+              { class: "near" },
+              svg("circle", { r: 11 }),
+              svg(
+                "title",
+                {},
+                `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`,
+              ),
+            ),
+          },
+        ]
+      : [];
     canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
     canvas.draw();
-  }
-
-  function drawList(robots) {
-    list.replaceChildren(...robots.slice(0, MOST_ROBOTS).map((robot, k) => {
-      const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
-      const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].start_s ? `after ${lasting(flights[0].start_s)}` : ""].filter(Boolean).join(", ") : "";
-      const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
-      return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
-    }), ...(robots.length > MOST_ROBOTS ? [el("li.soft", {}, `and ${number(robots.length - MOST_ROBOTS, 9)} more robots`)] : []));
   }
 
   // ---- hands ----
@@ -239,12 +431,20 @@ export function search({ remember }) {
   }
 
   function over(point) {
-    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
+    where.textContent = !point
+      ? ""
+      : canvas.earth
+        ? canvas.earth
+            .degrees(point)
+            .map((x) => x.toFixed(6))
+            .join(", ")
+        : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
   }
 
   function drawn({ drawnOnly = false, corner = false, closed: whole_ = false } = {}) {
-    if (whole_) history.fold((one) => !!one.drawing?.draft);
+    if (whole_) store.fold((one) => !!one.drawing?.draft);
     if (corner) keep();
+    planned.refresh();
     if (drawnOnly || corner) drawMarks(drawing.show());
     else redo();
   }
@@ -252,17 +452,17 @@ export function search({ remember }) {
   // ---- where the region comes from ----
 
   /** Whether what was drawn may make room for something else. */
-  const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`, "Replace it");
-
-  /** The fields that say where the region comes from, as they are. */
-  function listRegion() {
-    typed.value = region ?? "";
-    listFiles();
-  }
+  const mayGo = async (what) =>
+    !own() ||
+    confirmed(
+      "Replace the drawing?",
+      `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`,
+      "Replace it",
+    );
 
   async function choose(name) {
     if (await mayGo(name)) take(name);
-    else listRegion();
+    else choice.show();
   }
 
   function take(name) {
@@ -272,7 +472,7 @@ export function search({ remember }) {
     form.row("launch").write(undefined);
     form.row("no_go").write(undefined);
     canvas.moved = false;
-    listRegion();
+    choice.show();
     stages.pick("plan");
     redo();
   }
@@ -280,39 +480,44 @@ export function search({ remember }) {
   /** Corners of what a file holds, to be moved: it becomes a drawing. */
   function loosen() {
     if (!plan || drawing.told.parts.length) return;
-    const corners = plan.outline.map((rings) => rings.map((points) => (String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points)));
+    const corners = plan.outline.map((rings) =>
+      rings.map((points) =>
+        String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points,
+      ),
+    );
     const { told } = drawing;
     told.frame = plan.frame;
     told.parts = corners.map(([shell]) => shell);
     told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
     region = null;
-    listRegion();
+    choice.show();
     redo();
   }
 
   async function bring(files) {
-    const shape = files.find((file) => /\.shp$/i.test(file.name)), rest = files.filter((file) => file !== shape);
+    const shape = files.find((file) => /\.shp$/i.test(file.name)),
+      rest = files.filter((file) => file !== shape);
     const main = shape ?? rest.find((file) => REGIONS.test(file.name));
     if (!main) {
-      if (!files.every((file) => PARTS.test(file.name)) && files[0]) { await underlay.load({ file: await upload(files[0]) }); keep(); return; }
+      if (!files.every((file) => PARTS.test(file.name)) && files[0]) {
+        await underlay.load({ file: await upload(files[0]) });
+        keep();
+        return;
+      }
       throw new Error("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
     }
     if (!(await mayGo(main.name))) return;
     const name = await upload(main);
-    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : []) await upload(new File([part], name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase())));
+    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : [])
+      await upload(
+        new File(
+          [part],
+          name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase()),
+        ),
+      );
     take(name);
   }
 
-  const choices = el("select", { id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)) });
-  function listFiles() {
-    const found = state.files.filter((file) => file.kind === "region" || /\.csv$/i.test(file.name)).filter((file) => !/^papers\//.test(file.name)), kept = region;
-    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("region")));
-    choices.value = found.some((file) => file.name === kept) ? kept : "";
-  }
-  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => { const brought = [...picked.files]; picked.value = ""; if (brought.length) await bring(brought); }) });
-  const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
-  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
-  const blank = el("button.second", { type: "button", onclick: guarded(begin) }, "Draw a region");
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
   async function begin() {
     if (!(await mayGo("An empty canvas"))) return;
@@ -320,7 +525,7 @@ export function search({ remember }) {
     region = plan = null;
     drawing.load({ frame: kept });
     form.row("launch").write(undefined);
-    listRegion();
+    choice.show();
     stages.pick("plan");
     drawing.pick("parts");
     if (!underlay.told.file) {
@@ -329,50 +534,111 @@ export function search({ remember }) {
     }
     redo();
   }
-  const loose = el("button.second", { type: "button", title: "Turn the region into a drawing with movable corners", onclick: guarded(loosen) }, "Edit its corners");
-  const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"), choices, blank),
-    el("div.pair", {}, el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed, loose), el("p.help", { id: "searchRegionHelp" }, "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres."));
+  const choice = chooser({ choose, bring, blank: begin, loosen, region: () => region });
 
   // ---- the stages ----
 
-  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent });
-  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
-  const watching = watchPanel();
-  const stages = tabbed("Search", [
-    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
-    ["simulate", "Simulate", ...simulate.children],
-    ["missions", "Missions", ...missions.children],
-    ["watch", "Watch", ...watching.children],
-  ], {
-    chosen: (name) => {
-      watching.shown(name === "watch");
-      missions.form.element.hidden = name !== "missions";
-      if (name === "simulate") guarded(() => simulate.enter())();
-    },
+  const simulate = simulation({
+    ready,
+    question,
+    fields,
+    set,
+    open: () => stages.pick("simulate"),
+    visible: () => !stages.panels[1].hidden,
+    said: () => warning.textContent,
+    store,
   });
+  const missions = missionsPanel({
+    ready,
+    current: () => JSON.stringify([question(), missions.form.values()]),
+    changed: (_, name) => redo(`missions ${name}`),
+    store,
+  });
+  const watching = watchPanel();
+  const stages = tabbed(
+    "Search",
+    [
+      [
+        "plan",
+        "Plan",
+        el("div.stageHead", {}, drawing.toolbar, ways.element),
+        canvas.element,
+        el("div.underStage", {}, source, facts, where),
+        list.element,
+      ],
+      ["simulate", "Simulate", ...simulate.children],
+      ["missions", "Missions", ...missions.children],
+      ["watch", "Watch", ...watching.children],
+    ],
+    {
+      chosen: (name) => {
+        watching.shown(name === "watch");
+        missions.form.element.hidden = name !== "missions";
+        store.look({ tab: name });
+        if (name === "simulate") guarded(() => simulate.enter())();
+      },
+    },
+  );
   stages.panels[2].classList.add("scrolls");
   stages.panels[3].classList.add("scrolls");
   stages.pick("plan");
-  on("files", listFiles);
-  listFiles();
 
-  const element = el("div.place.search-place", {},
+  const element = el(
+    "div.place.search-place",
+    {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
-    el("section.panel-side", { "aria-label": "Settings" }, chooser, missions.form.element, form.element, vehicle.element, underlay.element),
-    el("footer.bottom", {}, seedRow, simulate.word, simulate.bar,
-      el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), simulate.go));
-  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
-  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener("drop", guarded(async (event) => {
-    event.preventDefault();
-    if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
-  }));
+    el(
+      "section.panel-side",
+      { "aria-label": "Settings" },
+      choice.element,
+      missions.form.element,
+      form.element,
+      vehicle.element,
+      underlay.element,
+    ),
+    el(
+      "footer.bottom",
+      {},
+      seedRow,
+      simulate.word,
+      simulate.bar,
+      el(
+        "button.second",
+        { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) },
+        "As Python …",
+      ),
+      simulate.go,
+    ),
+  );
+  for (const kind of ["dragover", "dragenter"])
+    element.addEventListener(kind, (event) => {
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+  for (const kind of ["dragleave", "drop"])
+    element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener(
+    "drop",
+    guarded(async (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
+    }),
+  );
 
   return {
     element,
     title: "Search",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "plan" } = saved.view;
+      canvas.moved = false;
+      store.revive(saved);
+      missions.revive();
+      stages.pick(tab);
+      await guarded(simulate.revive)();
+    },
     open(given) {
       if (begun && !given?.problem && !given?.run) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");

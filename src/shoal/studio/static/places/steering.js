@@ -1,37 +1,97 @@
-/* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
+/* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the
+   Δ space beside it. */
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
-import { History } from "../shared/history.js";
-import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
+import { Store, dated, stepButtons } from "../shared/store.js";
+import { hands, spotOf } from "../shared/hands.js";
+import {
+  confirmed,
+  duration,
+  el,
+  guarded,
+  number,
+  olderFiles,
+  panelId,
+  percent,
+  say,
+  svg,
+  tabId,
+  tabs,
+  told,
+} from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
-  { title: "Particles and goals", open: true, fields: ["start", "goal", "interchangeable", "particle_radius", "tolerance"] },
+  {
+    title: "Particles and goals",
+    open: true,
+    fields: ["start", "goal", "interchangeable", "particle_radius", "tolerance"],
+  },
   { title: "Planner", open: true, fields: ["planner", "time", "max_moves"] },
   { title: "Friction and noise", fields: ["friction", "execution", "measurement", "gain"] },
 ];
 const NAMES = ["square", "triangle", "pentagon", "hexagon", "heptagon", "octagon", "disk"];
-const BEGIN = { workspace: "square", start: [[0.2, 0.3], [0.5, 0.35]], goal: [[0.8, 0.2], [0.3, 0.75]] };
+const BEGIN = {
+  workspace: "square",
+  start: [
+    [0.2, 0.3],
+    [0.5, 0.35],
+  ],
+  goal: [
+    [0.8, 0.2],
+    [0.3, 0.75],
+  ],
+};
 const PLANS = ["greedy", "shortest", "fewest-moves"];
+const CLOSEST = 40; // the largest zoom
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
 
 export function steering({ remember }) {
   const schema = state.start.schemas.steering;
-  const history = new History(put);
-  let begun = false, shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown
-  let problem = { ...BEGIN }, seed = 0, place = null, corners = null, running = null, chosen = "greedy", plans = {}, waiting = 0;
+  const store = new Store(put);
+  let begun = false,
+    shown = null; // the episode on the stage: its file and its sentence
+  let problem = { ...BEGIN },
+    seed = 0,
+    place = null,
+    corners = null,
+    chosen = "greedy",
+    plans = {},
+    waiting = 0;
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["workspace"], changed: (_, name) => { problem = { workspace: problem.workspace, ...form.values() }; redo(name); } });
+  const form = makeForm(schema, SECTIONS, {
+    hidden: ["workspace"],
+    changed: (_, name) => {
+      problem = { workspace: problem.workspace, ...form.values() };
+      redo(name);
+    },
+  });
   const warning = el("p.warning", { role: "status", hidden: true });
-  const room = svg("svg", { class: "room", role: "group", "aria-label": "The workspace: particles are squares, goals are rings. Tab to one and move it with the arrow keys." });
-  const space = svg("svg", { class: "room", role: "img", "aria-label": "The Δ configuration space" });
-  const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }), reachWord = el("p.reached", {});
-  const { input: seedInput, element: seedRow } = seedField("steeringSeed", () => { seed = seedIn(seedInput); redo(); });
+  const room = svg("svg", {
+    class: "room",
+    role: "group",
+    "aria-label":
+      "The workspace: particles are squares, goals are rings. Tab to one and move it with the arrow keys.",
+  });
+  const space = svg("svg", {
+    class: "room",
+    role: "img",
+    "aria-label": "The Δ configuration space",
+  });
+  const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }),
+    reachWord = el("p.reached", {});
+  const { input: seedInput, element: seedRow } = seedField("steeringSeed", () => {
+    seed = seedIn(seedInput);
+    redo();
+  });
 
   const fields = () => ({ kind: "steering", ...problem });
   /** A ten-thousandth of the workspace: what a hand can place. */
-  const round = (x) => { const step = 10 ** Math.floor(Math.log10((corners ? 1 : place?.size) || 1) - 4); return Number((Math.round(x / step) * step).toPrecision(12)); };
+  const round = (x) => {
+    const step = 10 ** Math.floor(Math.log10((corners ? 1 : place?.size) || 1) - 4);
+    return Number((Math.round(x / step) * step).toPrecision(12));
+  };
 
   /** All that is set; plans follow from it. An outline that is not closed yet is set, too. */
   const whole = () => ({ problem, seed, corners });
@@ -46,16 +106,22 @@ export function steering({ remember }) {
   }
 
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember({ problem, seed });
-    markShown();
+    store.act(whole(), gesture);
   }
+
+  store.subscribe(() => {
+    remember({ problem, seed, ...(corners ? { corners } : {}) });
+    played.refresh();
+  });
 
   // ---- what is asked ----
 
   function redo(gesture = null) {
     keep(gesture);
     plans = {};
+    drawPlans();
+    drawRoom();
+    room.dataset.aged = ""; // until the workspace of these settings is there
     loadRoom();
   }
 
@@ -63,7 +129,10 @@ export function steering({ remember }) {
     try {
       place = await ask("workspace", { problem: fields(), seed });
       complain(null);
-      if (place.dimensions !== 2) throw new Error("The studio draws workspaces in the plane only. For a workspace in space, use the command shoal steer.");
+      if (place.dimensions !== 2)
+        throw new Error(
+          "The studio draws workspaces in the plane only. For a workspace in space, use the command shoal steer.",
+        );
       drawRoom();
       follow();
     } catch (error) {
@@ -74,12 +143,14 @@ export function steering({ remember }) {
       spaceBox.hidden = true;
       complain(error.message);
     }
+    delete room.dataset.aged;
   });
 
   /** What follows the hand: greedy's plan, and what two moves reach. */
   const follow = newest(async () => {
     if (!place) return;
-    const began = performance.now(), asked = fields();
+    const began = performance.now(),
+      asked = fields();
     try {
       plans = { greedy: await ask("steer", { problem: { ...asked, planner: "greedy" }, seed }) };
       performance.measure("shoal-greedy", { start: began });
@@ -100,18 +171,28 @@ export function steering({ remember }) {
 
   /** What is asked for, and whether it is still what is set. */
   function asking() {
-    const asked = structuredClone(fields()), text = () => JSON.stringify([fields(), seed]), before = text();
+    const asked = structuredClone(fields()),
+      text = () => JSON.stringify([fields(), seed]),
+      before = text();
     return { asked, same: () => text() === before };
   }
 
   const after = newest(async () => {
     if (!place) return;
-    const { asked, same } = asking(), reached = await ask("reach", { problem: asked, seed, moves: 4 }).catch(() => ({ sets: [], rings: [] }));
+    const { asked, same } = asking(),
+      reached = await ask("reach", { problem: asked, seed, moves: 4 }).catch(() => ({
+        sets: [],
+        rings: [],
+      }));
     if (!same()) return;
     drawReach(reached);
     for (const planner of simple() ? PLANS.slice(1) : []) {
       if (!same()) return;
-      const found = await ask("steer", { problem: { time: 3, ...asked, planner }, seed, slow: true }).catch((error) => ({ problem: error.message }));
+      const found = await ask("steer", {
+        problem: { time: 3, ...asked, planner },
+        seed,
+        slow: true,
+      }).catch((error) => ({ problem: error.message }));
       if (same()) plans[planner] = found;
       drawPlans();
       drawRoom();
@@ -127,49 +208,145 @@ export function steering({ remember }) {
 
   /** Points of the plane to those of the picture: y goes up. */
   function frameOf(rings) {
-    const all = rings.flat(), xs = all.map(([x]) => x), ys = all.map(([, y]) => y);
-    const low = [Math.min(...xs), Math.min(...ys)], high = [Math.max(...xs), Math.max(...ys)], size = Math.max(high[0] - low[0], high[1] - low[1]) || 1;
+    const all = rings.flat(),
+      xs = all.map(([x]) => x),
+      ys = all.map(([, y]) => y);
+    const low = [Math.min(...xs), Math.min(...ys)],
+      high = [Math.max(...xs), Math.max(...ys)],
+      size = Math.max(high[0] - low[0], high[1] - low[1]) || 1;
     const unit = 100 / size;
-    return { unit, at: ([x, y]) => [(x - low[0]) * unit, (high[1] - y) * unit], back: ([x, y]) => [low[0] + x / unit, high[1] - y / unit], width: (high[0] - low[0]) * unit, height: (high[1] - low[1]) * unit };
+    return {
+      unit,
+      at: ([x, y]) => [(x - low[0]) * unit, (high[1] - y) * unit],
+      back: ([x, y]) => [low[0] + x / unit, high[1] - y / unit],
+      width: (high[0] - low[0]) * unit,
+      height: (high[1] - low[1]) * unit,
+    };
   }
 
-  const path = (points, at, closed = true) => points.map((point, i) => `${i ? "L" : "M"}${at(point).map((x) => x.toFixed(3)).join(" ")}`).join("") + (closed ? "Z" : "");
+  const path = (points, at, closed = true) =>
+    points
+      .map(
+        (point, i) =>
+          `${i ? "L" : "M"}${at(point)
+            .map((x) => x.toFixed(3))
+            .join(" ")}`,
+      )
+      .join("") + (closed ? "Z" : "");
 
   let frame = null;
+  const eye = { zoom: 1, x: -8, y: -8 }; // what of the picture is seen: its upper left corner
+  function lookThrough() {
+    const sides = [frame.width + 16, frame.height + 16].map((side) => side / eye.zoom);
+    room.setAttribute("viewBox", `${eye.x} ${eye.y} ${sides.join(" ")}`);
+  }
+  function showAll() {
+    Object.assign(eye, { zoom: 1, x: -8, y: -8 });
+    if (frame) lookThrough();
+  }
+  /** A place on the element, in pixels, to one in the picture. */
+  function spotIn([right, down]) {
+    const box = room.getBoundingClientRect();
+    return new DOMPoint(right + box.left, down + box.top).matrixTransform(
+      room.getScreenCTM().inverse(),
+    );
+  }
+  hands(room, {
+    zoom(factor, spot) {
+      const zoom = Math.max(1, Math.min(CLOSEST, eye.zoom * factor)),
+        by = eye.zoom / zoom,
+        at = spotIn(spot);
+      if (zoom === 1) return showAll();
+      Object.assign(eye, { zoom, x: at.x - (at.x - eye.x) * by, y: at.y - (at.y - eye.y) * by });
+      return lookThrough();
+    },
+    pan(right, down) {
+      if (eye.zoom === 1) return;
+      const { a } = room.getScreenCTM();
+      Object.assign(eye, { x: eye.x - right / a, y: eye.y - down / a });
+      lookThrough();
+    },
+    fit: showAll,
+    tap: (spot) => corners && addCorner(spotIn(spot)),
+  });
+
   function drawRoom() {
     if (!place && !corners) return;
     const focused = document.activeElement?.dataset?.handle;
-    frame = frameOf(corners ? [[[0, 0], [1, 1]]] : place.rings);
-    room.setAttribute("viewBox", `-8 -8 ${frame.width + 16} ${frame.height + 16}`);
+    frame = frameOf(
+      corners
+        ? [
+            [
+              [0, 0],
+              [1, 1],
+            ],
+          ]
+        : place.rings,
+    );
+    lookThrough();
     const { at } = frame;
     if (corners) {
-      room.replaceChildren(svg("rect", { class: "paper", x: 0, y: 0, width: frame.width, height: frame.height }),
-        ...(corners.length > 1 ? [svg("path", { class: "draft", d: path(corners, at, false) })] : []),
-        ...corners.map((corner) => svg("circle", { class: "corner", cx: at(corner)[0], cy: at(corner)[1], r: 1.6 })));
+      room.replaceChildren(
+        svg("rect", { class: "paper", x: 0, y: 0, width: frame.width, height: frame.height }),
+        ...(corners.length > 1
+          ? [svg("path", { class: "draft", d: path(corners, at, false) })]
+          : []),
+        ...corners.map((corner) =>
+          svg("circle", { class: "corner", cx: at(corner)[0], cy: at(corner)[1], r: 1.6 }),
+        ),
+      );
       return;
     }
-    const plan = plans[chosen] ?? plans.greedy, radius = Math.max(2.6, (problem.particle_radius ?? 0) * frame.unit);
+    const plan = plans[chosen] ?? plans.greedy,
+      radius = Math.max(2.6, (problem.particle_radius ?? 0) * frame.unit);
     room.replaceChildren(
-      svg("path", { class: "floor", "fill-rule": "evenodd", d: place.rings.map((ring) => path(ring, at)).join("") }),
-      ...(plan?.ways ?? []).map((way, i) => svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" })),
-      ...place.goal.map((point, i) => handle("goal", i, point, svg("circle", { class: `goal p${i % 5}`, r: 3.1 }))),
-      ...place.start.map((point, i) => handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius }))));
+      svg("path", {
+        class: "floor",
+        "fill-rule": "evenodd",
+        d: place.rings.map((ring) => path(ring, at)).join(""),
+      }),
+      ...(plan?.ways ?? []).map((way, i) =>
+        svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" }),
+      ),
+      ...place.goal.map((point, i) =>
+        handle("goal", i, point, svg("circle", { class: `goal p${i % 5}`, r: 3.1 })),
+      ),
+      ...place.start.map((point, i) =>
+        handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius })),
+      ),
+    );
     if (focused) room.querySelector(`[data-handle="${focused}"]`)?.focus();
   }
 
   /** A point that the hand moves, or the arrow keys. */
   function handle(what, i, point, shape) {
-    const [x, y] = frame.at(point), words = `${what === "start" ? "Particle" : "Goal"} ${i + 1} at ${round(point[0])}, ${round(point[1])}`;
-    const group = svg("g", { class: "handle", transform: `translate(${x} ${y})`, tabindex: 0, role: "button", "aria-label": words, "data-handle": `${what}${i}` },
-      svg("circle", { class: "touch", r: 6 }), shape, svg("text", { class: "no", y: 1.3, "text-anchor": "middle" }, String(i + 1)));
+    const [x, y] = frame.at(point),
+      words = `${what === "start" ? "Particle" : "Goal"} ${i + 1} at ${round(point[0])}, ${round(point[1])}`;
+    const group = svg(
+      "g",
+      {
+        class: "handle",
+        transform: `translate(${x} ${y})`,
+        tabindex: 0,
+        role: "button",
+        "aria-label": words,
+        "data-handle": `${what}${i}`,
+      },
+      svg("circle", { class: "touch", r: 6 }),
+      shape,
+      svg("text", { class: "no", y: 1.3, "text-anchor": "middle" }, String(i + 1)),
+    );
     group.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       event.preventDefault();
+      event.stopPropagation();
       group.focus();
       drag(what, i, event);
     });
     group.addEventListener("keydown", (event) => {
-      const step = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[event.key];
+      const step = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[
+        event.key
+      ];
       if (!step) return;
       event.preventDefault();
       const by = (event.shiftKey ? 0.1 : 0.01) * place.size;
@@ -194,13 +371,17 @@ export function steering({ remember }) {
   }
 
   function pointOf(event) {
-    const spot = new DOMPoint(event.clientX, event.clientY).matrixTransform(room.getScreenCTM().inverse());
+    const spot = spotIn(spotOf(room, event));
     return frame.back([spot.x, spot.y]);
   }
 
   function move(what, i, point) {
     // Random points become those that are shown as soon as one of them is moved.
-    problem = { ...problem, start: place.start.map((one) => [...one]), goal: place.goal.map((one) => [...one]) };
+    problem = {
+      ...problem,
+      start: place.start.map((one) => [...one]),
+      goal: place.goal.map((one) => [...one]),
+    };
     problem[what][i] = point.map(round);
     place[what][i] = problem[what][i];
     plans = {};
@@ -214,13 +395,31 @@ export function steering({ remember }) {
   function drawReach({ rings, sets, delta }) {
     spaceBox.hidden = !rings.length;
     if (!rings.length) return;
-    const { at, width, height } = frameOf(rings), goal = place.goal[1].map((x, axis) => x - place.goal[0][axis]);
+    const { at, width, height } = frameOf(rings),
+      goal = place.goal[1].map((x, axis) => x - place.goal[0][axis]);
     space.setAttribute("viewBox", `-6 -6 ${width + 12} ${height + 12}`);
-    const spot = (point, kind) => svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
-    space.replaceChildren(svg("path", { class: "floor", d: path(rings[0], at) }),
-      ...[...sets].reverse().map((set) => svg("path", { class: `reach m${set.moves}`, "fill-rule": "evenodd", d: set.rings.map((ring) => path(ring, at)).join("") })),
-      svg("path", { class: "rim", d: path(rings[0], at) }), spot(goal, "goal p1"), spot(delta, "particle p0"));
-    reachWord.replaceChildren(...sets.map((set) => el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${percent(set.fraction)}`)));
+    const spot = (point, kind) =>
+      svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
+    space.replaceChildren(
+      svg("path", { class: "floor", d: path(rings[0], at) }),
+      ...[...sets]
+        .reverse()
+        .map((set) =>
+          svg("path", {
+            class: `reach m${set.moves}`,
+            "fill-rule": "evenodd",
+            d: set.rings.map((ring) => path(ring, at)).join(""),
+          }),
+        ),
+      svg("path", { class: "rim", d: path(rings[0], at) }),
+      spot(goal, "goal p1"),
+      spot(delta, "particle p0"),
+    );
+    reachWord.replaceChildren(
+      ...sets.map((set) =>
+        el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${percent(set.fraction)}`),
+      ),
+    );
   }
 
   // ---- plans ----
@@ -228,21 +427,51 @@ export function steering({ remember }) {
   function drawPlans() {
     const shown = simple() ? PLANS : ["greedy"];
     if (!plans[chosen]) chosen = plans.greedy ? chosen : "greedy";
-    table.replaceChildren(...shown.map((name) => {
-      const plan = plans[name];
-      const note = !plan ? "planning …" : plan.problem ?? (plan.status === "solved" ? `${plan.moves} moves, length ${number(plan.length)}` : `${plan.status}: ${plan.reason}`);
-      return el("button.plan", {
-        type: "button", role: "radio", "aria-checked": String(name === chosen), disabled: !plan?.ways,
-        onclick: () => { chosen = name; drawPlans(); drawRoom(); },
-      }, el("b", {}, name), el("span", {}, note));
-    }), ...(plans.greedy?.bound ? [el("p.soft", {}, `No plan is shorter than ${number(plans.greedy.bound)}.`)] : []));
+    table.replaceChildren(
+      ...shown.map((name) => {
+        const plan = plans[name];
+        const note = !plan
+          ? "planning …"
+          : (plan.problem ??
+            (plan.status === "solved"
+              ? `${plan.moves} moves, length ${number(plan.length)}`
+              : `${plan.status}: ${plan.reason}`));
+        return el(
+          "button.plan",
+          {
+            type: "button",
+            role: "radio",
+            "aria-checked": String(name === chosen),
+            disabled: !plan?.ways,
+            onclick: () => {
+              chosen = name;
+              store.look({ chosen });
+              drawPlans();
+              drawRoom();
+            },
+          },
+          el("b", {}, name),
+          el("span", {}, note),
+        );
+      }),
+      ...(plans.greedy?.bound
+        ? [el("p.soft", {}, `No plan is shorter than ${number(plans.greedy.bound)}.`)]
+        : []),
+    );
   }
 
   // ---- where the workspace comes from ----
 
-  /** Whether a drawn workspace, or an outline that is not closed yet, may make room for something else. */
+  /** Whether a drawn workspace, or an outline that is not closed yet, may make room for something
+   *  else. */
   const own = () => corners?.length || /^\s*(multi)?polygon\b/i.test(String(problem.workspace));
-  const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the workspace that you drew. Ctrl Z brings the drawing back.`, "Replace it");
+  const mayGo = async (what) =>
+    !own() ||
+    confirmed(
+      "Replace the drawing?",
+      `${what} takes the place of the workspace that you drew. Ctrl Z brings the drawing back.`,
+      "Replace it",
+    );
 
   /** The fields that say where the workspace comes from, as they are. */
   function showChoice() {
@@ -264,6 +493,7 @@ export function steering({ remember }) {
 
   function take(name, points = {}) {
     corners = null;
+    showAll();
     problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
     form.write(problem);
     showChoice();
@@ -271,12 +501,47 @@ export function steering({ remember }) {
     redo();
   }
 
-  const kinds = el("select", { "aria-label": "Workspace", onchange: guarded(() => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {})) },
-    el("option", { value: "" }, "another one"), NAMES.map((name) => el("option", { value: name }, name)));
-  const files = el("select", { "aria-label": "A workspace in the folder", onchange: guarded(() => files.value && choose(files.value)) });
-  const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "steeringWorkspace", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
-  const picked = el("input", { type: "file", accept: ".svg,.wkt,.geojson,.json", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file && (await mayGo(file.name))) take(await upload(file)); }) });
-  const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: guarded(() => (corners ? endSketch() : beginSketch())) }, "Draw a workspace");
+  const kinds = el(
+    "select",
+    {
+      "aria-label": "Workspace",
+      onchange: guarded(
+        () => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {}),
+      ),
+    },
+    el("option", { value: "" }, "another one"),
+    NAMES.map((name) => el("option", { value: name }, name)),
+  );
+  const files = el("select", {
+    "aria-label": "A workspace in the folder",
+    onchange: guarded(() => files.value && choose(files.value)),
+  });
+  const typed = el("input", {
+    type: "text",
+    spellcheck: false,
+    autocomplete: "off",
+    id: "steeringWorkspace",
+    onchange: guarded(() => typed.value && choose(typed.value.trim())),
+  });
+  const picked = el("input", {
+    type: "file",
+    accept: ".svg,.wkt,.geojson,.json",
+    hidden: true,
+    onchange: guarded(async () => {
+      const [file] = picked.files;
+      picked.value = "";
+      if (file && (await mayGo(file.name))) take(await upload(file));
+    }),
+  });
+  const sketch = el(
+    "button.second",
+    {
+      type: "button",
+      "aria-pressed": "false",
+      onclick: guarded(() => (corners ? endSketch() : beginSketch())),
+    },
+    "Draw a workspace",
+  );
   async function beginSketch() {
     if (!(await mayGo("A new outline"))) return;
     corners = [];
@@ -288,7 +553,7 @@ export function steering({ remember }) {
   /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {
     const found = corners;
-    history.fold((one) => !!one.corners);
+    store.fold((one) => !!one.corners);
     corners = null;
     showChoice();
     if (found.length < 3) {
@@ -297,76 +562,221 @@ export function steering({ remember }) {
       if (found.length) complain("An outline needs at least three corners.");
       return;
     }
-    take(`POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`);
+    take(
+      `POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`,
+    );
   }
-  room.addEventListener("pointerdown", (event) => {
-    if (!corners || event.button !== 0) return;
-    const corner = pointOf(event).map((x) => Math.max(0, Math.min(1, x)));
+  function addCorner(spot) {
+    const corner = frame.back([spot.x, spot.y]).map((x) => Math.max(0, Math.min(1, x)));
     const near = (other) => other && Math.hypot(corner[0] - other[0], corner[1] - other[1]) < 0.015;
-    if (near(corners.at(-1)) || (corners.length > 2 && near(corners[0]))) { // a double click, or the first corner again, closes it
+    if (near(corners.at(-1)) || (corners.length > 2 && near(corners[0]))) {
+      // a double click, or the first corner again, closes it
       endSketch();
       return;
     }
     corners = [...corners, corner];
     keep();
     drawRoom();
-  });
+  }
   function listFiles() {
-    const found = state.files.filter((file) => ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name));
-    files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("workspace") + leftOut("region")));
+    const found = state.files.filter(
+      (file) =>
+        ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name),
+    );
+    files.replaceChildren(
+      el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"),
+      ...found.map((file) => el("option", { value: file.name }, file.name)),
+      ...olderFiles(leftOut("workspace") + leftOut("region")),
+    );
     files.value = found.some((file) => file.name === problem.workspace) ? problem.workspace : "";
   }
-  const chooser = el("section.chooser", { "aria-label": "Workspace" },
-    el("div.pair", {}, kinds, sketch), el("div.pair", {}, files, el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a file"), picked),
-    el("div.field", {}, el("label", { htmlFor: "steeringWorkspace" }, "By name"), typed, el("p.help", {}, schema.properties.workspace.description)));
+  const chooser = el(
+    "section.chooser",
+    { "aria-label": "Workspace" },
+    el("div.pair", {}, kinds, sketch),
+    el(
+      "div.pair",
+      {},
+      files,
+      el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a file"),
+      picked,
+    ),
+    el(
+      "div.field",
+      {},
+      el("label", { htmlFor: "steeringWorkspace" }, "By name"),
+      typed,
+      el("p.help", {}, schema.properties.workspace.description),
+    ),
+  );
 
   // ---- play ----
 
   const player = new PlayerFrame("steering", { title: "The player of the plan" });
-  const result = el("div.result", {}), word = el("p.soft", { role: "status" });
+  const result = el("div.result", {}),
+    word = el("p.soft", { role: "status" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Play");
 
   async function play() {
-    const given = planned(), at = JSON.stringify(whole());
+    const given = planned(),
+      at = store.text;
     shown = null;
     result.replaceChildren();
+    player.close();
+    empty.hidden = false;
     stages.pick("play");
     go.disabled = true;
-    const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
-      job: (now) => { word.textContent = [now.note, duration(now.left)].filter(Boolean).join(", "); },
-      done: guarded(async ({ file, sentence }) => {
-        go.disabled = false;
-        word.textContent = "";
-        const { data } = await ask("page", { file });
-        await player.open(data);
-        empty.hidden = true;
-        shown = { file, sentence, at, fresh: null };
-        markShown();
-      }),
-      failed: (now) => { go.disabled = false; word.textContent = ""; told(new Error(failure(now))); },
-    }).catch((error) => { go.disabled = false; throw error; });
-    running = job.id;
+    await run(
+      "play",
+      { problem: given, seed: JSON.parse(at).seed },
+      {
+        job: (now) => {
+          word.textContent = [now.note, duration(now.left)].filter(Boolean).join(", ");
+        },
+        done: guarded(async ({ file, sentence }) => {
+          go.disabled = false;
+          word.textContent = "";
+          await showEpisode(file, sentence, at);
+        }),
+        failed: (now) => {
+          go.disabled = false;
+          word.textContent = "";
+          told(new Error(failure(now)));
+        },
+      },
+    ).catch((error) => {
+      go.disabled = false;
+      throw error;
+    });
+  }
+
+  async function showEpisode(file, sentence, at) {
+    const { data, sentence: own } = await ask("page", { file });
+    await player.open(data);
+    empty.hidden = true;
+    shown = { file, sentence: sentence ?? own };
+    store.look({ file, at });
+    played.is(at);
   }
 
   const empty = el("p.empty", {}, "Press Play to watch the plan here, contact by contact.");
-  const spaceBox = el("figure.delta", {}, el("figcaption", {}, "Δ space: particle 2, seen from particle 1"), space, reachWord);
+  const spaceBox = el(
+    "figure.delta",
+    {},
+    el("figcaption", {}, "Δ space: particle 2, seen from particle 1"),
+    space,
+    reachWord,
+  );
   const panels = {
-    plan: el("div.panel", { id: panelId("Steering", "plan"), role: "tabpanel", "aria-labelledby": tabId("Steering", "plan") }, el("div.twin", {}, el("figure.workspace", {}, el("figcaption", {}, "Workspace: drag particles and goals"), room), spaceBox), table),
-    play: el("div.panel", { id: panelId("Steering", "play"), role: "tabpanel", "aria-labelledby": tabId("Steering", "play") }, el("div.stageHead", {}, result), player.element, empty),
+    plan: el(
+      "div.panel",
+      {
+        id: panelId("Steering", "plan"),
+        role: "tabpanel",
+        "aria-labelledby": tabId("Steering", "plan"),
+      },
+      el(
+        "div.twin",
+        {},
+        el(
+          "figure.workspace",
+          {},
+          el("figcaption", {}, "Workspace: drag particles and goals"),
+          room,
+        ),
+        spaceBox,
+      ),
+      table,
+    ),
+    play: el(
+      "div.panel",
+      {
+        id: panelId("Steering", "play"),
+        role: "tabpanel",
+        "aria-labelledby": tabId("Steering", "play"),
+      },
+      el("div.stageHead", {}, result),
+      player.element,
+      empty,
+    ),
   };
-  const stages = tabs("Steering", [["plan", "Plan"], ["play", "Play"]], (name) => { for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name; });
+  /** Say so if the episode on the stage is of other settings than those that are set now. */
+  const played = dated(
+    () => store.text,
+    player.element,
+    (fresh) => {
+      if (shown)
+        result.replaceChildren(
+          el("p", {}, shown.sentence),
+          fresh
+            ? ""
+            : el(
+                "p.soft",
+                {},
+                `${shown.file}: the settings have changed since. Play plays them as they are now.`,
+              ),
+          exports(shown.file, { fresh }),
+        );
+    },
+  );
+  const stages = tabs(
+    "Steering",
+    [
+      ["plan", "Plan"],
+      ["play", "Play"],
+    ],
+    (name) => {
+      for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
+      store.look({ tab: name });
+    },
+  );
   stages.pick("plan");
   on("files", listFiles);
   listFiles();
 
   return {
-    element: el("div.place", {},
-      el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, history.buttons), warning, Object.values(panels)),
+    element: el(
+      "div.place",
+      {},
+      el(
+        "section.stage-side",
+        { "aria-label": "Stage" },
+        el("div.stageTop", {}, stages.list, stepButtons(store)),
+        warning,
+        Object.values(panels),
+      ),
       el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
-      el("footer.bottom", {}, seedRow, word,
-        el("button.second", { type: "button", onclick: guarded(() => (!panels.play.hidden && shown?.fresh ? showCopiesOf(shown.file) : showCopies(planned(), seed))) }, "As Python …"), go)),
+      el(
+        "footer.bottom",
+        {},
+        seedRow,
+        word,
+        el(
+          "button.second",
+          {
+            type: "button",
+            onclick: guarded(() =>
+              !panels.play.hidden && shown && played.fresh
+                ? showCopiesOf(shown.file)
+                : showCopies(planned(), seed),
+            ),
+          },
+          "As Python …",
+        ),
+        go,
+      ),
+    ),
     title: "Steering",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "plan", file, at, chosen: plan } = saved.view;
+      if (plan) chosen = plan;
+      store.revive(saved);
+      stages.pick(tab);
+      if (file) await guarded(showEpisode)(file, null, at);
+    },
     open(given) {
       if (begun && !given?.problem?.workspace) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
@@ -374,14 +784,6 @@ export function steering({ remember }) {
       put(given?.problem?.workspace ? given : { problem, seed });
     },
   };
-
-  /** Say so if the episode on the stage is of other settings than those that are set now. */
-  function markShown() {
-    const fresh = shown && shown.at === JSON.stringify(whole());
-    if (!shown || shown.fresh === fresh) return;
-    shown.fresh = fresh;
-    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Play plays them as they are now.`), exports(shown.file));
-  }
 
   /** The problem with the planner that is shown. */
   function planned() {

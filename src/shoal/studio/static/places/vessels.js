@@ -1,38 +1,65 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
-import { ask, cancelJob, leftOut, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, newest, state, upload } from "../shared/api.js";
+import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
+import { confirmed, el, guarded, number, say, shapeText, tabbed } from "../shared/page.js";
+import { PlayerFrame } from "../shared/player.js";
+import { showCopies, showCopiesOf } from "../shared/share.js";
+import { Store, dated } from "../shared/store.js";
+import { chooser } from "./vessels/chooser.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
+import { paintedFile } from "./vessels/painted.js";
+import { photographs } from "./vessels/photograph.js";
+import { running } from "./vessels/run.js";
 import { toolbar } from "./vessels/toolbar.js";
-import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { History } from "../shared/history.js";
-import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
-import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
-  { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },
+  {
+    title: "Photograph",
+    fields: ["vessels", "low", "high", "width", "bright", "thickest"],
+    hint: "vessels, thresholds",
+  },
   { title: "Particles", open: true, fields: ["particles", "placement", "start"] },
-  { title: "Task and policy", open: true, fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"] },
+  {
+    title: "Task and policy",
+    open: true,
+    fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"],
+  },
   { title: "Scans and prices", fields: ["scan_every", "scan_cost", "move_cost"] },
   { title: "Noise", fields: ["slip", "misplace", "miss", "confidence"] },
-  { title: "How the file is read", fields: ["threshold", "invert", "scale", "level", "label", "channel", "frame", "largest_component", "cell_size"] },
+  {
+    title: "How the file is read",
+    fields: [
+      "threshold",
+      "invert",
+      "scale",
+      "level",
+      "label",
+      "channel",
+      "frame",
+      "largest_component",
+      "cell_size",
+    ],
+  },
 ];
-const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
+// where a hand looks for thresholds; the field takes all that it may
+const ENDS = { low: [0.1, 3], high: [0.1, 4] };
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
-const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
-const MOST_LISTED = 200; // episodes to choose from at once; the Lab has all
-const PAINTED = "shoal-painted";
-const reloaded = () => performance.getEntriesByType("navigation")[0]?.type === "reload";
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
-  const history = new History(put), reading = ["vessels", ...schema.reading];
-  let problem = { ...EXAMPLE }, seed = 0, map = null, running = null, begun = false;
-  let painted = null; // cells that were painted over the map: { shape, free }, until they are written as a file
-  let shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown, and whether they are still those
+  const store = new Store(put),
+    reading = ["vessels", ...schema.reading];
+  let problem = { ...EXAMPLE },
+    seed = 0,
+    map = null,
+    begun = false;
+  // cells that were painted over the map: { shape, free }, until they are written as a file
+  let painted = null;
+  const file = paintedFile();
 
   // ---- what is set ----
 
@@ -43,10 +70,15 @@ export function vessels({ remember }) {
       redo();
     } else load();
   });
-  const tools = toolbar(editor, history);
+  const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
-  const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
-  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); redo(); });
+  const source = el("b.source", {}),
+    facts = el("p.facts", {}),
+    warning = el("p.warning", { role: "status", hidden: true });
+  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => {
+    seed = seedIn(seedInput);
+    redo();
+  });
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };
@@ -56,7 +88,8 @@ export function vessels({ remember }) {
   const whole = () => ({ problem: fields(), seed, cells: painted, inlet: [...editor.inlet] });
 
   function put({ problem: given, seed: start = 0, cells = null, inlet = [] }) {
-    const same = problem.map === given.map && !problem.vessels === !given.vessels && !painted === !cells;
+    const same =
+      problem.map === given.map && !problem.vessels === !given.vessels && !painted === !cells;
     seedInput.value = seed = start;
     problem = { ...given };
     form.write(problem);
@@ -76,15 +109,30 @@ export function vessels({ remember }) {
   }
 
   function keep(gesture = null) {
-    history.note(whole(), gesture);
-    remember({ problem: fields(), seed });
-    markShown();
-    races.refresh();
-    comparisons.refresh();
-    try { // what is painted is in no file yet, and outlasts a reload of the page
-      if (painted) sessionStorage.setItem(PAINTED, JSON.stringify(whole()));
-      else sessionStorage.removeItem(PAINTED);
-    } catch { /* a browser without room for it */ }
+    store.act(whole(), gesture);
+  }
+
+  store.subscribe(() => {
+    mirror();
+    for (const results of [mapped, runs, races, comparisons]) results.refresh();
+    file.soon(painted, written(problem.map), mirror);
+  });
+
+  /** A link holds the whole problem: what is painted is named by its file. */
+  function mirror() {
+    const { problem: set, inlet } = store.state,
+      name = painted && file.nameOf(painted, written(set.map));
+    const linked = name ? drawnProblem(name) : set;
+    remember({ problem: linked, seed, ...(inlet.length ? { inlet } : {}) });
+  }
+
+  /** The problem with the painted map in a file, which says nothing of how to read it. */
+  function drawnProblem(name) {
+    const kept = form.values();
+    for (const field of reading) delete kept[field];
+    // a picture does not say how large its cells are
+    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing;
+    return { kind: "swarm", map: name, ...kept };
   }
 
   async function changed(values, name) {
@@ -105,7 +153,13 @@ export function vessels({ remember }) {
   }
 
   /** Whether what was painted may make room for something else. */
-  const mayGo = async (what) => !painted || confirmed("Replace what you painted?", `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`, "Replace it");
+  const mayGo = async (what) =>
+    !painted ||
+    confirmed(
+      "Replace what you painted?",
+      `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`,
+      "Replace it",
+    );
 
   function showRelevant() {
     form.show(VESSEL_FIELDS, !!problem.vessels);
@@ -116,11 +170,25 @@ export function vessels({ remember }) {
 
   /** Cells painted as an inlet are where particles start, the nearest to its middle first. */
   function enterAtInlet() {
-    const [, columns] = map.shape, cells = [...editor.inlet], count = Math.min(form.values().particles ?? 100, cells.length);
+    const [, columns] = map.shape,
+      cells = [...editor.inlet],
+      count = Math.min(form.values().particles ?? 100, cells.length);
     const place = (cell) => [Math.floor(cell / columns), cell % columns];
-    const middle = cells.reduce((sum, cell) => { const [r, c] = place(cell); return [sum[0] + r / cells.length, sum[1] + c / cells.length]; }, [0, 0]);
-    const distance = (cell) => { const [r, c] = place(cell); return (r - middle[0]) ** 2 + (c - middle[1]) ** 2; };
-    const chosen = cells.sort((a, b) => distance(a) - distance(b)).slice(0, count).sort((a, b) => a - b);
+    const middle = cells.reduce(
+      (sum, cell) => {
+        const [r, c] = place(cell);
+        return [sum[0] + r / cells.length, sum[1] + c / cells.length];
+      },
+      [0, 0],
+    );
+    const distance = (cell) => {
+      const [r, c] = place(cell);
+      return (r - middle[0]) ** 2 + (c - middle[1]) ** 2;
+    };
+    const chosen = cells
+      .sort((a, b) => distance(a) - distance(b))
+      .slice(0, count)
+      .sort((a, b) => a - b);
     form.row("start").write(chosen.length ? chosen.map(place) : undefined);
     if (chosen.length) form.row("particles").write(chosen.length);
     problem = { map: problem.map, ...form.values() };
@@ -130,6 +198,7 @@ export function vessels({ remember }) {
   // ---- the map ----
 
   const load = newest(async () => {
+    const of = store.text;
     facts.classList.add("loading");
     try {
       if (problem.vessels && view === "photo" && !painted) await overlay();
@@ -143,12 +212,17 @@ export function vessels({ remember }) {
       complain(error.message);
     }
     facts.classList.remove("loading");
+    mapped.is(of);
   });
+  /** The cells on the stage, while those of other settings are on their way. */
+  const mapped = dated(() => store.text, editor.element);
 
   async function showMap(answer) {
     if (editor.stroke) return; // loaded once more at its end
-    const cells = answer.shape.reduce((all, side) => all * side, 1), volume = answer.shape.length === 3;
-    if (painted && String(painted.shape) !== String(answer.shape)) throw new Error(`The painted cells do not fit ${answer.name}, whose size has changed.`);
+    const cells = answer.shape.reduce((all, side) => all * side, 1),
+      volume = answer.shape.length === 3;
+    if (painted && String(painted.shape) !== String(answer.shape))
+      throw new Error(`The painted cells do not fit ${answer.name}, whose size has changed.`);
     map = { ...answer, free: unpack(painted?.free ?? answer.free, cells) };
     map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
     complain(answer.problem);
@@ -159,8 +233,21 @@ export function vessels({ remember }) {
     if (!volume) editor.setMap(map);
     else {
       await volumeFrame.open({
-        title: answer.name, map: answer.name, task: "coverage", policy: "", rule: "block", shape: answer.shape, spacing: answer.spacing, free: answer.free,
-        start: packedCells(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
+        title: answer.name,
+        map: answer.name,
+        task: "coverage",
+        policy: "",
+        rule: "block",
+        shape: answer.shape,
+        spacing: answer.spacing,
+        free: answer.free,
+        start: packedCells(answer.start ?? []),
+        targets: null,
+        commands: "",
+        scanned: null,
+        status: "",
+        seed: null,
+        version: state.start.version,
       });
     }
   }
@@ -169,8 +256,7 @@ export function vessels({ remember }) {
   function showSource() {
     const name = written(problem.map);
     source.textContent = painted ? `${name}, painted` : name;
-    choices.value = state.files.some((file) => file.name === name) ? name : "";
-    generated.value = choices.value ? "" : name;
+    maps.show(name);
   }
 
   function showFacts() {
@@ -183,46 +269,52 @@ export function vessels({ remember }) {
     warning.textContent = sentence ?? "";
   }
 
-  /** The photograph with what the sliders find on it: soon, and then once more as a run will find it. */
-  let view = "cells", exact = 0, photograph = null;
+  let view = "cells";
+  const photograph = photographs({
+    editor,
+    fields,
+    complain,
+    visible: () => view === "photo",
+    said: (words) => {
+      facts.textContent = words;
+    },
+  });
   const overlay = newest(async () => {
     if (view !== "photo") setView("photo");
     try {
-      if (photograph?.file !== problem.map) photograph = { file: problem.map, image: await imageOf((await ask("photograph", { file: problem.map })).picture, "jpeg") };
-      if (editor.photograph !== photograph.image) {
-        editor.setPhotograph(photograph.image, null);
-        facts.textContent = "looking for vessels …";
-      }
-      await drawVessels(false);
-      clearTimeout(exact);
-      exact = setTimeout(guarded(() => drawVessels(true)), 700);
+      await photograph();
     } catch (error) {
       complain(error.message);
     }
   });
 
-  async function drawVessels(surely) {
-    const began = performance.now(), asked = fields();
-    const found = await ask("vessels", { problem: asked, exact: surely });
-    if (asked.map !== problem.map || view !== "photo") return;
-    editor.setPhotograph(photograph.image, await imageOf(found.mask, "png"));
-    performance.measure("shoal-overlay", { start: began });
-    if (surely) complain(found.warning);
-    facts.textContent = `${percent(found.share)} of the pixels are vessel${surely ? `, confidence ${number(found.confidence, 2)} of 1` : ""}`;
-  }
-
-  async function imageOf(text, kind) {
-    const image = new Image();
-    image.src = `data:image/${kind};base64,${text}`;
-    await image.decode();
-    return image;
-  }
-
-  const viewButtons = [["photo", "Photograph"], ["cells", "Cells"]].map(([name, words]) => el("button", { type: "button", "aria-pressed": "false", onclick: () => { setView(name); load(); } }, words));
-  const views = el("div.segmented", { role: "group", "aria-label": "What to show", hidden: true }, viewButtons);
+  const viewButtons = [
+    ["photo", "Photograph"],
+    ["cells", "Cells"],
+  ].map(([name, words]) =>
+    el(
+      "button",
+      {
+        type: "button",
+        "aria-pressed": "false",
+        onclick: () => {
+          setView(name);
+          load();
+        },
+      },
+      words,
+    ),
+  );
+  const views = el(
+    "div.segmented",
+    { role: "group", "aria-label": "What to show", hidden: true },
+    viewButtons,
+  );
   function setView(name) {
     view = name;
-    viewButtons.forEach((button, i) => button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))));
+    viewButtons.forEach((button, i) =>
+      button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))),
+    );
     tools.hidden = name === "photo";
     editor.element.hidden = false;
     volumeFrame.element.hidden = true;
@@ -249,182 +341,124 @@ export function vessels({ remember }) {
     await load();
   }
 
-  const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
-  function listFiles() {
-    const maps = state.files.filter((file) => file.kind === "map" && !/^papers\/|-figure(-\d+)?\.png$/.test(file.name)), kept = choices.value;
-    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("map")));
-    choices.value = kept;
-    shownEpisodes();
-  }
-  const picked = el("input", { type: "file", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file) await bring(file); }) });
-  const bring = async (file) => { if (await mayGo(file.name)) await take(await upload(file)); };
-  const kinds = el("select", {
-    "aria-label": "Kind of generated map",
-    onchange: guarded(async () => { const kind = kinds.value; kinds.value = ""; if (kind) await choose(kind); }),
-  }, el("option", { value: "" }, "draw a map"), state.start.maps.map((one) => el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`)));
-  const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, such as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
-  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a picture or volume here"), el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"));
-  const chooser = el("section.chooser", { "aria-label": "Map" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "vesselsFile" }, "A file in the folder"), choices, kinds), el("div.pair", {}, el("span.soft", {}, "Generated"), generated));
-
-  // ---- run ----
-
-  const frame = new PlayerFrame("swarm", { title: "The player of the episode" });
+  const bring = async (brought) => {
+    if (await mayGo(brought.name)) await take(await upload(brought));
+  };
+  const maps = chooser({ choose, bring });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
-  const runWord = el("p.soft", { role: "status" }), runBar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
-  const result = el("div.result", {});
-  const go = el("button.main", { type: "button", onclick: guarded(() => play()) }, "Run");
-  const stop = el("button.second", { type: "button", hidden: true, onclick: guarded(() => running && cancelJob(running)) }, "Stop");
+
+  // ---- what is done with it ----
 
   /** Write what was painted as a file, and return the problem. */
   async function ready() {
     if (!painted) return fields();
-    const cells = painted, before = JSON.stringify(whole()), { file } = await ask("sketch", { ...cells, name: written(problem.map) });
-    const kept = form.values();
-    for (const name of reading) delete kept[name];
-    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing; // a picture does not say how large its cells are
-    const given = { kind: "swarm", map: file, ...kept };
-    if (before !== JSON.stringify(whole())) return given; // painted on while it was written
+    const before = store.text;
+    const given = drawnProblem(await file.use(painted, written(problem.map)));
+    if (before !== store.text) return given; // painted on while it was written
+    const { kind, ...rest } = given;
     painted = null;
-    problem = { map: file, ...kept };
+    problem = rest;
     form.write(problem);
     showSource();
     showRelevant();
-    history.amend(whole());
-    remember({ problem: fields(), seed });
+    store.amend(whole());
+    mapped.is(store.text); // the same cells
     return fields();
   }
 
-  async function play() {
-    const asked = performance.now(), given = await ready(), at = JSON.stringify(whole());
-    stages.pick("run");
-    result.replaceChildren();
-    shown = null;
-    let inside = null, opening = null, waiting = [];
-    const take = (piece) => {
-      if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
-      if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
-    };
-    const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
-      piece(piece) {
-        if (piece.begin) {
-          opening = frame.open({ ...piece.begin, live: true, playing: true }).then((opened) => {
-            inside = opened;
-            performance.measure("shoal-first-frame", { start: asked });
-            waiting.forEach(take);
-            waiting = [];
-          });
-        } else if (inside) take(piece);
-        else waiting.push(piece);
-      },
-      job: (now) => {
-        runBar.value = now.done ?? 0;
-        runWord.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", ");
-      },
-      done: guarded(async (found) => {
-        finish();
-        await opening;
-        if (!opening) await frame.open((await ask("page", { file: found.file })).data);
-        showResult(found.file, found.sentence, at);
-      }),
-      failed: (now) => {
-        finish();
-        if (now.state !== "cancelled") told(new Error(failure(now)));
-        else inside?.shoalPlayer?.end("interrupted");
-      },
-    });
-    running = job.id;
-    go.disabled = go.hidden = true;
-    stop.hidden = runBar.hidden = false;
-    empty.textContent = "The studio opens the map and chooses the first moves …";
-  }
-
-  function finish() {
-    running = null;
-    go.disabled = go.hidden = false;
-    empty.textContent = PRESS;
-    stop.hidden = runBar.hidden = true;
-    runWord.textContent = "";
-  }
-
-  function showResult(file, sentence, at) {
-    shown = { file, sentence, at, fresh: null };
-    markShown();
-  }
-
-  /** Say so if the episode on the stage is of other settings than those that are set now. */
-  function markShown() {
-    const fresh = shown && shown.at === JSON.stringify(whole());
-    if (!shown || shown.fresh === fresh) return;
-    shown.fresh = fresh;
-    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Run plays them as they are now.`), exports(shown.file));
-  }
-
-  const ALL = "all of them";
-  const episodes = el("select", {
-    "aria-label": "Episodes of the folder",
-    onchange: guarded(async () => {
-      const file = episodes.value;
-      episodes.value = "";
-      if (file === ALL) location.hash = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`;
-      else if (file) {
-        const { data, sentence } = await ask("page", { file });
-        await frame.open(data);
-        shown = null;
-        showResult(file, sentence, JSON.stringify(whole()));
-      }
-    }),
-  });
-  function shownEpisodes() {
-    const found = state.files.filter((file) => file.name.endsWith(".npz"));
-    const listed = found.slice(0, MOST_LISTED), others = leftOut("episode") + found.length - listed.length;
-    episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...listed.map((file) => el("option", { value: file.name }, file.name)),
-      ...(others > 0 ? [el("option", { value: ALL }, `${number(others, 9)} older ones: in the Lab …`)] : []));
-  }
-
-  // ---- the stages ----
-
-  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => JSON.stringify(whole()) };
-  const races = driving(context), comparisons = comparison(context);
-  const empty = el("p.empty", {}, PRESS);
-  const panels = {
-    map: el("div.panel", { id: panelId("Vessels", "map"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "map") }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
-    run: el("div.panel", { id: panelId("Vessels", "run"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "run") }, el("div.stageHead", {}, result, episodes), frame.element, empty),
-    race: el("div.panel", { id: panelId("Vessels", "race"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "race") }, races.element),
-    compare: el("div.panel.scrolls", { id: panelId("Vessels", "compare"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "compare") }, comparisons.element),
+  const context = {
+    names: schema.properties.policy.names,
+    problem: ready,
+    seed: () => seed,
+    current: () => store.text,
+    look: (changes) => store.look(changes),
+    view: () => store.view,
   };
-  const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
-    for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
-    if (name === "map") editor.resize();
-  });
-  frame.element.addEventListener("load", () => { empty.hidden = !!frame.shown; }, true);
+  const runs = running({ store, problem: ready, open: () => stages.pick("run") });
+  const races = driving(context),
+    comparisons = comparison(context);
+  const stages = tabbed(
+    "Vessels",
+    [
+      [
+        "map",
+        "Map",
+        el("div.stageHead", {}, views, tools),
+        editor.element,
+        volumeFrame.element,
+        el("div.underStage", {}, source, facts),
+      ],
+      ["run", "Run", ...runs.children],
+      ["race", "Drive", races.element],
+      ["compare", "Compare", comparisons.element],
+    ],
+    {
+      chosen: (name) => {
+        if (name === "map") editor.resize();
+        store.look({ tab: name });
+      },
+    },
+  );
+  const [, runPanel, racePanel, comparePanel] = stages.panels;
+  comparePanel.classList.add("scrolls");
 
-  const element = el("div.place", {},
-    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
-    el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
-    el("footer.bottom", {}, seedRow, runWord, runBar, stop,
-      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"), go));
+  const element = el(
+    "div.place",
+    {},
+    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
+    el("section.panel-side", { "aria-label": "Settings" }, maps.element, form.element),
+    el(
+      "footer.bottom",
+      {},
+      seedRow,
+      runs.word,
+      runs.bar,
+      runs.stop,
+      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"),
+      runs.go,
+    ),
+  );
 
-  /** What the stage shows, as Python: an episode whose settings were not changed since, or else the settings. */
+  /** What the stage shows, as Python: an episode whose settings were not changed since, or else the
+   *  settings. */
   async function copies() {
-    if (!panels.run.hidden && shown?.fresh) await showCopiesOf(shown.file);
+    if (!runPanel.hidden && runs.current) await showCopiesOf(runs.current);
     else await showCopies(await ready(), seed);
   }
 
-  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
-  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener("drop", guarded(async (event) => {
-    event.preventDefault();
-    if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
-  }));
+  for (const kind of ["dragover", "dragenter"])
+    element.addEventListener(kind, (event) => {
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+  for (const kind of ["dragleave", "drop"])
+    element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener(
+    "drop",
+    guarded(async (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
+    }),
+  );
   document.addEventListener("shoal-theme", () => editor.paint());
-  on("files", listFiles);
-  listFiles();
 
   return {
     element,
     title: "Vessels",
-    history,
+    store,
+    /** As it was before a reload. */
+    async revive(saved) {
+      begun = true;
+      const { tab = "map", file: shown, at } = saved.view;
+      setView(
+        JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells",
+      );
+      store.revive(saved);
+      races.revive();
+      comparisons.revive();
+      stages.pick(tab);
+      if (shown) await runs.show(shown, at);
+    },
     async open(given) {
       if (begun && !given?.problem?.map) return;
       if (begun && painted) say("The painted cells are not lost: Ctrl Z brings them back.");
@@ -435,10 +469,9 @@ export function vessels({ remember }) {
       }
       sayUnknown(schema, given.problem);
       stages.pick("map");
-      const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
-      put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
-      if (Object.hasOwn(panels, given.stage)) stages.pick(given.stage);
+      put({ problem: given.problem, seed: given.seed ?? 0, inlet: given.inlet ?? [] });
+      if (given.stage === "race") stages.pick("race");
     },
-    run: () => (panels.race.hidden ? play() : races.start()),
+    run: () => (racePanel.hidden ? runs.play() : races.start()),
   };
 }

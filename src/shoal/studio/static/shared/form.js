@@ -4,17 +4,31 @@ import { el, told } from "./page.js";
 /** Names that mean nothing without options after a colon. */
 export const NEED_OPTIONS = ["manual", "offline"];
 
-/** What a number field holds; the browser gives nothing for what is no number, and nothing would be the default. */
-const numberIn = (input) => (input.validity.badInput ? "no number" : input.value === "" ? undefined : Number(input.value));
+/** What a number field holds; the browser gives nothing for what is no number, and nothing would be
+ *  the default. */
+const numberIn = (input) =>
+  input.validity.badInput ? "no number" : input.value === "" ? undefined : Number(input.value);
 
 /** Say so if a link has fields that no form has: nothing of them would be in the result. */
 export function sayUnknown(schema, problem) {
-  const unknown = Object.keys(problem).filter((name) => name !== "kind" && !Object.hasOwn(schema.properties, name));
-  if (unknown.length) told(new Error(`The link has settings that the studio does not know, and leaves them out: ${unknown.join(", ")}.`));
+  const unknown = Object.keys(problem).filter(
+    (name) => name !== "kind" && !Object.hasOwn(schema.properties, name),
+  );
+  if (unknown.length)
+    told(
+      new Error(
+        `The link has settings that the studio does not know, and leaves them out: ${unknown.join(", ")}.`,
+      ),
+    );
 }
 
 /** A seed as it is typed; those above 53 bits stay text, so that none of their digits are lost. */
-export const seedIn = (input) => (input.validity.badInput ? "no number" : Number.isSafeInteger(Number(input.value)) ? Number(input.value) : input.value);
+export const seedIn = (input) =>
+  input.validity.badInput
+    ? "no number"
+    : Number.isSafeInteger(Number(input.value))
+      ? Number(input.value)
+      : input.value;
 
 /** The field of a place's seed beside its word; `id` is the field's. */
 export const seedField = (id, onchange) => {
@@ -24,8 +38,14 @@ export const seedField = (id, onchange) => {
 
 let made = 0;
 
-/** Where sliders are worth having: fields between two bounds; a place may name narrower ends for the hand. */
-const isSlider = (field, ends) => ends || (field.minimum !== undefined && field.maximum !== undefined && field.maximum <= 1 && kindOf(field) === "number");
+/** Where sliders are worth having: fields between two bounds; a place may name narrower ends for
+ *  the hand. */
+const isSlider = (field, ends) =>
+  ends ||
+  (field.minimum !== undefined &&
+    field.maximum !== undefined &&
+    field.maximum <= 1 &&
+    kindOf(field) === "number");
 
 function kindOf(field) {
   const type = Array.isArray(field.type) ? field.type[0] : field.type;
@@ -53,72 +73,164 @@ export function parsed(text) {
 
 export function written(value) {
   if (value === null || value === undefined) return "";
-  if (Array.isArray(value)) return value.some(Array.isArray) ? value.map((point) => point.join(",")).join(" ") : value.join(",");
+  if (Array.isArray(value))
+    return value.some(Array.isArray)
+      ? value.map((point) => point.join(",")).join(" ")
+      : value.join(",");
   return typeof value === "object" ? JSON.stringify(value) : String(value);
 }
 
-/** A control for one field: an element, and functions that read and write its value (undefined: the default). */
+/** A control for one field: an element, and functions that read and write its value (undefined: the
+ *  default). */
 function control(name, field, ends, changed, understood) {
-  const id = `field-${name}-${++made}`, kind = kindOf(field), about = { id, "aria-describedby": `${id}-help` };
+  const id = `field-${name}-${++made}`,
+    kind = kindOf(field),
+    about = { id, "aria-describedby": `${id}-help` };
   if (field.names && !field.several) return named(field, about, changed);
   if (field.enum || (kind === "boolean" && nullable(field))) {
     const values = field.enum ?? [true, false];
     const words = field.enum ?? ["yes", "no"];
-    const select = el("select", { ...about, onchange: changed }, nullable(field) ? el("option", { value: "" }, "as it is found") : [],
-      words.map((word, i) => el("option", { value: String(values[i]) }, word)));
+    const select = el(
+      "select",
+      { ...about, onchange: changed },
+      nullable(field) ? el("option", { value: "" }, "as it is found") : [],
+      words.map((word, i) => el("option", { value: String(values[i]) }, word)),
+    );
     return {
-      id, element: select,
-      read: () => (select.value === "" ? undefined : values.find((value) => String(value) === select.value)),
-      write: (value) => { select.value = value === null || value === undefined ? String(field.default ?? "") : String(value); },
+      id,
+      element: select,
+      read: () =>
+        select.value === "" ? undefined : values.find((value) => String(value) === select.value),
+      write: (value) => {
+        select.value =
+          value === null || value === undefined ? String(field.default ?? "") : String(value);
+      },
     };
   }
   if (kind === "boolean") {
     const box = el("input.switch", { ...about, type: "checkbox", onchange: changed });
-    return { id, element: box, inline: true, read: () => box.checked, write: (value) => { box.checked = value ?? field.default; } };
+    return {
+      id,
+      element: box,
+      inline: true,
+      read: () => box.checked,
+      write: (value) => {
+        box.checked = value ?? field.default;
+      },
+    };
   }
-  if (kind === "number" || kind === "integer") return isSlider(field, ends) ? slider(field, about, ends, changed) : numeric(field, about, kind, changed);
-  const input = el("input", { ...about, type: "text", autocomplete: "off", spellcheck: false, placeholder: written(field.default) || "none", onchange: changed });
+  if (kind === "number" || kind === "integer")
+    return isSlider(field, ends)
+      ? slider(field, about, ends, changed)
+      : numeric(field, about, kind, changed);
+  const input = el("input", {
+    ...about,
+    type: "text",
+    autocomplete: "off",
+    spellcheck: false,
+    placeholder: written(field.default) || "none",
+    onchange: changed,
+  });
   // not by commas: a ring has some, and names of files may
-  const words = () => input.value.split(";").map((word) => word.trim()).filter(Boolean);
-  return { id, element: input, read: () => (input.value.trim() === "" ? undefined : field.repeated ? words() : understood(input.value.trim())), write: (value) => { input.value = field.repeated ? [value ?? []].flat().join("; ") : written(value); } };
+  const words = () =>
+    input.value
+      .split(";")
+      .map((word) => word.trim())
+      .filter(Boolean);
+  return {
+    id,
+    element: input,
+    read: () =>
+      input.value.trim() === ""
+        ? undefined
+        : field.repeated
+          ? words()
+          : understood(input.value.trim()),
+    write: (value) => {
+      input.value = field.repeated ? [value ?? []].flat().join("; ") : written(value);
+    },
+  };
 }
 
 function numeric(field, about, kind, changed) {
   const input = el("input", {
-    ...about, type: "number", inputmode: "decimal", min: field.minimum ?? field.exclusiveMinimum, max: field.maximum ?? field.exclusiveMaximum,
-    step: kind === "integer" ? 1 : "any", placeholder: nullable(field) ? "none" : String(field.default ?? ""), oninput: changed,
+    ...about,
+    type: "number",
+    inputmode: "decimal",
+    min: field.minimum ?? field.exclusiveMinimum,
+    max: field.maximum ?? field.exclusiveMaximum,
+    step: kind === "integer" ? 1 : "any",
+    placeholder: nullable(field) ? "none" : String(field.default ?? ""),
+    oninput: changed,
   });
   return {
-    id: about.id, element: input,
+    id: about.id,
+    element: input,
     read: () => numberIn(input),
-    write: (value) => { input.value = value ?? (nullable(field) ? "" : field.default ?? ""); },
+    write: (value) => {
+      input.value = value ?? (nullable(field) ? "" : (field.default ?? ""));
+    },
   };
 }
 
 function slider(field, about, ends, changed) {
   const [low, high] = ends ?? [field.minimum, field.maximum];
-  const range = el("input", { type: "range", min: low, max: high, step: (high - low) / 100, "aria-label": field.title, tabIndex: -1 });
-  const input = el("input.short", { ...about, type: "number", min: field.minimum ?? field.exclusiveMinimum, max: field.maximum, step: "any" });
-  range.addEventListener("input", () => { input.value = Number(Number(range.value).toPrecision(4)); changed(); });
-  input.addEventListener("input", () => { range.value = input.value; changed(); });
+  const range = el("input", {
+    type: "range",
+    min: low,
+    max: high,
+    step: (high - low) / 100,
+    "aria-label": field.title,
+    tabIndex: -1,
+  });
+  const input = el("input.short", {
+    ...about,
+    type: "number",
+    min: field.minimum ?? field.exclusiveMinimum,
+    max: field.maximum,
+    step: "any",
+  });
+  range.addEventListener("input", () => {
+    input.value = Number(Number(range.value).toPrecision(4));
+    changed();
+  });
+  input.addEventListener("input", () => {
+    range.value = input.value;
+    changed();
+  });
   return {
-    id: about.id, element: el("div.slide", {}, range, input),
+    id: about.id,
+    element: el("div.slide", {}, range, input),
     read: () => numberIn(input),
-    write: (value) => { input.value = value ?? field.default ?? ""; range.value = input.value; },
+    write: (value) => {
+      input.value = value ?? field.default ?? "";
+      range.value = input.value;
+    },
   };
 }
 
 /** A name out of several, with options after a colon. */
 function named(field, about, changed) {
-  const select = el("select", { ...about, onchange: changed }, field.names.map((name) => el("option", { value: name }, name)));
+  const select = el(
+    "select",
+    { ...about, onchange: changed },
+    field.names.map((name) => el("option", { value: name }, name)),
+  );
   const options = el("input", {
-    type: "text", autocomplete: "off", spellcheck: false, placeholder: "options, such as ties=row-major", "aria-label": `Options of the ${field.title}`, onchange: changed,
+    type: "text",
+    autocomplete: "off",
+    spellcheck: false,
+    placeholder: "options, such as ties=row-major",
+    "aria-label": `Options of the ${field.title}`,
+    onchange: changed,
   });
   return {
-    id: about.id, element: el("div.named", {}, select, options),
+    id: about.id,
+    element: el("div.named", {}, select, options),
     read: () => (options.value.trim() ? `${select.value}:${options.value.trim()}` : select.value),
     write: (value) => {
-      const text = String(value ?? field.default), [name, ...rest] = text.split(":");
+      const text = String(value ?? field.default),
+        [name, ...rest] = text.split(":");
       if (!field.names.includes(name)) select.append(el("option", { value: name }, name));
       select.value = name;
       options.value = rest.join(":");
@@ -126,45 +238,77 @@ function named(field, about, changed) {
   };
 }
 
-/** A form of sections; `sections` lists names of fields for the eye only, and those that none names come last, under "More".
- *  `changed(values, name)` is told of every change; values hold what differs from the defaults. Texts stay as they are, since the
+/** A form of sections; `sections` lists names of fields for the eye only, and those that none names
+ *  come last, under "More".
+ *  `changed(values, name)` is told of every change; values hold what differs from the defaults.
+ *  Texts stay as they are, since the
  *  server reads them as the command does, if `understood` does not make values of them. */
-export function makeForm(schema, sections, { hidden = [], ends = {}, label = "Settings", changed, understood = (text) => text }) {
-  const controls = new Map(), fields = schema.properties;
+export function makeForm(
+  schema,
+  sections,
+  { hidden = [], ends = {}, label = "Settings", changed, understood = (text) => text },
+) {
+  const controls = new Map(),
+    fields = schema.properties;
   const namedFields = new Set([...hidden, ...sections.flatMap((section) => section.fields)]);
   const rest = Object.keys(fields).filter((name) => !namedFields.has(name));
   const all = rest.length ? [...sections, { title: "More", fields: rest }] : sections;
-  const parts = all.map((section) => el("details.section", { open: !!section.open },
-    el("summary", {}, section.title, el("span.soft", {}, section.hint ?? "")),
-    section.before ?? [],
-    section.fields.filter((name) => fields[name]).map((name) => row(name, fields[name])),
-    section.after ?? []));
+  const parts = all.map((section) =>
+    el(
+      "details.section",
+      { open: !!section.open },
+      el("summary", {}, section.title, el("span.soft", {}, section.hint ?? "")),
+      section.before ?? [],
+      section.fields.filter((name) => fields[name]).map((name) => row(name, fields[name])),
+      section.after ?? [],
+    ),
+  );
 
   function row(name, field) {
     const one = control(name, field, ends[name], () => changed(values(), name), understood);
     controls.set(name, one);
     one.write(undefined);
-    const label = el("label", { htmlFor: one.id }, field.title, field.unit ? el("span.unit", {}, field.unit) : []);
-    return el(`div.field${one.inline ? ".inline" : ""}`, { "data-field": name }, label, one.element, el("p.help", { id: `${one.id}-help` }, field.description));
+    const label = el(
+      "label",
+      { htmlFor: one.id },
+      field.title,
+      field.unit ? el("span.unit", {}, field.unit) : [],
+    );
+    return el(
+      `div.field${one.inline ? ".inline" : ""}`,
+      { "data-field": name },
+      label,
+      one.element,
+      el("p.help", { id: `${one.id}-help` }, field.description),
+    );
   }
 
   function values() {
     const found = {};
     for (const [name, one] of controls) {
-      const value = one.read(), usual = fields[name].default;
+      const value = one.read(),
+        usual = fields[name].default;
       if (value !== undefined && value !== usual && written(value) !== "") found[name] = value;
     }
     return found;
   }
 
   return {
-    element: el("form.form", { onsubmit: (event) => event.preventDefault(), "aria-label": label }, parts),
+    element: el(
+      "form.form",
+      { onsubmit: (event) => event.preventDefault(), "aria-label": label },
+      parts,
+    ),
     values,
-    write(given) { for (const [name, one] of controls) one.write(given[name]); },
+    write(given) {
+      for (const [name, one] of controls) one.write(given[name]);
+    },
     row: (name) => controls.get(name),
     show(names, on) {
       for (const name of names) {
-        const found = parts.map((part) => part.querySelector(`[data-field="${name}"]`)).find(Boolean);
+        const found = parts
+          .map((part) => part.querySelector(`[data-field="${name}"]`))
+          .find(Boolean);
         if (found) found.hidden = !on;
       }
     },

@@ -70,17 +70,6 @@ export function confirmed(title, sentence, word) {
   });
 }
 
-/** A line that says that something was made with other settings than those that are set now; `current()` is a text of these. */
-export function older(what, current) {
-  const element = el("p.warning", { role: "status", hidden: true }, `The settings have changed since ${what} began.`);
-  let of = null;
-  return {
-    element,
-    begin() { of = current(); element.hidden = true; },
-    refresh() { element.hidden = of === null || of === current(); },
-  };
-}
-
 /** The last line of a list of files that leaves out older ones of their kind. */
 export const olderFiles = (left) => (left > 0 ? [el("option", { value: "", disabled: true }, `${left.toLocaleString("en-GB")} older files: by name`)] : []);
 

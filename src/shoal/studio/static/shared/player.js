@@ -1,4 +1,5 @@
-/* The player in a frame: its page is loaded beforehand, an episode is given to it, also while it is being played. */
+/* The player in a frame: its page is loaded beforehand, an episode is given to it, also while it
+   is being played. */
 import { el } from "./page.js";
 
 const theme = () => document.documentElement.dataset.theme;
@@ -11,18 +12,27 @@ export class PlayerFrame {
     this.shown = null;
     this.spare = this.make("");
     this.opening = Promise.resolve();
-    document.addEventListener("shoal-theme", () => this.shown?.contentWindow.shoalPlayer?.setTheme(theme()));
+    document.addEventListener("shoal-theme", () =>
+      this.shown?.contentWindow.shoalPlayer?.setTheme(theme()),
+    );
   }
 
   make(options) {
-    const frame = el("iframe", { title: this.title, src: `/play/${this.part}${options}`, hidden: true });
-    frame.ready = new Promise((resolve) => frame.addEventListener("load", () => resolve(frame), { once: true }));
+    const frame = el("iframe", {
+      title: this.title,
+      src: `/play/${this.part}${options}`,
+      hidden: true,
+    });
+    frame.ready = new Promise((resolve) =>
+      frame.addEventListener("load", () => resolve(frame), { once: true }),
+    );
     frame.options = options;
     this.element.append(frame);
     return frame;
   }
 
-  /** Show an episode, given as the data of its player, after those that are still opening; returns the window of the frame. */
+  /** Show an episode, given as the data of its player, after those that are still opening; returns
+   *  the window of the frame. */
   open(data) {
     const opened = this.opening.then(() => this.show(data));
     this.opening = opened.catch(() => {});
@@ -30,7 +40,14 @@ export class PlayerFrame {
   }
 
   async show(data) {
-    const options = this.part !== "swarm" ? "" : data.shape?.length === 3 ? "?volume" : "moments" in data ? "?recorded" : "";
+    const options =
+      this.part !== "swarm"
+        ? ""
+        : data.shape?.length === 3
+          ? "?volume"
+          : "moments" in data
+            ? "?recorded"
+            : "";
     if (this.spare.options !== options) {
       this.spare.remove();
       this.spare = this.make(options);
@@ -45,8 +62,10 @@ export class PlayerFrame {
     if (this.bare) inside.document.documentElement.classList.add("bare", this.bare);
     inside.shoalOpen(data);
     inside.shoalPlayer?.setTheme(theme());
-    inside.addEventListener("keydown", (event) => { // undo is the page's, also while the film has the keyboard
-      if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase())) document.body.dispatchEvent(new KeyboardEvent("keydown", event));
+    inside.addEventListener("keydown", (event) => {
+      // undo is the page's, also while the film has the keyboard
+      if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase()))
+        document.body.dispatchEvent(new KeyboardEvent("keydown", event));
     });
     return inside;
   }

@@ -82,16 +82,16 @@ function openFilm(episode) {
     size.row, rate.row, video, exportsOf("export", shown, [["gif", "Film for a talk", "GIF"]]));
 }
 
-/** Buttons that export an episode of the folder. */
-export const exports = (episode) => exportsOf("export", () => ({ episode }), FORMATS, [
+/** Buttons that export an episode of the folder; one of other settings than those of the page is named an earlier one. */
+export const exports = (episode, { fresh = true } = {}) => exportsOf("export", () => ({ episode }), FORMATS, [
   el("button.chip", { type: "button", title: "A figure for print, at any moment", "aria-label": "Figure for print", onclick: () => openPrint(episode) }, "Print …"),
   el("button.chip", { type: "button", title: "A film for a talk, wide or square", "aria-label": "Film for a talk", onclick: () => openFilm(episode) }, "Film …"),
   el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
   el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
-]);
+], fresh ? "Export" : "Export the earlier episode");
 
 /** Buttons that write a file each, by a job of that kind; `spec()` is what the job is told. */
-export function exportsOf(kind, spec, formats, more = []) {
+export function exportsOf(kind, spec, formats, more = [], words = "Export") {
   const buttons = formats.map(([format, what, word]) => {
     const button = el("button.chip", { type: "button", title: `${what} as ${word}`, "aria-label": `${what} as ${word}` }, word);
     button.addEventListener("click", guarded(async () => {
@@ -113,7 +113,7 @@ export function exportsOf(kind, spec, formats, more = []) {
     }));
     return button;
   });
-  return el("div.exports", { role: "group", "aria-label": "Export" }, el("span.soft", {}, "Export"), buttons, more);
+  return el("div.exports", { role: "group", "aria-label": words }, el("span.soft", {}, words), buttons, more);
 }
 
 export const failure = (job) => job.result?.error ?? `The job was ${job.state}.`;

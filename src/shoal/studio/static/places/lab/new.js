@@ -1,6 +1,6 @@
 /* A new sweep: a form made from what is declared of problems, and its file beside it; each follows the other. */
 import { ask, newest, run } from "../../shared/api.js";
-import { History } from "../../shared/history.js";
+import { Store, stepButtons } from "../../shared/store.js";
 import { NEED_OPTIONS, makeForm, parsed, seedIn } from "../../shared/form.js";
 import { el, guarded, number, told } from "../../shared/page.js";
 import { failure, showForms } from "../../shared/share.js";
@@ -29,7 +29,7 @@ function axisText(values) {
 }
 
 export function drafting({ shown, started }) {
-  const history = new History((toml) => { text.value = toml; read(); });
+  const store = new Store((toml) => { text.value = toml; read(); });
   let forms = null, form = null, rows = [], answer = null, given = structuredClone(FIRST);
   const id = (words) => `sweep${words}`;
   const name = el("input", { type: "text", id: id("Name"), spellcheck: false, oninput: changed });
@@ -120,7 +120,7 @@ export function drafting({ shown, started }) {
     problem.textContent = found.error ?? "";
     go.disabled = !!found.error;
     info.textContent = found.error ? "" : `${number(found.points, 9)} ${found.points === 1 ? "point" : "points"}, ${number(found.trials, 9)} trials. ${found.taken ? `${found.store} is there: what is new is added to it.` : `Results go to ${found.store}.`}`;
-    history.note(text.value, document.activeElement?.id || null);
+    store.act(text.value, document.activeElement?.id || null);
     shown({ toml: text.value });
   }
 
@@ -149,7 +149,7 @@ export function drafting({ shown, started }) {
     el("section.setting", { "aria-label": "Form" },
       el("div.quartet", {}, labelled("Name", name), labelled("Kind of problem", kind), labelled("Trials per point", trials), labelled("Seed", seed)),
       el("h2", {}, "What varies"), axes, add, room),
-    el("section.setting.file", { "aria-label": "File" }, el("div.stageTop", {}, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), history.buttons), el("p.help", {}, "Change the sweep here or in the form. ", el("code", {}, "shoal sweep run"), " runs this file."),
+    el("section.setting.file", { "aria-label": "File" }, el("div.stageTop", {}, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), stepButtons(store)), el("p.help", {}, "Change the sweep here or in the form. ", el("code", {}, "shoal sweep run"), " runs this file."),
       text, problem, info, el("div.actions", {}, go, el("button.second", { type: "button", onclick: guarded(async () => { if (answer?.copies) showForms(answer.copies); }) }, "As Python …"))));
 
   async function ready() {
@@ -171,7 +171,7 @@ export function drafting({ shown, started }) {
 
   return {
     element,
-    history,
+    store,
     write,
     open: guarded(ready),
     /** Begin with a problem of another place, or with a file. */

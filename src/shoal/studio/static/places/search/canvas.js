@@ -1,24 +1,63 @@
-/* A canvas in metres: panned and zoomed by hand and keys; graticule, scale bar, arrow to the north. */
+/* A canvas in metres: panned and zoomed by hand and keys; graticule, scale bar, arrow to the
+   north. */
 import { ticksOf } from "../../shared/charts.js";
+import { hands, spotOf } from "../../shared/hands.js";
 import { el, svg, symbol } from "../../shared/page.js";
 
-const MARGIN = 36, SLIP = 5, NEAREST = 400, FARTHEST = 2e-4; // pixels; pixels a metre
+const MARGIN = 36,
+  NEAREST = 400,
+  FARTHEST = 2e-4; // pixels; pixels a metre
 const LINES = 7; // about how many lines of the graticule there are
 
 export class MetricCanvas {
-  /** `tap(point, event)` is called for a click that is no drag; `over(point)` as the pointer moves, with null when it leaves. */
+  /** `tap(point, event)` is called for a click that is no drag; `over(point)` as the pointer moves,
+   *  with null when it leaves. */
   constructor(label, { tap = () => {}, over = () => {} }) {
-    Object.assign(this, { tap, over, earth: null, marks: [], scale: 1, middle: [0, 0], size: [1, 1], bounds: null, moved: false });
+    Object.assign(this, {
+      tap,
+      over,
+      earth: null,
+      marks: [],
+      scale: 1,
+      middle: [0, 0],
+      size: [1, 1],
+      bounds: null,
+      moved: false,
+    });
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
     this.world = svg("g", {});
     this.above = svg("g", {});
     this.bar = svg("g", { class: "scalebar" });
-    this.plane = svg("svg", { class: "plane", role: "group", tabindex: 0, "aria-label": label }, this.under, this.graticule, this.world, this.above, this.bar);
-    const button = (words, path, act) => el("button.tool", { type: "button", title: words, "aria-label": words, onclick: act }, symbol(path));
-    this.element = el("div.metric", {}, this.plane, el("div.zooms", {},
-      button("Nearer", "M12 5v14M5 12h14", () => this.zoomBy(1.5)), button("Farther", "M5 12h14", () => this.zoomBy(1 / 1.5)),
-      button("Show all of it", "M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15", () => this.fit())));
+    this.plane = svg(
+      "svg",
+      { class: "plane", role: "group", tabindex: 0, "aria-label": label },
+      this.under,
+      this.graticule,
+      this.world,
+      this.above,
+      this.bar,
+    );
+    const button = (words, path, act) =>
+      el(
+        "button.tool",
+        { type: "button", title: words, "aria-label": words, onclick: act },
+        symbol(path),
+      );
+    this.element = el(
+      "div.metric",
+      {},
+      this.plane,
+      el(
+        "div.zooms",
+        {},
+        button("Nearer", "M12 5v14M5 12h14", () => this.zoomBy(1.5)),
+        button("Farther", "M5 12h14", () => this.zoomBy(1 / 1.5)),
+        button("Show all of it", "M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15", () =>
+          this.fit(),
+        ),
+      ),
+    );
     this.listen();
     new ResizeObserver(() => this.resize()).observe(this.element);
   }
@@ -31,18 +70,26 @@ export class MetricCanvas {
   }
 
   at([x, y]) {
-    return [this.size[0] / 2 + (x - this.middle[0]) * this.scale, this.size[1] / 2 - (y - this.middle[1]) * this.scale];
+    return [
+      this.size[0] / 2 + (x - this.middle[0]) * this.scale,
+      this.size[1] / 2 - (y - this.middle[1]) * this.scale,
+    ];
   }
 
   back([right, down]) {
-    return [this.middle[0] + (right - this.size[0] / 2) / this.scale, this.middle[1] - (down - this.size[1] / 2) / this.scale];
+    return [
+      this.middle[0] + (right - this.size[0] / 2) / this.scale,
+      this.middle[1] - (down - this.size[1] / 2) / this.scale,
+    ];
   }
 
   /** Show points; all of the view follows them until a hand moves it. */
   show(points) {
     if (!points.length) return;
-    const xs = points.map(([x]) => x), ys = points.map(([, y]) => y);
-    const least = (values) => values.reduce((a, b) => Math.min(a, b)), most = (values) => values.reduce((a, b) => Math.max(a, b));
+    const xs = points.map(([x]) => x),
+      ys = points.map(([, y]) => y);
+    const least = (values) => values.reduce((a, b) => Math.min(a, b)),
+      most = (values) => values.reduce((a, b) => Math.max(a, b));
     this.bounds = [least(xs), least(ys), most(xs), most(ys)];
     if (!this.moved) this.fit();
   }
@@ -52,7 +99,13 @@ export class MetricCanvas {
     this.moved = false;
     this.middle = [(left + right) / 2, (low + high) / 2];
     const room = this.size.map((side) => Math.max(40, side - 2 * MARGIN));
-    this.scale = Math.max(FARTHEST, Math.min(NEAREST, Math.min(room[0] / Math.max(right - left, 1), room[1] / Math.max(high - low, 1))));
+    this.scale = Math.max(
+      FARTHEST,
+      Math.min(
+        NEAREST,
+        Math.min(room[0] / Math.max(right - left, 1), room[1] / Math.max(high - low, 1)),
+      ),
+    );
     this.draw();
   }
 
@@ -76,7 +129,8 @@ export class MetricCanvas {
   draw() {
     this.drawing ||= requestAnimationFrame(() => {
       this.drawing = 0;
-      const [right, down] = this.at([0, 0]), turned = `matrix(${this.scale} 0 0 ${-this.scale} ${right} ${down})`;
+      const [right, down] = this.at([0, 0]),
+        turned = `matrix(${this.scale} 0 0 ${-this.scale} ${right} ${down})`;
       this.world.setAttribute("transform", turned);
       this.under.setAttribute("transform", turned);
       for (const mark of this.marks) this.place(mark);
@@ -90,7 +144,8 @@ export class MetricCanvas {
     element.setAttribute("transform", `translate(${right.toFixed(2)} ${down.toFixed(2)})`);
   }
 
-  /** Things of one size whatever the zoom: each has a `point` in metres and an `element` around (0, 0). */
+  /** Things of one size whatever the zoom: each has a `point` in metres and an `element` around (0,
+   *  0). */
   setMarks(marks) {
     const focused = document.activeElement?.dataset?.mark;
     this.marks = marks;
@@ -100,36 +155,75 @@ export class MetricCanvas {
   }
 
   drawGraticule() {
-    const [wide, high] = this.size, corners = [[0, 0], [wide, 0], [0, high], [wide, high]].map((spot) => this.back(spot));
+    const [wide, high] = this.size,
+      corners = [
+        [0, 0],
+        [wide, 0],
+        [0, high],
+        [wide, high],
+      ].map((spot) => this.back(spot));
     const there = this.earth ? corners.map((corner) => this.earth.degrees(corner)) : corners;
-    const most = LINES * Math.max(wide, high) / 900 + 1;
+    const most = (LINES * Math.max(wide, high)) / 900 + 1;
     const lines = [0, 1].flatMap((axis) => {
-      const values = there.map((one) => one[axis]), other = there.map((one) => one[1 - axis]), low = Math.min(...values), top = Math.max(...values);
-      const ticks = ticksOf(low, top, most), digits = Math.max(0, Math.ceil(-Math.log10((ticks[1] ?? top) - (ticks[0] ?? low)) - 1e-9));
+      const values = there.map((one) => one[axis]),
+        other = there.map((one) => one[1 - axis]),
+        low = Math.min(...values),
+        top = Math.max(...values);
+      const ticks = ticksOf(low, top, most),
+        digits = Math.max(0, Math.ceil(-Math.log10((ticks[1] ?? top) - (ticks[0] ?? low)) - 1e-9));
       const ends = [Math.min(...other), Math.max(...other)];
-      return ticks.map((tick) => this.drawLine(axis, tick, ends, this.earth ? degreesText(tick, axis, digits) : `${Number(tick.toFixed(digits))} m`));
+      return ticks.map((tick) =>
+        this.drawLine(
+          axis,
+          tick,
+          ends,
+          this.earth ? degreesText(tick, axis, digits) : `${Number(tick.toFixed(digits))} m`,
+        ),
+      );
     });
     this.graticule.replaceChildren(...lines.flat());
   }
 
   drawLine(axis, tick, [low, high], words) {
     const spots = Array.from({ length: this.earth ? 9 : 2 }, (_, k, n = this.earth ? 8 : 1) => {
-      const along = low + ((high - low) * k) / n, given = axis ? [along, tick] : [tick, along];
+      const along = low + ((high - low) * k) / n,
+        given = axis ? [along, tick] : [tick, along];
       return this.at(this.earth ? this.earth.metres(given) : given);
     });
-    const d = spots.map((spot, k) => `${k ? "L" : "M"}${spot.map((x) => x.toFixed(1)).join(" ")}`).join("");
-    const inside = axis ? [6, spots.find(([right]) => right > 4)?.[1] - 4] : [spots.find(([, down]) => down < 40)?.[0] + 4, 14];
+    const d = spots
+      .map((spot, k) => `${k ? "L" : "M"}${spot.map((x) => x.toFixed(1)).join(" ")}`)
+      .join("");
+    const inside = axis
+      ? [6, spots.find(([right]) => right > 4)?.[1] - 4]
+      : [spots.find(([, down]) => down < 40)?.[0] + 4, 14];
     return [svg("path", { d }), svg("text", { x: inside[0] || -99, y: inside[1] || -99 }, words)];
   }
 
   /** A bar of a round length, and the north where the canvas is on Earth. */
   drawBar() {
-    const [, high] = this.size, most = 130 / this.scale, power = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].find((step) => step * power <= most) * power;
-    const long = length * this.scale, y = high - 14, words = length >= 1000 ? `${length / 1000} km` : length >= 1 ? `${length} m` : `${Math.round(100 * length)} cm`;
-    const parts = [svg("path", { class: "rim", d: `M14 ${y - 6}V${y}H${14 + long}V${y - 6}` }), svg("path", { d: `M14 ${y - 6}V${y}H${14 + long}V${y - 6}` }), svg("text", { x: 14 + long / 2, y: y - 8, "text-anchor": "middle" }, words)];
+    const [, high] = this.size,
+      most = 130 / this.scale,
+      power = 10 ** Math.floor(Math.log10(most)),
+      length = [5, 2, 1].find((step) => step * power <= most) * power;
+    const long = length * this.scale,
+      y = high - 14,
+      words =
+        length >= 1000
+          ? `${length / 1000} km`
+          : length >= 1
+            ? `${length} m`
+            : `${Math.round(100 * length)} cm`;
+    const parts = [
+      svg("path", { class: "rim", d: `M14 ${y - 6}V${y}H${14 + long}V${y - 6}` }),
+      svg("path", { d: `M14 ${y - 6}V${y}H${14 + long}V${y - 6}` }),
+      svg("text", { x: 14 + long / 2, y: y - 8, "text-anchor": "middle" }, words),
+    ];
     if (this.earth) {
       const right = 14 + long + 26;
-      parts.push(svg("path", { class: "arrow", d: `M${right} ${y - 32}l6 15l-6 -4l-6 4Z` }), svg("text", { class: "north", x: right, y: y + 1, "text-anchor": "middle" }, "N"));
+      parts.push(
+        svg("path", { class: "arrow", d: `M${right} ${y - 32}l6 15l-6 -4l-6 4Z` }),
+        svg("text", { class: "north", x: right, y: y + 1, "text-anchor": "middle" }, "N"),
+      );
     }
     this.bar.replaceChildren(...parts);
   }
@@ -137,49 +231,16 @@ export class MetricCanvas {
   // ---- hands ----
 
   spotOf(event) {
-    const box = this.plane.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return spotOf(this.plane, event);
   }
 
   listen() {
-    const { plane } = this, held = new Map();
-    let from = null;
-    plane.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      plane.setPointerCapture(event.pointerId);
-      held.set(event.pointerId, this.spotOf(event));
-      from = held.size === 1 ? this.spotOf(event) : null;
-    });
-    plane.addEventListener("pointermove", (event) => {
-      const here = this.spotOf(event), last = held.get(event.pointerId), other = [...held].find(([id]) => id !== event.pointerId)?.[1];
-      this.over(this.back(here));
-      if (!last) return;
-      if (from && Math.hypot(here[0] - from[0], here[1] - from[1]) > SLIP) from = null;
-      if (other) {
-        const apart = (spot) => Math.max(1, Math.hypot(spot[0] - other[0], spot[1] - other[1]));
-        this.zoomBy(apart(here) / apart(last), [(here[0] + other[0]) / 2, (here[1] + other[1]) / 2]);
-      } else if (!from) this.pan(here[0] - last[0], here[1] - last[1]);
-      if (!from) held.set(event.pointerId, here);
-    });
-    const up = (event) => {
-      held.delete(event.pointerId);
-      if (from && event.type === "pointerup") this.tap(this.back(from), event);
-      from = null;
-    };
-    plane.addEventListener("pointerup", up);
-    plane.addEventListener("pointercancel", up);
-    plane.addEventListener("pointerleave", () => this.over(null));
-    plane.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoomBy(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 16 : 1) * 0.0015), this.spotOf(event));
-    }, { passive: false });
-    plane.addEventListener("keydown", (event) => {
-      if (event.target !== plane) return;
-      const step = { ArrowUp: [0, 60], ArrowDown: [0, -60], ArrowLeft: [60, 0], ArrowRight: [-60, 0] }[event.key], factor = { "+": 1.5, "=": 1.5, "-": 1 / 1.5 }[event.key];
-      if (!step && !factor) return;
-      event.preventDefault();
-      if (step) this.pan(...step);
-      else this.zoomBy(factor);
+    hands(this.plane, {
+      zoom: (factor, spot) => this.zoomBy(factor, spot),
+      pan: (right, down) => this.pan(right, down),
+      fit: () => this.fit(),
+      tap: (spot, event) => this.tap(this.back(spot), event),
+      over: (spot) => this.over(spot && this.back(spot)),
     });
   }
 }
@@ -189,8 +250,26 @@ function degreesText(value, axis, digits) {
 }
 
 /** A mark that the hand moves, or the arrow keys (with Shift farther); Delete removes it. */
-export function handle(canvas, key, point, words, shapes, { move, done = () => {}, remove = null, quiet = false }) {
-  const element = svg("g", { class: "handle", tabindex: quiet ? -1 : 0, role: "button", "aria-label": words, "data-mark": key }, svg("circle", { class: "touch", r: 13 }), shapes);
+export function handle(
+  canvas,
+  key,
+  point,
+  words,
+  shapes,
+  { move, done = () => {}, remove = null, quiet = false },
+) {
+  const element = svg(
+    "g",
+    {
+      class: "handle",
+      tabindex: quiet ? -1 : 0,
+      role: "button",
+      "aria-label": words,
+      "data-mark": key,
+    },
+    svg("circle", { class: "touch", r: 13 }),
+    shapes,
+  );
   element.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
     event.preventDefault();
@@ -198,7 +277,10 @@ export function handle(canvas, key, point, words, shapes, { move, done = () => {
     element.focus();
     const plane = canvas.plane;
     let gone = false;
-    const first = (moved) => { gone = true; move(canvas.back(canvas.spotOf(moved))); };
+    const first = (moved) => {
+      gone = true;
+      move(canvas.back(canvas.spotOf(moved)));
+    };
     const stop = () => {
       plane.removeEventListener("pointermove", first);
       for (const kind of ["pointerup", "pointercancel"]) plane.removeEventListener(kind, stop);
@@ -209,7 +291,9 @@ export function handle(canvas, key, point, words, shapes, { move, done = () => {
     for (const kind of ["pointerup", "pointercancel"]) plane.addEventListener(kind, stop);
   });
   element.addEventListener("keydown", (event) => {
-    const step = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[event.key];
+    const step = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[
+      event.key
+    ];
     if (step) {
       event.preventDefault();
       const by = (event.shiftKey ? 40 : 4) / canvas.scale;

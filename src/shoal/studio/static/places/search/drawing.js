@@ -1,9 +1,14 @@
-/* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers. */
+/* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers.
+   */
 import { el, guarded, svg, symbol } from "../../shared/page.js";
+import { stepButtons } from "../../shared/store.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
 
-const LOOK = "look", PART = "parts", ZONE = "zones", LAUNCH = "launch";
+const LOOK = "look",
+  PART = "parts",
+  ZONE = "zones",
+  LAUNCH = "launch";
 const WORDS = { parts: "Region", zones: "No-go zone" };
 const MOST_HANDLES = 300;
 const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
@@ -11,13 +16,14 @@ const rounded = (point) => point.map((x) => Math.round(x * 1000) / 1000);
 const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("") + "Z";
 
 export class Drawing {
-  /** `changed()` is called when something was drawn, with `drawnOnly` while a hand still draws it and with `corner` for an outline
+  /** `changed()` is called when something was drawn, with `drawnOnly` while a hand still draws it
+   *  and with `corner` for an outline
    *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
-  constructor(canvas, { changed, launched, history }) {
+  constructor(canvas, { changed, launched, store }) {
     Object.assign(this, { canvas, changed, launched, tool: LOOK });
     this.load(null);
     this.layer = svg("g", { class: "drawn" });
-    this.toolbar = this.makeToolbar(history);
+    this.toolbar = this.makeToolbar(store);
   }
 
   /** Show what is drawn, an outline that is not closed yet included. */
@@ -34,7 +40,9 @@ export class Drawing {
 
   /** All that is drawn; null for nothing. */
   get state() {
-    return this.empty && !this.draft && !this.told.frame ? null : { ...this.told, ...(this.draft ? { draft: this.draft } : {}) };
+    return this.empty && !this.draft && !this.told.frame
+      ? null
+      : { ...this.told, ...(this.draft ? { draft: this.draft } : {}) };
   }
 
   /** What questions are asked with: null where nothing is drawn. */
@@ -57,8 +65,10 @@ export class Drawing {
     if (this.tool === LAUNCH) this.launched(rounded(point));
     if (this.tool !== PART && this.tool !== ZONE) return;
     this.draft ??= { kind: this.tool, points: [] };
-    const first = this.draft.points[0], near = 12 / this.canvas.scale;
-    if (this.draft.points.length > 2 && Math.hypot(point[0] - first[0], point[1] - first[1]) < near) this.close();
+    const first = this.draft.points[0],
+      near = 12 / this.canvas.scale;
+    if (this.draft.points.length > 2 && Math.hypot(point[0] - first[0], point[1] - first[1]) < near)
+      this.close();
     else {
       this.draft.points.push(rounded(point));
       this.changed({ corner: true });
@@ -83,115 +93,279 @@ export class Drawing {
   pick(tool) {
     if (this.draft && tool !== this.draft.kind) this.draft = null;
     this.tool = tool;
-    this.buttons.forEach((button) => button.setAttribute("aria-pressed", String(button.dataset.tool === tool)));
+    this.buttons.forEach((button) =>
+      button.setAttribute("aria-pressed", String(button.dataset.tool === tool)),
+    );
     this.canvas.element.classList.toggle("aims", tool !== LOOK);
     this.show();
   }
 
   /** Draw it, and return the marks of its corners. */
   show() {
-    const { parts, zones } = this.told, draft = this.draft?.points ?? [];
+    const { parts, zones } = this.told,
+      draft = this.draft?.points ?? [];
     this.layer.replaceChildren(
-      ...parts.map((ring) => svg("path", { class: "part", d: path(ring) })), ...zones.map((ring) => svg("path", { class: "zone", d: path(ring) })),
-      ...(draft.length ? [svg("path", { class: `draft ${this.draft.kind}`, d: path(draft).slice(0, -1) })] : []));
-    this.hint.textContent = this.tool === PART || this.tool === ZONE
-      ? draft.length > 2 ? "To close the outline, click its first corner or Close." : "Click the corners of the outline, one after another."
-      : this.tool === LAUNCH ? "Click where robots set out." : "";
-    if (!this.hint.textContent && this.points.length > MOST_HANDLES) this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
+      ...parts.map((ring) => svg("path", { class: "part", d: path(ring) })),
+      ...zones.map((ring) => svg("path", { class: "zone", d: path(ring) })),
+      ...(draft.length
+        ? [svg("path", { class: `draft ${this.draft.kind}`, d: path(draft).slice(0, -1) })]
+        : []),
+    );
+    this.hint.textContent =
+      this.tool === PART || this.tool === ZONE
+        ? draft.length > 2
+          ? "To close the outline, click its first corner or Close."
+          : "Click the corners of the outline, one after another."
+        : this.tool === LAUNCH
+          ? "Click where robots set out."
+          : "";
+    if (!this.hint.textContent && this.points.length > MOST_HANDLES)
+      this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
     this.guide.hidden = !this.hint.textContent;
-    const corners = this.points.length <= MOST_HANDLES ? [PART, ZONE].flatMap((kind) => this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k))) : [];
-    return [...corners, ...draft.map((point) => ({ point, element: svg("circle", { class: "corner draft", r: 5 }) }))];
+    const corners =
+      this.points.length <= MOST_HANDLES
+        ? [PART, ZONE].flatMap((kind) =>
+            this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k)),
+          )
+        : [];
+    return [
+      ...corners,
+      ...draft.map((point) => ({ point, element: svg("circle", { class: "corner draft", r: 5 }) })),
+    ];
   }
 
   cornersOf(kind, ring, k) {
     const name = `${WORDS[kind]} ${k + 1}`;
-    const corners = ring.map((point, i) => handle(this.canvas, `${kind}${k}-${i}`, point, `${name}, corner ${i + 1}. Arrow keys move it, Delete removes it.`, svg("circle", { class: `corner ${kind}`, r: 5 }), {
-      ...this.moving((told, to) => { told[kind][k][i] = to; }),
-      remove: () => this.edit((told) => { if (ring.length > 3) told[kind][k].splice(i, 1); else told[kind].splice(k, 1); }),
-    }));
-    const sides = ring.length > 40 ? [] : ring.map((point, i) => {
-      const next = ring[(i + 1) % ring.length], middle = point.map((x, axis) => (x + next[axis]) / 2);
-      let added = false;
-      return handle(this.canvas, `${kind}${k}-${i}+`, middle, `${name}, between corners ${i + 1} and ${((i + 1) % ring.length) + 1}`, svg("circle", { class: "between", r: 3 }), {
-        quiet: true,
-        ...this.moving((told, to) => { told[kind][k].splice(i + 1, added ? 1 : 0, to); added = true; }),
-      });
-    });
+    const corners = ring.map((point, i) =>
+      handle(
+        this.canvas,
+        `${kind}${k}-${i}`,
+        point,
+        `${name}, corner ${i + 1}. Arrow keys move it, Delete removes it.`,
+        svg("circle", { class: `corner ${kind}`, r: 5 }),
+        {
+          ...this.moving((told, to) => {
+            told[kind][k][i] = to;
+          }),
+          remove: () =>
+            this.edit((told) => {
+              if (ring.length > 3) told[kind][k].splice(i, 1);
+              else told[kind].splice(k, 1);
+            }),
+        },
+      ),
+    );
+    const sides =
+      ring.length > 40
+        ? []
+        : ring.map((point, i) => {
+            const next = ring[(i + 1) % ring.length],
+              middle = point.map((x, axis) => (x + next[axis]) / 2);
+            let added = false;
+            return handle(
+              this.canvas,
+              `${kind}${k}-${i}+`,
+              middle,
+              `${name}, between corners ${i + 1} and ${((i + 1) % ring.length) + 1}`,
+              svg("circle", { class: "between", r: 3 }),
+              {
+                quiet: true,
+                ...this.moving((told, to) => {
+                  told[kind][k].splice(i + 1, added ? 1 : 0, to);
+                  added = true;
+                }),
+              },
+            );
+          });
     return [...sides, ...corners];
   }
 
   /** What a drag does: shown at once, told at its end. */
   moving(change) {
     return {
-      move: (to) => { change(this.told, rounded(to)); this.changed({ drawnOnly: true }); },
+      move: (to) => {
+        change(this.told, rounded(to));
+        this.changed({ drawnOnly: true });
+      },
       done: () => this.changed(),
     };
   }
 
-  makeToolbar(history) {
+  makeToolbar(store) {
     const tools = [
-      [LOOK, "Move", "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3", "Move the canvas and corners"],
+      [
+        LOOK,
+        "Move",
+        "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3",
+        "Move the canvas and corners",
+      ],
       [PART, "Region", "M5 8l6-4 8 4-2 10-10 2z", "Draw a region to search: click its corners"],
-      [ZONE, "No-go", "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11", "Draw a no-go zone: click its corners"],
+      [
+        ZONE,
+        "No-go",
+        "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11",
+        "Draw a no-go zone: click its corners",
+      ],
       [LAUNCH, "Launch", "M12 4l6 14H6zM12 18v3", "Click where robots set out"],
     ];
-    this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-label": words, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ corner: true }); } }, symbol(symbolPath), el("span", {}, words)));
-    this.closing = el("button.second.small", { type: "button", hidden: true, onclick: () => this.close() }, "Close");
+    this.buttons = tools.map(([tool, words, symbolPath, help]) =>
+      el(
+        "button.tool",
+        {
+          type: "button",
+          title: help,
+          "aria-label": words,
+          "aria-pressed": String(tool === LOOK),
+          "data-tool": tool,
+          onclick: () => {
+            this.pick(tool);
+            this.changed({ corner: true });
+          },
+        },
+        symbol(symbolPath),
+        el("span", {}, words),
+      ),
+    );
+    this.closing = el(
+      "button.second.small",
+      { type: "button", hidden: true, onclick: () => this.close() },
+      "Close",
+    );
     this.hint = el("span.soft.hint", { role: "status" });
     this.canvas.element.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && this.draft) this.close();
       else if (event.key === "Escape" && this.draft) this.drop();
     });
-    this.canvas.plane.addEventListener("dblclick", () => { if (this.draft) this.close(); });
+    this.canvas.plane.addEventListener("dblclick", () => {
+      if (this.draft) this.close();
+    });
     this.numbers = byNumbers(this);
-    this.guide = el("div.guide", { hidden: true }, this.hint, this.closing); // on the canvas, whose size must not change under the hand
+    // on the canvas, whose size must not change under the hand
+    this.guide = el("div.guide", { hidden: true }, this.hint, this.closing);
     this.canvas.element.append(this.guide);
-    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), history.buttons, this.numbers.element);
+    return el(
+      "div.toolbar",
+      { role: "toolbar", "aria-label": "Drawing" },
+      el("div.group", {}, this.buttons),
+      stepButtons(store),
+      this.numbers.element,
+    );
   }
 }
 
 /** The same without drawing: corners as a list, and where on Earth the metres are. */
 function byNumbers(drawing) {
   const which = el("select", { "aria-label": "Which outline", onchange: () => fill(true) });
-  const text = el("textarea.code", { rows: 6, spellcheck: false, id: "cornersText" }), unit = el("label", { htmlFor: "cornersText" }, "");
-  const longitude = el("input", { type: "number", step: "any", min: -180, max: 180, placeholder: "none", id: "frameLongitude" });
-  const latitude = el("input", { type: "number", step: "any", min: -89.9, max: 89.9, placeholder: "none", id: "frameLatitude" });
+  const text = el("textarea.code", { rows: 6, spellcheck: false, id: "cornersText" }),
+    unit = el("label", { htmlFor: "cornersText" }, "");
+  const longitude = el("input", {
+    type: "number",
+    step: "any",
+    min: -180,
+    max: 180,
+    placeholder: "none",
+    id: "frameLongitude",
+  });
+  const latitude = el("input", {
+    type: "number",
+    step: "any",
+    min: -89.9,
+    max: 89.9,
+    placeholder: "none",
+    id: "frameLatitude",
+  });
   const apply = el("button.second", { type: "button", onclick: guarded(corners) }, "Apply");
-  const remove = el("button.second", { type: "button", onclick: () => { const [kind, k] = chosen(); drawing.edit((told) => told[kind].splice(k, 1)); } }, "Remove");
+  const remove = el(
+    "button.second",
+    {
+      type: "button",
+      onclick: () => {
+        const [kind, k] = chosen();
+        drawing.edit((told) => told[kind].splice(k, 1));
+      },
+    },
+    "Remove",
+  );
   const place = el("button.second", { type: "button", onclick: guarded(earth) }, "Place it");
-  const chosen = () => { const [kind, k] = which.value.split(" "); return [kind, Number(k)]; };
+  const chosen = () => {
+    const [kind, k] = which.value.split(" ");
+    return [kind, Number(k)];
+  };
 
   function fill(changed = false) {
-    const { parts, zones, frame } = drawing.told, kept = which.value;
-    const names = [...parts.map((_, k) => [`parts ${k}`, `Region ${k + 1}`]), ...zones.map((_, k) => [`zones ${k}`, `No-go zone ${k + 1}`]), [`parts ${parts.length}`, "A new region"], [`zones ${zones.length}`, "A new no-go zone"]];
+    const { parts, zones, frame } = drawing.told,
+      kept = which.value;
+    const names = [
+      ...parts.map((_, k) => [`parts ${k}`, `Region ${k + 1}`]),
+      ...zones.map((_, k) => [`zones ${k}`, `No-go zone ${k + 1}`]),
+      [`parts ${parts.length}`, "A new region"],
+      [`zones ${zones.length}`, "A new no-go zone"],
+    ];
     which.replaceChildren(...names.map(([value, words]) => el("option", { value }, words)));
     which.value = names.some(([value]) => value === kept) ? kept : names[0][0];
-    const [kind, k] = chosen(), ring = drawing.told[kind][k], there = frame ? drawing.canvas.earth : null;
-    if (changed || document.activeElement !== text) text.value = (ring ?? []).map((point) => pointText(point, there, FINE).replace(",", ", ")).join("\n");
-    unit.textContent = frame ? "Corners: one longitude, latitude per line" : "Corners: one x, y per line, in metres";
+    const [kind, k] = chosen(),
+      ring = drawing.told[kind][k],
+      there = frame ? drawing.canvas.earth : null;
+    if (changed || document.activeElement !== text)
+      text.value = (ring ?? [])
+        .map((point) => pointText(point, there, FINE).replace(",", ", "))
+        .join("\n");
+    unit.textContent = frame
+      ? "Corners: one longitude, latitude per line"
+      : "Corners: one x, y per line, in metres";
     remove.disabled = !ring;
     if (document.activeElement !== longitude) longitude.value = frame?.[0] ?? "";
     if (document.activeElement !== latitude) latitude.value = frame?.[1] ?? "";
   }
 
   async function corners() {
-    const [kind, k] = chosen(), points = pointsOf(text.value, drawing.told.frame ? await earthAt(drawing.told.frame) : null);
-    if (!points || points.length < 3) throw new Error("An outline needs at least three corners: one line with two numbers per corner.");
-    drawing.edit((told) => { told[kind][k] = points.map(rounded); });
+    const [kind, k] = chosen(),
+      points = pointsOf(text.value, drawing.told.frame ? await earthAt(drawing.told.frame) : null);
+    if (!points || points.length < 3)
+      throw new Error(
+        "An outline needs at least three corners: one line with two numbers per corner.",
+      );
+    drawing.edit((told) => {
+      told[kind][k] = points.map(rounded);
+    });
     which.value = `${kind} ${k}`;
     fill(true);
   }
 
   async function earth() {
-    const given = [longitude.value, latitude.value].map((word) => (word === "" ? null : Number(word)));
-    if (given.includes(null) !== given.every((one) => one === null)) throw new Error("A place on Earth needs a longitude and a latitude.");
-    drawing.edit((told) => { told.frame = given.includes(null) ? null : given; });
+    const given = [longitude.value, latitude.value].map((word) =>
+      word === "" ? null : Number(word),
+    );
+    if (given.includes(null) !== given.every((one) => one === null))
+      throw new Error("A place on Earth needs a longitude and a latitude.");
+    drawing.edit((told) => {
+      told.frame = given.includes(null) ? null : given;
+    });
   }
 
   return {
     fill,
-    element: el("details.by", { ontoggle: () => fill(true) }, el("summary", {}, "By numbers"), el("div.numbers", {}, which, el("div.whole", {}, unit, text), apply, remove,
-      el("p.help.whole", {}, "The place of x = 0, y = 0 on Earth. Without this place, the drawing has coordinates in metres only."), el("label", { htmlFor: "frameLongitude" }, "Longitude", longitude), el("label", { htmlFor: "frameLatitude" }, "Latitude", latitude), place)),
+    element: el(
+      "details.by",
+      { ontoggle: () => fill(true) },
+      el("summary", {}, "By numbers"),
+      el(
+        "div.numbers",
+        {},
+        which,
+        el("div.whole", {}, unit, text),
+        apply,
+        remove,
+        el(
+          "p.help.whole",
+          {},
+          "The place of x = 0, y = 0 on Earth. Without this place, the drawing has coordinates in metres only.",
+        ),
+        el("label", { htmlFor: "frameLongitude" }, "Longitude", longitude),
+        el("label", { htmlFor: "frameLatitude" }, "Latitude", latitude),
+        place,
+      ),
+    ),
   };
 }

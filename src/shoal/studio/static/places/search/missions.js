@@ -3,68 +3,191 @@ import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
 import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
+import { dated } from "../../shared/store.js";
 import { lasting } from "./simulate.js";
 
-const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot", "separation", "delay_tolerance", "altitude_frame", "terrain", "terrain_error", "rally", "cap"] }];
+const SECTIONS = [
+  {
+    title: "Missions",
+    open: true,
+    fields: [
+      "format",
+      "autopilot",
+      "separation",
+      "delay_tolerance",
+      "altitude_frame",
+      "terrain",
+      "terrain_error",
+      "rally",
+      "cap",
+    ],
+  },
+];
 
 const MOST_SAID = 50; // mistakes and warnings
 
-/** `current()` is a text of all that missions are made from: results of another one are not current any more. */
-export function missionsPanel({ ready, current, changed }) {
+/** `current()` is a text of all that missions are made from: results of another one are not current
+ *  any more. */
+export function missionsPanel({ ready, current, changed, store }) {
   const schema = state.start.schemas.missions;
   const form = makeForm(schema, SECTIONS, { label: "Settings of missions", changed });
-  const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
+  const word = el("p.soft", { role: "status" }),
+    bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
-  const result = el("div.missions", {}), empty = el("p.empty", {}, `Press Write missions: the studio writes files in the chosen formats (${schema.properties.format.names.join(", ")}), and checks them in a simulated flight.`);
+  const result = el("div.missions", {}),
+    empty = el(
+      "p.empty",
+      {},
+      `Press Write missions: the studio writes files in the chosen formats (${schema.properties.format.names.join(", ")}), and checks them in a simulated flight.`,
+    );
 
-  let last = null; // what was written: the answer, of which settings, and whether it was shown as current
+  let last = null; // what was written
+  const dates = dated(current, result, (fresh) => {
+    go.className = fresh ? "second" : "main";
+    if (fresh) show(last);
+    else
+      result.replaceChildren(
+        el(
+          "p.warning",
+          {},
+          `The settings have changed since ${last.file} was written, so its missions are not shown here. Write the missions again.`,
+        ),
+      );
+  });
+  function take(found, of) {
+    last = found;
+    store.look({ missions: { found, of } });
+    dates.is(of);
+  }
 
   async function start() {
-    const of = current(), [{ seed }, missions] = JSON.parse(of), problem = await ready();
+    const of = current(),
+      [{ seed }, missions] = JSON.parse(of),
+      problem = await ready();
     go.disabled = true;
     bar.hidden = stop.hidden = false;
-    const free = () => { go.disabled = false; bar.hidden = stop.hidden = true; word.textContent = ""; };
-    const job = await run("missions", { problem, missions, seed }, {
-      job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
-      done: (found) => { free(); last = { found, of, fresh: null }; refresh(); },
-      failed: (now) => { free(); if (now.state !== "cancelled") told(new Error(failure(now))); },
-    }).catch((error) => { free(); throw error; });
+    const free = () => {
+      go.disabled = false;
+      bar.hidden = stop.hidden = true;
+      word.textContent = "";
+    };
+    const job = await run(
+      "missions",
+      { problem, missions, seed },
+      {
+        job: (now) => {
+          bar.value = now.done ?? 0;
+          word.textContent =
+            now.state === "queued"
+              ? "waits for a free processor"
+              : [now.note, duration(now.left)].filter(Boolean).join(", ");
+        },
+        done: (found) => {
+          free();
+          take(found, of);
+        },
+        failed: (now) => {
+          free();
+          if (now.state !== "cancelled") told(new Error(failure(now)));
+        },
+      },
+    ).catch((error) => {
+      free();
+      throw error;
+    });
     stop.onclick = guarded(() => cancelJob(job.id));
   }
 
-  function refresh() {
-    const fresh = last && last.of === current();
-    if (!last || last.fresh === fresh) return;
-    last.fresh = fresh;
-    go.className = fresh ? "second" : "main";
-    if (fresh) show(last.found);
-    else result.replaceChildren(el("p.warning", {}, `The settings have changed since ${last.found.file} was written, so its missions are not shown here. Write the missions again.`));
-  }
-
   function show({ file, map, missions, check, command }) {
-    const near = missions.nearest_approach, good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
+    const near = missions.nearest_approach,
+      good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
     const facts = [
-      ["Seen", check.covered_fraction === null ? "not measured" : `${Number((100 * check.covered_fraction).toPrecision(6))} %`],
-      ["Mistakes", `${check.errors}, and ${check.warnings} warning${check.warnings === 1 ? "" : "s"}`],
-      ["Nearest approach", !missions.separation_m ? "no separation required" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
-      ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],
+      [
+        "Seen",
+        check.covered_fraction === null
+          ? "not measured"
+          : `${Number((100 * check.covered_fraction).toPrecision(6))} %`,
+      ],
+      [
+        "Mistakes",
+        `${check.errors}, and ${check.warnings} warning${check.warnings === 1 ? "" : "s"}`,
+      ],
+      [
+        "Nearest approach",
+        !missions.separation_m
+          ? "no separation required"
+          : near
+            ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}`
+            : `none nearer than ${number(missions.separation_m[1])} m in height`,
+      ],
+      ["Sorties", String(missions.sorties)],
+      ["Waypoints", number(check.waypoints, 9)],
     ];
     empty.hidden = true;
     result.replaceChildren(
-      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: no mistakes found" : "checked: mistakes are listed below"),
-        el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
-      el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
-      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, MOST_SAID).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
-      check.diagnostics.length > MOST_SAID ? el("p.soft", {}, `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`) : [],
-      el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence" })),
-      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), lasting(one.start_s), `${number(one.altitude_m)} m`])),
-      el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
+      el(
+        "div.verdictLine",
+        {},
+        el(
+          `span.verdictChip.${good ? "agrees" : "differs"}`,
+          {},
+          good ? "checked: no mistakes found" : "checked: mistakes are listed below",
+        ),
+        el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"),
+        el("span.soft", {}, file),
+      ),
+      el(
+        "dl.measures",
+        {},
+        facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value))),
+      ),
+      check.diagnostics.length
+        ? dataTable(
+            "Mistakes and warnings",
+            ["File", "What"],
+            check.diagnostics
+              .slice(0, MOST_SAID)
+              .map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""]),
+          )
+        : [],
+      check.diagnostics.length > MOST_SAID
+        ? el(
+            "p.soft",
+            {},
+            `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`,
+          )
+        : [],
+      el(
+        "figure.missionMap",
+        {},
+        el("img", {
+          src: `${fileAddress(map)}?${Date.now()}`,
+          alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence",
+        }),
+      ),
+      dataTable(
+        "Sorties",
+        ["Robot", "Sortie", "Sets out after", "Altitude"],
+        missions.starts.map((one) => [
+          String(one.robot),
+          String(one.sortie),
+          lasting(one.start_s),
+          `${number(one.altitude_m)} m`,
+        ]),
+      ),
+      el("p.soft", {}, "The same in a terminal"),
+      el("pre.code", { tabIndex: 0 }, command),
+    );
   }
 
   return {
     form,
-    refresh,
+    refresh: () => dates.refresh(),
+    revive() {
+      const { missions } = store.view;
+      if (missions) take(missions.found, missions.of);
+    },
     children: [el("div.stageHead", {}, go, stop, bar, word), result, empty],
   };
 }

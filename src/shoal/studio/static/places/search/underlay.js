@@ -1,15 +1,34 @@
-/* A picture of the user's own under the canvas, placed by two points of it whose coordinates are known. */
+/* A picture of the user's own under the canvas, placed by two points of it whose coordinates are
+   known. */
 import { ask, on, state, upload } from "../../shared/api.js";
 import { el, guarded, svg } from "../../shared/page.js";
 import { earthAt } from "./earth.js";
 
 const PICTURES = /\.(png|jpe?g|bmp|tiff?)$/i;
-const EMPTY = { file: null, spots: [[null, null], [null, null]], places: [null, null], degrees: false, opacity: 0.7 };
+const EMPTY = {
+  file: null,
+  spots: [
+    [null, null],
+    [null, null],
+  ],
+  places: [null, null],
+  degrees: false,
+  opacity: 0.7,
+};
 
 export class Underlay {
-  /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one; `changed()` is called when the picture moves. */
+  /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one;
+   *  `changed()` is called when the picture moves. */
   constructor(canvas, { frame, setFrame, changed }) {
-    Object.assign(this, { canvas, frame, setFrame, changed, told: structuredClone(EMPTY), picking: -1, size: null });
+    Object.assign(this, {
+      canvas,
+      frame,
+      setFrame,
+      changed,
+      told: structuredClone(EMPTY),
+      picking: -1,
+      size: null,
+    });
     this.image = svg("image", { preserveAspectRatio: "none" });
     canvas.under.append(this.image);
     this.element = this.makeForm();
@@ -28,16 +47,30 @@ export class Underlay {
     if (!this.told.file) return;
     const { picture, width, height } = await ask("photograph", { file: this.told.file });
     this.size = [width, height];
-    for (const [name, value] of Object.entries({ href: `data:image/jpeg;base64,${picture}`, width, height })) this.image.setAttribute(name, value);
+    for (const [name, value] of Object.entries({
+      href: `data:image/jpeg;base64,${picture}`,
+      width,
+      height,
+    }))
+      this.image.setAttribute(name, value);
     await this.draw();
   }
 
-  /** Pixels to metres: a turn, a scale and a shift; y of the picture goes down. Before two points are known it lies in the middle. */
+  /** Pixels to metres: a turn, a scale and a shift; y of the picture goes down. Before two points
+   *  are known it lies in the middle. */
   async transform() {
-    const [wide, high] = this.size, spots = this.told.spots, places = this.told.places;
+    const [wide, high] = this.size,
+      spots = this.told.spots,
+      places = this.told.places;
     if (spots.flat().includes(null) || places.includes(null)) {
-      const [left, low, right, top] = this.canvas.bounds ?? [-250, -150, 250, 150], scale = Math.max((right - left) / wide, (top - low) / high);
-      return [scale, 0, (left + right) / 2 - (scale * wide) / 2, (low + top) / 2 + (scale * high) / 2];
+      const [left, low, right, top] = this.canvas.bounds ?? [-250, -150, 250, 150],
+        scale = Math.max((right - left) / wide, (top - low) / high);
+      return [
+        scale,
+        0,
+        (left + right) / 2 - (scale * wide) / 2,
+        (low + top) / 2 + (scale * high) / 2,
+      ];
     }
     let there = places;
     if (this.told.degrees) {
@@ -46,16 +79,26 @@ export class Underlay {
       there = places.map((place) => earth.metres(place));
     }
     // With pixels as complex numbers q = column - i row: place = a q + b.
-    const [q1, q2] = spots.map(([column, row]) => [column, -row]), dq = [q2[0] - q1[0], q2[1] - q1[1]], dp = [there[1][0] - there[0][0], there[1][1] - there[0][1]];
+    const [q1, q2] = spots.map(([column, row]) => [column, -row]),
+      dq = [q2[0] - q1[0], q2[1] - q1[1]],
+      dp = [there[1][0] - there[0][0], there[1][1] - there[0][1]];
     const norm = dq[0] ** 2 + dq[1] ** 2;
-    if (!norm || !(dp[0] ** 2 + dp[1] ** 2)) throw new Error("The two points of the picture must differ, and their coordinates must differ.");
+    if (!norm || !(dp[0] ** 2 + dp[1] ** 2))
+      throw new Error(
+        "The two points of the picture must differ, and their coordinates must differ.",
+      );
     const a = [(dp[0] * dq[0] + dp[1] * dq[1]) / norm, (dp[1] * dq[0] - dp[0] * dq[1]) / norm];
-    return [a[0], a[1], there[0][0] - (a[0] * q1[0] - a[1] * q1[1]), there[0][1] - (a[1] * q1[0] + a[0] * q1[1])];
+    return [
+      a[0],
+      a[1],
+      there[0][0] - (a[0] * q1[0] - a[1] * q1[1]),
+      there[0][1] - (a[1] * q1[0] + a[0] * q1[1]),
+    ];
   }
 
   async draw() {
     if (!this.size) return;
-    const [a, b, x, y] = this.matrix = await this.transform();
+    const [a, b, x, y] = (this.matrix = await this.transform());
     this.image.setAttribute("transform", `matrix(${a} ${b} ${b} ${-a} ${x} ${y})`);
     this.image.setAttribute("opacity", this.told.opacity);
     this.canvas.element.classList.add("pictured");
@@ -65,8 +108,12 @@ export class Underlay {
   /** A click on the canvas while a point of the picture is looked for; whether it was one. */
   tap([x, y]) {
     if (this.picking < 0 || !this.size) return false;
-    const [a, b, left, top] = this.matrix, norm = a * a + b * b, east = x - left, north = y - top;
-    const spot = [(a * east + b * north) / norm, (b * east - a * north) / norm]; // pixels of the picture
+    const [a, b, left, top] = this.matrix,
+      norm = a * a + b * b,
+      east = x - left,
+      north = y - top;
+    // pixels of the picture
+    const spot = [(a * east + b * north) / norm, (b * east - a * north) / norm];
     this.told.spots[this.picking] = spot.map((one) => Math.round(one * 10) / 10);
     this.picking = -1;
     this.fill();
@@ -74,31 +121,120 @@ export class Underlay {
   }
 
   makeForm() {
-    const choice = el("select", { id: "underlayFile", onchange: guarded(async () => { await this.load({ file: choice.value || null }); this.changed(); }) });
-    const picked = el("input", { type: "file", accept: "image/*", hidden: true, onchange: guarded(async () => { if (picked.files[0]) { await this.load({ file: await upload(picked.files[0]) }); this.changed(); } }) });
-    const unit = el("select", { id: "underlayUnit" }, el("option", { value: "metres" }, "x, y in metres"), el("option", { value: "degrees" }, "longitude, latitude"));
+    const choice = el("select", {
+      id: "underlayFile",
+      onchange: guarded(async () => {
+        await this.load({ file: choice.value || null });
+        this.changed();
+      }),
+    });
+    const picked = el("input", {
+      type: "file",
+      accept: "image/*",
+      hidden: true,
+      onchange: guarded(async () => {
+        if (picked.files[0]) {
+          await this.load({ file: await upload(picked.files[0]) });
+          this.changed();
+        }
+      }),
+    });
+    const unit = el(
+      "select",
+      { id: "underlayUnit" },
+      el("option", { value: "metres" }, "x, y in metres"),
+      el("option", { value: "degrees" }, "longitude, latitude"),
+    );
     const rows = [0, 1].map((k) => {
-      const inputs = ["first", "second"].map((word) => el("input", { type: "number", step: "any", "aria-label": `Point ${k + 1}, ${word} coordinate` }));
-      const pick = el("button.second.small", { type: "button", "aria-pressed": "false", onclick: () => { this.picking = this.picking === k ? -1 : k; this.fill(); } }, `Point ${k + 1}`);
+      const inputs = ["first", "second"].map((word) =>
+        el("input", {
+          type: "number",
+          step: "any",
+          "aria-label": `Point ${k + 1}, ${word} coordinate`,
+        }),
+      );
+      const pick = el(
+        "button.second.small",
+        {
+          type: "button",
+          "aria-pressed": "false",
+          onclick: () => {
+            this.picking = this.picking === k ? -1 : k;
+            this.fill();
+          },
+        },
+        `Point ${k + 1}`,
+      );
       return { inputs, pick };
     });
-    const spotInputs = [0, 1].map((k) => ["column", "row"].map((word) => el("input", { type: "number", step: "any", "aria-label": `Point ${k + 1}, ${word} of the picture`, placeholder: word, oninput: (event) => { this.told.spots[k][word === "row" ? 1 : 0] = event.target.value === "" ? null : Number(event.target.value); } })));
-    const seen = el("input", { type: "range", min: 0.1, max: 1, step: 0.05, id: "underlayOpacity", oninput: () => { this.told.opacity = Number(seen.value); this.image.setAttribute("opacity", seen.value); this.changed({ gesture: "opacity" }); } });
-    const apply = el("button.second", { type: "button", onclick: guarded(async () => {
-      const places = rows.map(({ inputs }) => inputs.map((input) => (input.value === "" ? NaN : Number(input.value))));
-      if (places.flat().some(Number.isNaN) || this.told.spots.flat().includes(null)) throw new Error("Each of the two points needs a place in the picture and two coordinates.");
-      this.told = { ...this.told, places, degrees: unit.value === "degrees" };
-      await this.draw();
-      this.changed({ placed: true });
-    }) }, "Place the picture");
+    const spotInputs = [0, 1].map((k) =>
+      ["column", "row"].map((word) =>
+        el("input", {
+          type: "number",
+          step: "any",
+          "aria-label": `Point ${k + 1}, ${word} of the picture`,
+          placeholder: word,
+          oninput: (event) => {
+            this.told.spots[k][word === "row" ? 1 : 0] =
+              event.target.value === "" ? null : Number(event.target.value);
+          },
+        }),
+      ),
+    );
+    const seen = el("input", {
+      type: "range",
+      min: 0.1,
+      max: 1,
+      step: 0.05,
+      id: "underlayOpacity",
+      oninput: () => {
+        this.told.opacity = Number(seen.value);
+        this.image.setAttribute("opacity", seen.value);
+        this.changed({ gesture: "opacity" });
+      },
+    });
+    const apply = el(
+      "button.second",
+      {
+        type: "button",
+        onclick: guarded(async () => {
+          const places = rows.map(({ inputs }) =>
+            inputs.map((input) => (input.value === "" ? NaN : Number(input.value))),
+          );
+          if (places.flat().some(Number.isNaN) || this.told.spots.flat().includes(null))
+            throw new Error(
+              "Each of the two points needs a place in the picture and two coordinates.",
+            );
+          this.told = { ...this.told, places, degrees: unit.value === "degrees" };
+          await this.draw();
+          this.changed({ placed: true });
+        }),
+      },
+      "Place the picture",
+    );
     const word = el("p.help", {});
-    const placing = el("div.placing", {}, el("label", { htmlFor: "underlayUnit" }, "Coordinates"), unit,
-      rows.map(({ inputs, pick }, k) => el("div.point", {}, pick, spotInputs[k], inputs)), word, apply, el("label", { htmlFor: "underlayOpacity" }, "How strong"), seen);
+    const placing = el(
+      "div.placing",
+      {},
+      el("label", { htmlFor: "underlayUnit" }, "Coordinates"),
+      unit,
+      rows.map(({ inputs, pick }, k) => el("div.point", {}, pick, spotInputs[k], inputs)),
+      word,
+      apply,
+      el("label", { htmlFor: "underlayOpacity" }, "How strong"),
+      seen,
+    );
     this.fill = () => {
       const { file, spots, places } = this.told;
-      const pictures = state.files.filter((one) => PICTURES.test(one.name) && !/^papers\/|-figure(-\d+)?\.png$/.test(one.name));
-      choice.replaceChildren(el("option", { value: "" }, "no picture"), ...pictures.map((one) => el("option", { value: one.name }, one.name)));
-      if (file && !pictures.some((one) => one.name === file)) choice.append(el("option", { value: file }, file));
+      const pictures = state.files.filter(
+        (one) => PICTURES.test(one.name) && !/^papers\/|-figure(-\d+)?\.png$/.test(one.name),
+      );
+      choice.replaceChildren(
+        el("option", { value: "" }, "no picture"),
+        ...pictures.map((one) => el("option", { value: one.name }, one.name)),
+      );
+      if (file && !pictures.some((one) => one.name === file))
+        choice.append(el("option", { value: file }, file));
       choice.value = file ?? "";
       placing.hidden = !file;
       this.canvas.element.classList.toggle("picks", this.picking >= 0);
@@ -106,13 +242,33 @@ export class Underlay {
       seen.value = this.told.opacity;
       rows.forEach(({ inputs, pick }, k) => {
         pick.setAttribute("aria-pressed", String(this.picking === k));
-        spotInputs[k].forEach((input, axis) => { input.value = spots[k][axis] ?? ""; });
-        if (places[k]) inputs.forEach((input, axis) => { input.value = places[k][axis]; });
+        spotInputs[k].forEach((input, axis) => {
+          input.value = spots[k][axis] ?? "";
+        });
+        if (places[k])
+          inputs.forEach((input, axis) => {
+            input.value = places[k][axis];
+          });
       });
-      word.textContent = this.picking >= 0 ? `Click point ${this.picking + 1} in the picture.` : "Press Point 1, click a point of the picture, and enter the coordinates of this point. Then do the same for Point 2.";
+      word.textContent =
+        this.picking >= 0
+          ? `Click point ${this.picking + 1} in the picture.`
+          : "Press Point 1, click a point of the picture, and enter the coordinates of this point. Then do the same for Point 2.";
     };
     on("files", () => this.fill());
-    return el("details.section", { ontoggle: () => this.fill() }, el("summary", {}, "A picture below", el("span.soft", {}, "two points place it")),
-      el("div.pair", {}, el("label.unseen", { htmlFor: "underlayFile" }, "Picture below the canvas"), choice, el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a picture"), picked), placing);
+    return el(
+      "details.section",
+      { ontoggle: () => this.fill() },
+      el("summary", {}, "A picture below", el("span.soft", {}, "two points place it")),
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "underlayFile" }, "Picture below the canvas"),
+        choice,
+        el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a picture"),
+        picked,
+      ),
+      placing,
+    );
   }
 }

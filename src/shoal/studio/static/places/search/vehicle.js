@@ -5,25 +5,84 @@ import { el } from "../../shared/page.js";
 
 const SECTIONS = [
   { title: "Vehicle", open: true, fields: ["preset", "altitude", "cruise_speed", "endurance"] },
-  { title: "Camera or detector", fields: ["detector_width", "sensor_width", "sensor_height", "focal_length", "image_width", "image_height", "side_overlap", "front_overlap", "gimbal_pitch", "yaw"] },
-  { title: "Climbs, turns, wind and battery", fields: ["climb_speed", "sink_speed", "acceleration", "turn_time", "turn_radius", "acceptance_radius", "wind_speed", "wind_from", "reserve", "recharge"] },
+  {
+    title: "Camera or detector",
+    fields: [
+      "detector_width",
+      "sensor_width",
+      "sensor_height",
+      "focal_length",
+      "image_width",
+      "image_height",
+      "side_overlap",
+      "front_overlap",
+      "gimbal_pitch",
+      "yaw",
+    ],
+  },
+  {
+    title: "Climbs, turns, wind and battery",
+    fields: [
+      "climb_speed",
+      "sink_speed",
+      "acceleration",
+      "turn_time",
+      "turn_radius",
+      "acceptance_radius",
+      "wind_speed",
+      "wind_from",
+      "reserve",
+      "recharge",
+    ],
+  },
 ];
 
 export function vehicleForm(changed) {
-  const schema = state.start.schemas.vehicle, files = el("select", { id: "vehicleFile", onchange: () => { usual(); changed("file"); } });
-  const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file in the folder. The settings below replace fields of the file."));
-  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], { label: "Settings of the vehicle", changed: (_, name) => { if (name === "preset") usual(); changed(name); } });
+  const schema = state.start.schemas.vehicle,
+    files = el("select", {
+      id: "vehicleFile",
+      onchange: () => {
+        usual();
+        changed("file");
+      },
+    });
+  const before = el(
+    "div.field",
+    {},
+    el("label", { htmlFor: "vehicleFile" }, "From a file"),
+    files,
+    el(
+      "p.help",
+      {},
+      "A .toml or .json file in the folder. The settings below replace fields of the file.",
+    ),
+  );
+  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], {
+    label: "Settings of the vehicle",
+    changed: (_, name) => {
+      if (name === "preset") usual();
+      changed(name);
+    },
+  });
 
   function listFiles(wanted = files.value) {
-    const found = state.files.filter((file) => /\.(toml|json)$/i.test(file.name) && !/\.(episode|comparison)\.json$/.test(file.name)).map((file) => file.name);
+    const found = state.files
+      .filter(
+        (file) =>
+          /\.(toml|json)$/i.test(file.name) && !/\.(episode|comparison)\.json$/.test(file.name),
+      )
+      .map((file) => file.name);
     if (wanted && !found.includes(wanted)) found.unshift(wanted);
-    files.replaceChildren(el("option", { value: "" }, "none: the preset"), ...found.map((name) => el("option", { value: name }, name)));
+    files.replaceChildren(
+      el("option", { value: "" }, "none: the preset"),
+      ...found.map((name) => el("option", { value: name }, name)),
+    );
     files.value = wanted;
   }
 
   /** What a preset has stands in its empty fields. */
   function usual() {
-    const preset = files.value ? {} : schema.presets[form.row("preset").read()] ?? {};
+    const preset = files.value ? {} : (schema.presets[form.row("preset").read()] ?? {});
     form.show(["preset"], !files.value);
     for (const name of Object.keys(schema.properties)) {
       const input = form.element.querySelector(`[data-field="${name}"] input[type=number]`);
@@ -37,12 +96,30 @@ export function vehicleForm(changed) {
   return {
     element: form.element,
     value() {
-      const { preset, ...others } = form.values(), changes = Object.entries(others).map(([name, value]) => `${name}=${value}`);
-      return files.value ? [files.value, ...changes].join(",") : { preset: form.row("preset").read(), ...others };
+      const { preset, ...others } = form.values(),
+        changes = Object.entries(others).map(([name, value]) => `${name}=${value}`);
+      return files.value
+        ? [files.value, ...changes].join(",")
+        : { preset: form.row("preset").read(), ...others };
     },
     write(given) {
-      const [file, ...changes] = typeof given === "string" ? given.split(",") : [""], known = Object.hasOwn(schema.presets, file);
-      form.write(typeof given === "string" ? { ...(known ? { preset: file } : {}), ...Object.fromEntries(changes.map((word) => word.split("=")).map(([name, value]) => [name, Number.isFinite(Number(value)) ? Number(value) : value])) } : given ?? {});
+      const [file, ...changes] = typeof given === "string" ? given.split(",") : [""],
+        known = Object.hasOwn(schema.presets, file);
+      form.write(
+        typeof given === "string"
+          ? {
+              ...(known ? { preset: file } : {}),
+              ...Object.fromEntries(
+                changes
+                  .map((word) => word.split("="))
+                  .map(([name, value]) => [
+                    name,
+                    Number.isFinite(Number(value)) ? Number(value) : value,
+                  ]),
+              ),
+            }
+          : (given ?? {}),
+      );
       listFiles(known ? "" : file);
       usual();
     },

@@ -1,0 +1,95 @@
+/* Where the region comes from: files that are dropped or in the folder, a name, or a drawing. */
+import { leftOut, on, state } from "../../shared/api.js";
+import { el, guarded, olderFiles } from "../../shared/page.js";
+
+const BY_NAME =
+  "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres.";
+const FORMATS = "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV";
+
+/** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing
+ *  and
+ *  `loosen()` makes one of what a file holds; `region()` is the name of the region. */
+export function chooser({ choose, bring, blank, loosen, region }) {
+  const choices = el("select", {
+    id: "searchFile",
+    onchange: guarded(() => choices.value && choose(choices.value)),
+  });
+  const picked = el("input", {
+    type: "file",
+    multiple: true,
+    hidden: true,
+    onchange: guarded(async () => {
+      const brought = [...picked.files];
+      picked.value = "";
+      if (brought.length) await bring(brought);
+    }),
+  });
+  const typed = el("input", {
+    type: "text",
+    spellcheck: false,
+    autocomplete: "off",
+    id: "searchRegion",
+    placeholder: "square:400",
+    "aria-describedby": "searchRegionHelp",
+    onchange: guarded(() => typed.value && choose(typed.value.trim())),
+  });
+  const drop = el(
+    "button.drop",
+    { type: "button", onclick: () => picked.click() },
+    el("b", {}, "Drop a region here"),
+    el("span.soft", {}, FORMATS),
+  );
+
+  /** The fields that say where the region comes from, as they are. */
+  function show() {
+    typed.value = region() ?? "";
+    list();
+  }
+
+  function list() {
+    const found = state.files.filter(
+      ({ kind, name }) => (kind === "region" || /\.csv$/i.test(name)) && !/^papers\//.test(name),
+    );
+    choices.replaceChildren(
+      el("option", { value: "" }, found.length ? "from the folder" : "no file yet"),
+      ...found.map((file) => el("option", { value: file.name }, file.name)),
+      ...olderFiles(leftOut("region")),
+    );
+    choices.value = found.some((file) => file.name === region()) ? region() : "";
+  }
+  on("files", list);
+  list();
+
+  return {
+    show,
+    element: el(
+      "section.chooser",
+      { "aria-label": "Region" },
+      drop,
+      picked,
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"),
+        choices,
+        el("button.second", { type: "button", onclick: guarded(blank) }, "Draw a region"),
+      ),
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "searchRegion" }, "By name"),
+        typed,
+        el(
+          "button.second",
+          {
+            type: "button",
+            title: "Turn the region into a drawing with movable corners",
+            onclick: guarded(loosen),
+          },
+          "Edit its corners",
+        ),
+      ),
+      el("p.help", { id: "searchRegionHelp" }, BY_NAME),
+    ),
+  };
+}

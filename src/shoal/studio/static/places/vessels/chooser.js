@@ -1,0 +1,85 @@
+/* Where the map comes from: a file that is dropped or in the folder, or a generated map. */
+import { leftOut, on, state } from "../../shared/api.js";
+import { el, guarded, olderFiles } from "../../shared/page.js";
+
+const NO_MAPS = /^papers\/|-figure(-\d+)?\.png$/;
+
+/** `choose(name)` takes a map, `bring(file)` a file of the user's. */
+export function chooser({ choose, bring }) {
+  const choices = el("select", {
+    id: "vesselsFile",
+    onchange: guarded(() => choices.value && choose(choices.value)),
+  });
+  const picked = el("input", {
+    type: "file",
+    hidden: true,
+    onchange: guarded(async () => {
+      const [file] = picked.files;
+      picked.value = "";
+      if (file) await bring(file);
+    }),
+  });
+  const kinds = el(
+    "select",
+    {
+      "aria-label": "Kind of generated map",
+      onchange: guarded(async () => {
+        const kind = kinds.value;
+        kinds.value = "";
+        if (kind) await choose(kind);
+      }),
+    },
+    el("option", { value: "" }, "draw a map"),
+    state.start.maps.map((one) =>
+      el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`),
+    ),
+  );
+  const generated = el("input", {
+    type: "text",
+    spellcheck: false,
+    autocomplete: "off",
+    "aria-label": "Name of a generated map, such as vessels:1000:7",
+    onchange: guarded(() => generated.value && choose(generated.value.trim())),
+  });
+  const drop = el(
+    "button.drop",
+    { type: "button", onclick: () => picked.click() },
+    el("b", {}, "Drop a picture or volume here"),
+    el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"),
+  );
+
+  function list() {
+    const maps = state.files.filter((file) => file.kind === "map" && !NO_MAPS.test(file.name));
+    const kept = choices.value;
+    choices.replaceChildren(
+      el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"),
+      ...maps.map((file) => el("option", { value: file.name }, file.name)),
+      ...olderFiles(leftOut("map")),
+    );
+    choices.value = kept;
+  }
+  on("files", list);
+  list();
+
+  return {
+    element: el(
+      "section.chooser",
+      { "aria-label": "Map" },
+      drop,
+      picked,
+      el(
+        "div.pair",
+        {},
+        el("label.unseen", { htmlFor: "vesselsFile" }, "A file in the folder"),
+        choices,
+        kinds,
+      ),
+      el("div.pair", {}, el("span.soft", {}, "Generated"), generated),
+    ),
+    /** Show which one is chosen. */
+    show(name) {
+      choices.value = state.files.some((file) => file.name === name) ? name : "";
+      generated.value = choices.value ? "" : name;
+    },
+  };
+}

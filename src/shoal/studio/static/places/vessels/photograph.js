@@ -1,0 +1,50 @@
+/* The photograph with what the sliders find on it: soon, and then as a run will find it. */
+import { ask } from "../../shared/api.js";
+import { guarded, number, percent } from "../../shared/page.js";
+
+const REST = 700; // milliseconds until the sliders are at rest
+
+async function imageOf(text, kind) {
+  const image = new Image();
+  image.src = `data:image/${kind};base64,${text}`;
+  await image.decode();
+  return image;
+}
+
+/** Returns a function that shows it; `fields()` is the problem, `visible()` whether the photograph
+ *  is still looked at, `said(sentence)` and `complain(sentence)` show words. */
+export function photographs({ editor, fields, visible, said, complain }) {
+  let exact = 0,
+    photograph = null;
+
+  async function find(surely) {
+    const began = performance.now(),
+      asked = fields();
+    const found = await ask("vessels", { problem: asked, exact: surely });
+    const mask = await imageOf(found.mask, "png");
+    if (asked.map !== fields().map || !visible()) return;
+    editor.setPhotograph(photograph.image, mask);
+    performance.measure("shoal-overlay", { start: began });
+    if (surely) complain(found.warning);
+    const confidence = surely ? `, confidence ${number(found.confidence, 2)} of 1` : "";
+    said(`${percent(found.share)} of the pixels are vessel${confidence}`);
+  }
+
+  return async () => {
+    const file = fields().map;
+    if (photograph?.file !== file) {
+      const { picture } = await ask("photograph", { file });
+      photograph = { file, image: await imageOf(picture, "jpeg") };
+    }
+    if (editor.photograph !== photograph.image) {
+      editor.setPhotograph(photograph.image, null);
+      said("looking for vessels …");
+    }
+    await find(false);
+    clearTimeout(exact);
+    exact = setTimeout(
+      guarded(() => find(true)),
+      REST,
+    );
+  };
+}
