@@ -229,7 +229,7 @@ def estimate_ratio(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, seed: int
     Examples
     --------
     >>> print(estimate_ratio([4, 6, 5, 5], [2, 2.5, 3, 2.5]))
-    2 [1.696, 2.444]
+    2 [1.636, 2.444]
     """
     above, below = _checked(a, level), _checked(b, level)
     ratio, count = float(above.mean() / below.mean()), min(len(above), len(below))
