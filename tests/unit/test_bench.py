@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.datasets import record
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError, UnknownNameError
@@ -39,7 +40,7 @@ def corridors(**changes) -> Suite:
     """A suite of corridors, on which every policy but random-moves needs few moves."""
     fields = {
         "name": "corridor-easy-v1",
-        "problem": {"kind": "swarm", "particles": 2, "max_moves": 60},
+        "problem": {"kind": "swarm", "task": "mapping", "particles": 2, "max_moves": 60},
         "policy": "policy",
         "place": "map",
         "train": ("line:10", "line:12"),
@@ -217,3 +218,22 @@ def test_bad_input(words, said, tmp_path, monkeypatch, capsys):
     assert said in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_datasets_of_the_training_places(tmp_path):
+    minari = pytest.importorskip("minari")
+    suite = corridors()
+    folders = record(suite, "closest-frontier", tmp_path, episodes=2, seed=3)
+    assert len(folders) == len(suite.train)
+    dataset = minari.MinariDataset(folders[1])
+    assert dataset.total_episodes == 2
+    assert dataset.spec.dataset_id == "shoal/corridor-easy-closest-frontier-1-v1"
+    problem = suite.sweep(["closest-frontier"]).points[1].problem
+    for k in range(2):
+        assert len(dataset[k]) == run_problem(problem, seed=3 + k).moves
+    for changes, words in (
+        ({"train": ()}, "training places"),
+        ({"problem": {"kind": "search"}}, "allocations"),
+    ):
+        with pytest.raises(InvalidInputError, match=words):
+            record(replace(suite, **changes), "best", tmp_path, episodes=1, seed=0)
