@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -145,12 +145,19 @@ def _swarm_starts(problem: Any, seed: int) -> Iterator[NDArray[Any]]:
 
 
 def _search_starts(problem: Any, seed: int) -> Iterator[NDArray[Any]]:
-    from shoal.search.cells.grid import cells_of
     from shoal.search.planning.plan import start_points
 
     side = float(np.min(problem.chosen_footprint))
-    grid = cells_of(problem.place, side, angle=problem.chosen_angle or 0.0)
+    grid = _cells_of(problem.place, side, problem.chosen_angle or 0.0)
     return iter((np.round(start_points(problem, grid, np.random.default_rng(seed)), 6),))
+
+
+@lru_cache(maxsize=1)
+def _cells_of(region: Any, side: float, angle: float) -> Any:
+    """Return the cells of a region, which all starts of a place share."""
+    from shoal.search.cells.grid import cells_of
+
+    return cells_of(region, side, angle=angle)
 
 
 def _steering_starts(problem: Any, seed: int) -> Iterator[NDArray[Any]]:
