@@ -41,6 +41,8 @@ ENOUGH = {
     "sweep export": "none --out a.csv",
     "sweep merge": "a b --out c",
     "sweep check": "none",
+    "bench run": "closest-frontier --suite mapping-easy",
+    "bench table": "none",
 }
 """What else a command needs; some of it a file, which is not there: its absence may be
 said first.

@@ -64,7 +64,7 @@ def test_every_command_takes_a_seed_and_help_shows_it_only_if_it_has_an_effect(c
         "tour",
         "robot",
         "rehearse",
-        *(name for name in COMMANDS if name.startswith("missions ")),
+        *(name for name in COMMANDS if name.startswith(("missions ", "bench "))),
         *(name for name in COMMANDS if name.startswith("sweep ") and name != "sweep run"),
     }
     assert ("--seed" in capsys.readouterr().out) is (command not in without)

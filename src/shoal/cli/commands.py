@@ -55,6 +55,8 @@ COMMANDS = {
     "sweep export": _Entry("sweep", "export_", "EXPORT_EXAMPLE"),
     "sweep merge": _Entry("sweep", "merge", "MERGE_EXAMPLE"),
     "sweep check": _Entry("sweep", "check", "CHECK_EXAMPLE"),
+    "bench run": _Entry("bench", "run", "RUN_EXAMPLE"),
+    "bench table": _Entry("bench", "table", "TABLE_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
     "replay": _Entry("replay", "replay"),
     "figure": _Entry("figure", "figure"),
@@ -67,12 +69,14 @@ GROUPS = {
         "Run sweeps of trials that can be continued after any interruption, and examine their"
         " results."
     ),
+    "bench": "Compare policies on suites of problems that never change (Shoal-Bench).",
 }
 PANELS = {
     "swarm": "Swarm",
     "steering": "Steering",
     "search": "Search",
     "sweep": "Experiments",
+    "bench": "Experiments",
     "reproduce": "Experiments",
 }
 """Headings in the list of all commands. A command appears under the heading for the first word of

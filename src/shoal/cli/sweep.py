@@ -419,7 +419,7 @@ def summary(
     with Store(store) as opened:
         chosen = opened.only(name)
         wanted = measure or first_measure(opened.stored(chosen).measures)
-        _say_if_mixed(opened, chosen)
+        say_if_mixed(opened, chosen)
         rows = summarise(opened, chosen, wanted, level=level, method=interval_method)
         pairs = (
             compare_along(opened, chosen, wanted, compare, level=level, method=interval_method)
@@ -507,7 +507,7 @@ def _compared(names: str, found: Comparison | None) -> list[str]:
     ]
 
 
-def _say_if_mixed(store: Store, name: str) -> None:
+def say_if_mixed(store: Store, name: str) -> None:
     """Print a warning on stderr if several versions of Shoal or its libraries wrote the rows of a
     sweep.
     """
@@ -577,7 +577,7 @@ def export_(
     check_table(out)
     with Store(store) as opened:
         chosen = opened.only(name)
-        _say_if_mixed(opened, chosen)
+        say_if_mixed(opened, chosen)
         count = export(opened, chosen, out)
     if json_:
         print_json({"sweep": chosen, "rows": count, "out": str(out)})

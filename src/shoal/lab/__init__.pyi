@@ -2,6 +2,12 @@
 
 from .batches import SweepProgress as SweepProgress
 from .batches import SweepStatus as SweepStatus
+from .bench import Score as Score
+from .bench import Suite as Suite
+from .bench import find_suite as find_suite
+from .bench import run_suite as run_suite
+from .bench import scores as scores
+from .bench import suites as suites
 from .coordinator import run_sweep as run_sweep
 from .exchange import merge_stores as merge_stores
 from .store import Store as Store

@@ -235,6 +235,45 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
     return array
 
 
+def estimate_ratio(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, seed: int = 0) -> Estimate:
+    """Return the mean of a divided by the mean of b, for two independent samples, with the interval
+    of the bias-corrected and accelerated bootstrap.
+
+    Parameters
+    ----------
+    a, b : array_like of float, shape (n,)
+        Values of the samples, which may have different lengths. The values of b are above 0.
+    level, seed
+        Options ``level`` and ``seed`` of the function `estimate`.
+
+    Returns
+    -------
+    Estimate
+        The standard deviation of the estimate is NaN, and its count is the size of the smaller
+        sample. For a sample of one value, the ends of the interval are NaN.
+
+    Examples
+    --------
+    >>> print(estimate_ratio([4, 6, 5, 5], [2, 2.5, 3, 2.5]))
+    2 [1.636, 2.444]
+    """
+    above, below = _checked(a, level), _checked(b, level)
+    ratio, count = float(above.mean() / below.mean()), min(len(above), len(below))
+    low, high = (float("nan"),) * 2 if count < 2 else (ratio,) * 2
+    if count > 1 and (np.ptp(above) or np.ptp(below)):
+        from scipy import stats
+
+        interval = stats.bootstrap(
+            (above, below),
+            lambda x, y, axis: x.mean(axis=axis) / y.mean(axis=axis),
+            confidence_level=level,
+            n_resamples=RESAMPLES,
+            rng=np.random.default_rng(seed),
+        ).confidence_interval
+        low, high = float(interval.low), float(interval.high)
+    return Estimate(ratio, low, high, float("nan"), count, level, "bootstrap")
+
+
 def compare(
     a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0
 ) -> Comparison:
