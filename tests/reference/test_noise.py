@@ -61,7 +61,7 @@ def test_moves_looks_and_belief(seed):
         assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(
             sum(cell) for cell in before
         ) * sum(step)
-        if often == 1.0 or rng.random() < scanning:
+        if scanning == 1.0 or rng.random() < scanning:
             seen = scan()
             belief.update(command, Board.of_cells(layout, sorted(seen)))
             reference.update(step, seen)

@@ -131,7 +131,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 def lines_through(grey: Grey) -> Iterable[Grey]:
     """Yield, for each angle of `DIRECTIONS`, the mean value along the line through each pixel."""
-    steps = np.arange(LINE_WINDOW) - (LINE_WINDOW - 1) / 2
+    steps = np.arange(LINE_WINDOW, dtype=np.float64) - (LINE_WINDOW - 1) / 2
     for angle in DIRECTIONS:
         yield scipy.ndimage.convolve(grey, _points(steps, angle) / LINE_WINDOW)
 
