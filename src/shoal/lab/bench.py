@@ -334,7 +334,8 @@ def scores(store: Store, suite: Suite, *, level: float = 0.95) -> list[Score]:
     level : float
         Confidence level of the intervals.
     """
-    policies, points = policies_of(store, suite), measured(store, suite.name, suite.measure)
+    policies = policies_of(store, suite)
+    points = list(measured(store, suite.name, suite.measure))
     n_places = len(suite.places)
     return [
         _score(suite, policy, points[k * n_places : (k + 1) * n_places], level)
@@ -345,11 +346,11 @@ def scores(store: Store, suite: Suite, *, level: float = 0.95) -> list[Score]:
 def _score(suite: Suite, policy: str, points: Sequence[Measured], level: float) -> Score:
     trials = len(points) * suite.trials
     there = sum(len(point.trials) for point in points)
-    completed = there - sum(len(point.unfinished) for point in points)
+    completed = there - sum(int(point.unfinished.sum()) for point in points)
     test = train = gap = None
     if there == trials:
         ratios = [
-            sum(_counted(suite, point).values()) / sum(reference)
+            float(_counted(suite, point).sum()) / sum(reference)
             for point, reference in zip(points, suite.reference_values, strict=True)
         ]
         learnt, unseen = ratios[: len(suite.train)], ratios[len(suite.train) :]
@@ -360,9 +361,6 @@ def _score(suite: Suite, policy: str, points: Sequence[Measured], level: float) 
     return Score(suite.name, policy, test, train, gap, completed, trials, trials - there)
 
 
-def _counted(suite: Suite, point: Measured) -> dict[int, float]:
+def _counted(suite: Suite, point: Measured) -> NDArray[np.float64]:
     """Return what each trial counts as: the measure, or the budget."""
-    return {
-        trial: suite.budget if trial in point.unfinished else min(value, suite.budget)
-        for trial, value in point.trials.items()
-    }
+    return np.where(point.unfinished, suite.budget, np.minimum(point.values, suite.budget))
