@@ -15,8 +15,8 @@ from PIL import Image
 from tests.swarm_runs import run
 
 from shoal import GridWorkspace
-from shoal.cli.demo import retina
 from shoal.swarm.maps.imaging import segment_vessels
+from shoal.swarm.maps.imaging.samples import retina
 from shoal.swarm.maps.workspace import PALETTE
 
 TARGET = Path(__file__).parent / "images" / "retina.png"
