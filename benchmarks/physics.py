@@ -24,12 +24,12 @@ import numpy as np
 from scipy.special import ellipe, ellipk
 
 from shoal import GridWorkspace, open_map
-from shoal.cli.demo import retina
 from shoal.rigs import Drive, NoisyRig, Rig, SimulatedRig, drive
 from shoal.rigs.physics import TOLD, USUAL, PhysicsRig, PlantProperties
 from shoal.swarm.grid.board import noise_rng, trial_rng
 from shoal.swarm.grid.tasks import place
 from shoal.swarm.maps.imaging import find_vessels, map_of_vessels
+from shoal.swarm.maps.imaging.samples import retina
 from shoal.swarm.noise import MapErrors, Noise
 
 MAPS = (("vessels:300", 20), ("vessels:1000", 100), ("eye", 300))

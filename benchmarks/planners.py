@@ -18,8 +18,8 @@ from tests.golden.test_published import PUBLISHED, published_means
 from tests.swarm_runs import run
 
 from shoal import GridWorkspace, open_map
-from shoal.cli.demo import retina
 from shoal.swarm.maps.imaging import segment_vessels
+from shoal.swarm.maps.imaging.samples import retina
 from shoal.swarm.policies import BeamRollout, Policy, make_policy
 from shoal.swarm.theory.bounds import lower_bound
 

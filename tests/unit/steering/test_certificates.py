@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from shoal.cli import run as command
-from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
 from shoal.steering import SteeringProblem, certify, check_certificate, cylinder, polygon
+from shoal.steering.certificates import _with_bound, check_certificate_of
 from shoal.steering.certificates.check import _BITS, _angle, _RoundWalls
 from shoal.steering.run import run
 
@@ -32,6 +33,25 @@ def test_a_plan_in_the_square_is_proven_optimal(certificate):
     assert certificate.episode.lower_bound == certificate.lower_bound
     assert certificate.bound == "certificate"
     assert check_certificate(json.loads(json.dumps(certificate.proof)))
+
+
+def test_a_bound_above_a_plan_is_an_error_and_without_a_proof_nothing_is_certified(certificate):
+    episode = certificate.episode
+    with pytest.raises(ShoalError, match=r"'shortest' of .* is above the length of a plan"):
+        _with_bound(episode, {"certificate": 1.0, "shortest": 1.01 * episode.length}, None, 0)
+    bounds = {"shortest paths": episode.length}
+    assert _with_bound(episode, bounds, None, 0).gap == 0
+    assert not _with_bound(episode, bounds, None, 0).certified
+    assert not _with_bound(episode, bounds, {"lower_bound": 0.9 * episode.length}, 0).certified
+
+
+def test_a_certificate_is_none_of_a_problem_whose_plans_have_no_least_length(certificate):
+    for fields in ({"execution": 0.01}, {"angle_error": 1.0, "friction_at_least": 1.0}):
+        problem = SteeringProblem("square", START, GOAL, **fields)
+        checked = check_certificate_of(problem, certificate.proof)
+        assert not checked
+        assert "without sliding" in checked.message
+    assert check_certificate_of(SteeringProblem("square", START, GOAL), certificate.proof)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("triangle", 1), ("hexagon", 0), ("square", 6)])

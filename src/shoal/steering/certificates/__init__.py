@@ -34,6 +34,7 @@ FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
 _SLACK = 1e-9  # relative: what rounding errors may take from a bound
+_REFUTED = 1e-6  # relative: a bound that is so far above a plan is wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,10 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether the plan is at most 0.1 % longer than the lower bound."""
-        return self.gap is not None and self.gap <= CERTIFIED
+        """Whether a proof that was checked shows that no plan is more than 0.1 % shorter."""
+        length = self.episode.length if self.episode else inf
+        proven = 0.0 if self.proof is None else self.proof["lower_bound"]
+        return not length or length <= proven * (1 + CERTIFIED)
 
     @property
     def sentence(self) -> str:
@@ -220,9 +223,22 @@ def _with_bound(
     proof: dict[str, Any] | None,
     least_moves: int,
 ) -> Certificate:
-    """Return a certificate with the greatest of some bounds; with the first of equal ones."""
+    """Return a certificate with the greatest of some bounds; with the first of equal ones.
+
+    Raises
+    ------
+    ShoalError
+        If a bound is above the length of the plan, which refutes the bound.
+    """
     name = max(bounds, key=lambda one: bounds[one])
     least = bounds[name]
+    # bounds of planners are for plans to the goals themselves
+    allowed = 4 * episode.problem.tolerance + _REFUTED * episode.length
+    if episode and least > episode.length + allowed:
+        raise ShoalError(
+            f"the bound {name!r} of {least:.9g} is above the length of a plan, {episode.length:.9g};"
+            " please report it"
+        )
     return Certificate(replace(episode, lower_bound=least), least, proof, least_moves, name)
 
 
@@ -231,13 +247,17 @@ def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
     needs.
     """
     check_number(seconds, what="certify", above=0)
-    if problem.noisy or problem.bounds is not None:
+    if _has_no_least_length(problem):
         raise InvalidInputError(
             "certify: expected a problem without noise, uneven field and stated errors, because"
             " only its plans have a least length"
         )
     if has_proof(problem):
         import_extra("clarabel", "certificates need Clarabel", extra="certify")
+
+
+def _has_no_least_length(problem: SteeringProblem) -> bool:
+    return problem.noisy or problem.bounds is not None
 
 
 def has_proof(problem: SteeringProblem) -> bool:
@@ -334,11 +354,11 @@ def check_certificate_of(
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
         return Verification(False, f"the file is no {KIND}")
     start, goal = problem.endpoints(seed)
-    if not has_proof(problem):
+    if not has_proof(problem) or _has_no_least_length(problem):
         return Verification(
             False,
             "certificates are for two points in polygons, disks, prisms and regions, without"
-            " sliding and open ends",
+            " sliding, open ends, noise, uneven field and stated errors",
         )
     for name, value in _stated(problem, start, goal).items():
         if certificate.get(name) != value:
