@@ -158,8 +158,7 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
     page: Page, studio: Studio
 ) -> None:
     other = page.context.new_page()
-    other.goto(studio.root)
-    other.wait_for_selector("body[data-ready]")
+    studio.open(other, "vessels")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 21})
     page.locator(".underStage .facts", has_text="free").wait_for()
     page.get_by_role("button", name="Run", exact=True).click()
@@ -189,7 +188,8 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
 
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
-    page.locator(".plan", has_text="greedy").get_by_text("moves").wait_for()
+    # each plan that comes draws the points anew
+    until(page, "document.querySelectorAll('.plan:not([disabled])').length === 3")
     page.get_by_role("button", name="Goal 1 at").scroll_into_view_if_needed()
     box = page.get_by_role("button", name="Goal 1 at").bounding_box()
     assert box is not None

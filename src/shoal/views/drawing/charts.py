@@ -129,13 +129,14 @@ def _fits(figure: Figure) -> bool:
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
 
-    axes_of = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
-    unseen = {  # of ticks beyond the ends of an axis
+    unseen = {  # of ticks beyond the ends of an axis, and of axes without any
         label
-        for axis in axes_of
+        for axes in figure.axes
+        for axis in (axes.xaxis, axes.yaxis)
         for tick in axis.get_major_ticks()
         for label in (tick.label1, tick.label2)
-        if not min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
+        if not axes.axison
+        or not min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
     }
     panels = [axes.get_window_extent() for axes in figure.axes]
     boxes = [

@@ -242,6 +242,7 @@ class RobotWays:
         return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)
 
 
+_EARLY = 1e-3  # cells: times are rounded
 _GAP = 0.12  # distance between panels, relative to a panel's longer side
 # squares per side of the smallest cell, if cells are no squares of the drawing: as many as the
 # drawing has room for
@@ -512,10 +513,11 @@ class SearchHistory:
         start, one = self._clock
         return (np.asarray(seconds, dtype=np.float64) - start) / one
 
-    def drawn_times(self, robot: int, moments: ArrayLike) -> Floats:
+    def drawn_times(self, robot: int, moments: ArrayLike, *, done: bool = False) -> Floats:
         """Return the times at which a drawing shows moments of a robot's log.
 
         A robot is at each of its stops when the episode says that it is (`SearchEpisode.sightings`).
+        The last moment is that of its last stop, or, with ``done``, that of its return.
         """
         moments = np.asarray(moments, dtype=np.float64)
         log, clock = self.episode.trace.robots[robot], self.episode.clock
@@ -530,9 +532,8 @@ class SearchHistory:
         knots = [0.0, departure, *log.times.tolist()]
         seconds = [*clock([0.0, departure], robot).tolist(), *looks.tolist()]
         seconds[1] = min(seconds[1], seconds[2])
-        return np.where(
-            moments <= knots[-1], self._drawn(np.interp(moments, knots, seconds)), drawn
-        )
+        before = moments < knots[-1] if done else moments <= knots[-1]
+        return np.where(before, self._drawn(np.interp(moments, knots, seconds)), drawn)
 
     @cached_property
     def logs(self) -> tuple[RobotLog, ...]:
@@ -541,20 +542,17 @@ class SearchHistory:
             return self.episode.trace.robots
         drawn_logs = []
         for robot, log in enumerate(self.episode.trace.robots):
-            times, begins, finds = (
-                self.drawn_times(robot, moments).tolist()
-                for moments in (
-                    log.times,
-                    [moment for moment, _ in log.states],
-                    [moment for moment, _ in log.obstructed],
-                )
+            times = self.drawn_times(robot, log.times)
+            begins, finds = (
+                self.drawn_times(robot, [moment for moment, _ in events], done=True).tolist()
+                for events in (log.states, log.obstructed)
             )
             states = zip(begins, (state for _, state in log.states), strict=True)
             obstructed = zip(finds, (cell for _, cell in log.obstructed), strict=True)
             drawn_logs.append(
                 replace(
                     log,
-                    times=np.array(times, dtype=np.float64),
+                    times=times,
                     states=tuple(states),
                     obstructed=tuple(obstructed),
                 )
@@ -756,7 +754,7 @@ class SearchHistory:
     def success_at(self, time: float) -> float:
         """Return the probability that the target is found up to a given time."""
         times, found = self.success
-        count = int(np.searchsorted(times, time, "right"))
+        count = int(np.searchsorted(times, time + _EARLY, "right"))
         return float(found[count - 1]) if count else 0.0
 
     def seen_at(self, robot: int) -> Floats:
