@@ -317,7 +317,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def _learn(self) -> None:
         """Update what each robot believes by what it has learned in a step."""
         assert self._world is not None
-        detection, n = self.problem.detection, len(self._tour)
+        detection, n = self.problem.chosen_detection, len(self._tour)
         for number, belief in self._beliefs.items():
             robot, visits = self._robot(number), self._world.vehicles[number].visits
             own = 0

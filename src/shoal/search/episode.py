@@ -373,7 +373,7 @@ class SearchEpisode(Episode):
             [own if true else none for own, true in zip(self.sightings, honest, strict=True)],
             [own if true else () for own, true in zip(self.seen, honest, strict=True)],
             view=self.problem.view,
-            detection=self.problem.detection,
+            detection=self.problem.chosen_detection,
             limit=self.problem.at_most * (self.plan.plain_seconds or 0.0)
             if isinstance(self.plan.ground, MovingGround)
             else self.makespan or last,
@@ -527,6 +527,7 @@ class SearchEpisode(Episode):
             "planned_s": self.plan.planned_seconds,
             "expected_find_s": self.expected_find,
             "prior": self._prior_report(),
+            "lateral_range": self.problem.lateral_report(),
             "lower_bound_cells": max(0.0, self.plan.cells(self.plan.least_seconds)),
             "lower_bound_s": self.plan.least_seconds,
             "covered_fraction": self.coverage.covered_fraction,

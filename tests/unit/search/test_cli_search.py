@@ -25,6 +25,7 @@ FIELDS = [
     "planned_s",
     "expected_find_s",
     "prior",
+    "lateral_range",
     "lower_bound_cells",
     "lower_bound_s",
 ]

@@ -41,6 +41,7 @@ def print_search(
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", times_text(result)),
         *prior_rows(result),
+        *lateral_rows(result["lateral_range"]),
         (
             "covered",
             (
@@ -136,6 +137,25 @@ def prior_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
             text += f" and robots repeat the search until then; one search finds it with {found}"
     seen = f"the tracks would have found the target with a probability of {100 * prior['before']:.3g} %"
     return [("target", text), *([("searched", seen)] if prior["before"] else [])]
+
+
+def lateral_rows(report: dict[str, float] | None) -> list[tuple[str, str]]:
+    """Return the row of a summary that tells of the lateral range, or none without one.
+
+    Examples
+    --------
+    >>> lateral_rows({"detection": 0.5, "sweep_width_m": 10.0, "row_distance_m": 20.0})
+    [('detection', '50 % for one passage of a row: sweep width 10 m, rows 20 m apart')]
+    """
+    if report is None:
+        return []
+    return [
+        (
+            "detection",
+            f"{100 * report['detection']:.3g} % for one passage of a row: sweep width"
+            f" {report['sweep_width_m']:.3g} m, rows {report['row_distance_m']:.4g} m apart",
+        )
+    ]
 
 
 def finding_text(expected: float | None, success: float | None) -> str:

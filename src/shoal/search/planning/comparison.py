@@ -217,7 +217,7 @@ def _figures(
             sightings,
             seen,
             view=problem.view,
-            detection=problem.detection,
+            detection=problem.chosen_detection,
             limit=plan.planned_seconds if limit is None else limit,
         )
         success, expected = found.probability, found.mean

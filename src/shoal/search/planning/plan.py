@@ -759,7 +759,7 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
         rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
         kept = replace(rough, ground=ground)
     layouts = [kept]
-    again = 0 < problem.detection < 1 and isinstance(kept.grid, CellGrid)
+    again = 0 < problem.chosen_detection < 1 and isinstance(kept.grid, CellGrid)
     if again and not kept.tour_cost.stepwise:
         budget = (problem.at_most - 1.0) * len(plan.tour)
         more = [_with_revisits(kept, round(share * budget), problem) for share in _REVISITS]
@@ -808,7 +808,7 @@ def _detection(problem: SearchProblem) -> float:
     """Return the probability that a search of a cell finds a target there, by all robots that must
     search the cell.
     """
-    return 1.0 - (1.0 - problem.detection) ** problem.multiplicity
+    return 1.0 - (1.0 - problem.chosen_detection) ** problem.multiplicity
 
 
 def _by_expected_time(
@@ -927,7 +927,7 @@ def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     for _ in range(_ROUNDS):
         if looks is None or layout.tour_cost.odds is None:
             break
-        found = ground.masses[looks.pieces] * looks.chances(problem.detection)
+        found = ground.masses[looks.pieces] * looks.chances(problem.chosen_detection)
         mixed = (layout.tour_cost.odds + np.bincount(looks.cells, found, minlength=n)) / 2
         plans.append(tried(mixed, False))
         _, layout, looks = plans[-1]
@@ -955,7 +955,7 @@ def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None
     else:
         limit = problem.at_most * (plan.plain_seconds or 0.0)
     looks = _looks_of(plan) if looks is None else looks
-    return plan.ground.expected_time(looks, problem.detection, limit)
+    return plan.ground.expected_time(looks, problem.chosen_detection, limit)
 
 
 def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> SearchPlan:

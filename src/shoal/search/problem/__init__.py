@@ -36,6 +36,7 @@ from shoal.search.problem.fields import (
     parse_count_or_path,
     parse_numbers,
 )
+from shoal.search.problem.lateral import LateralRange, check_lateral_range, lateral_range
 from shoal.search.problem.network import Fault, check_faults, fault_text
 from shoal.search.problem.prior import (
     Prior,
@@ -504,6 +505,16 @@ class SearchProblem(Problem):
         least=0,
         most=1,
     )
+    lateral_range: str | None = option(
+        None,
+        help=(
+            "In place of --detection: probability that a robot detects a target beside its path, by"
+            " the distance in metres, such as 0=0.9,10=0.7,25=0; and after @, the speed in metres per"
+            " second for which it holds."
+        ),
+        metavar="METRES=P,...[@SPEED]",
+        check=check_lateral_range,
+    )
     false_alarm: float = option(
         0.0,
         help="Probability that a robot reports a target in a cell without a target.",
@@ -588,12 +599,14 @@ class SearchProblem(Problem):
                 "starts: expected no starts together with launch points, got"
                 f" {shortened(self.starts)}"
             )
-        if "detection" in self.given and not self.given & {"targets", "false_alarm", "prior"}:
-            raise InvalidInputError(
-                "detection: expected targets or a prior of one, which robots detect, got none and a"
-                " detection of"
-                f" {self.detection:g}"
-            )
+        for name in ("detection", "lateral_range"):
+            if name in self.given and not self.given & {"targets", "false_alarm", "prior"}:
+                raise InvalidInputError(
+                    f"{name}: expected targets or a prior of one, which robots detect, got none and a"
+                    f" {name.replace('_', ' ')} of {getattr(self, name)}"
+                )
+        if self.lateral_range is not None:
+            self._check_lateral_range()
         for name in ("elsewhere", "at_most", "drift"):
             if name in self.given and not self.prior and getattr(self, name) is not None:
                 raise InvalidInputError(
@@ -839,6 +852,53 @@ class SearchProblem(Problem):
         return round(min(wanted, most), 3)
 
     @property
+    def curve(self) -> LateralRange | None:
+        """The lateral range curve, or None without one."""
+        return None if self.lateral_range is None else lateral_range(self.lateral_range)
+
+    @cached_property
+    def chosen_detection(self) -> float:
+        """Probability that one search of a cell detects a target in it: the given one, or the mean
+        of the lateral range curve over a row of cells. What a robot sees of other rows beside its
+        own does not count.
+        """
+        curve = self.curve
+        if curve is None:
+            return self.detection
+        return curve.detection(float(np.min(self.chosen_footprint)), self._passing_speed)
+
+    @property
+    def _passing_speed(self) -> float:
+        """Speed in metres per second at which robots pass targets."""
+        return self.chosen_vehicle.cruise * (self.rates or (1.0,))[0]
+
+    def lateral_report(self) -> dict[str, float] | None:
+        """Return what the lateral range curve means for the search, or None without one."""
+        curve = self.curve
+        if curve is None:
+            return None
+        return {
+            "detection": self.chosen_detection,
+            "sweep_width_m": curve.sweep_width(self._passing_speed),
+            "row_distance_m": float(np.min(self.chosen_footprint)),
+        }
+
+    def _check_lateral_range(self) -> None:
+        """Refuse a lateral range curve where one number does not hold for all searches of cells."""
+        if "detection" in self.given:
+            raise InvalidInputError(
+                "lateral_range: expected either a lateral range or a detection, got both"
+            )
+        sides = np.atleast_1d(np.asarray(self.footprint or 1.0)).tolist()
+        rates = list(self.rates or (1.0,))
+        if len(self.altitudes) > 1 or len({*sides}) > 1 or len({*rates}) > 1:
+            raise InvalidInputError(
+                "lateral_range: expected one altitude, and equal footprints and speeds of all robots,"
+                f" got {len(self.altitudes)} altitudes, footprints of {shortened(sides)} m and"
+                f" relative speeds of {shortened(rates)}"
+            )
+
+    @property
     def stepwise(self) -> bool:
         """Whether robots move only from a cell to a neighbouring cell, because the region has
         unknown obstacles.
@@ -849,7 +909,9 @@ class SearchProblem(Problem):
         """Open the prior of the problem, or return None for a problem without a prior."""
         if not self.prior:
             return None
-        return replace(open_prior(self.prior, self.elsewhere, self.place), detection=self.detection)
+        return replace(
+            open_prior(self.prior, self.elsewhere, self.place), detection=self.chosen_detection
+        )
 
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
@@ -867,7 +929,7 @@ class SearchProblem(Problem):
             return region
         side = float(np.min(self.footprint or self._asked_vehicle.row_spacing or FOOTPRINT))
         seen = [seen_along(track, region, side) for track in self.searched]
-        again = bool(self.prior) and self.detection < 1
+        again = bool(self.prior) and self.chosen_detection < 1
         return replace(region, looks=(*region.looks, *seen), again=again)
 
     def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
@@ -929,7 +991,8 @@ class SearchProblem(Problem):
             return None
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
         if self.searched:
-            kept += ("searched", "footprint", "vehicle", "prior", "detection")
+            kept += ("searched", "footprint", "vehicle", "prior", "detection", "lateral_range")
+            kept += ("overlap", "cross_track") if self.lateral_range else ()
         # the default margin depends on the vehicle, on what it sees, and on the known places
         if self.margin is None and self._asked_vehicle.clearance:
             kept += (

@@ -222,7 +222,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         network=network_of(problem.network, loss=problem.loss),
         faults=problem.faults + _crashes(problem, plan, seed),
         targets=_cells_of(plan, problem.targets, "targets", cells, [seed, 1]),
-        detection=problem.detection,
+        detection=problem.chosen_detection,
         false_alarm=problem.false_alarm,
         obstacles=_cells_of(
             plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]

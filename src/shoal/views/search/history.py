@@ -695,7 +695,7 @@ class SearchHistory:
         seconds = start + one * float(np.clip(time, 0.0, self.end))
         done = looks.times <= time
         searches = np.bincount(looks.pieces[done], minlength=len(ground.masses))
-        left = ground.masses * (1.0 - self.episode.problem.detection) ** searches
+        left = ground.masses * (1.0 - self.episode.problem.chosen_detection) ** searches
         still = ground if isinstance(ground, Ground) else ground.still(seconds)
         for column in still.cells.T:
             np.add.at(found, column[column >= 0], left[column >= 0])
@@ -722,8 +722,8 @@ class SearchHistory:
         # a look changes a piece of the ground, and so each cell that shows the piece
         cells = ground.cells[looks.pieces]
         there = cells >= 0
-        missed = (1.0 - self.episode.problem.detection) ** looks.earlier
-        found = ground.masses[looks.pieces] * missed * self.episode.problem.detection
+        missed = (1.0 - self.episode.problem.chosen_detection) ** looks.earlier
+        found = ground.masses[looks.pieces] * missed * self.episode.problem.chosen_detection
         times = np.broadcast_to(looks.times[:, None], cells.shape)[there]
         changes = np.broadcast_to(found[:, None], cells.shape)[there]
         order = np.lexsort((times, cells[there]))
