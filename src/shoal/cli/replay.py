@@ -50,7 +50,7 @@ def replay(
             "--size",
             help=(
                 "Size of films for presentations: wide (1920 x 1080) or square (1080 x 1080). They"
-                " have a title, a scale, moves between cells and a card at their end."
+                " have a title, moves between cells and a card at their end."
             ),
         ),
     ] = None,

@@ -144,8 +144,8 @@ def film(
         Path of the film, with the suffix ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
     size : str, optional
         Size of a film for presentations: "wide" (1920 x 1080 pixels) or "square" (1080 x 1080).
-        Such a film has a title, a legend or numbers, a scale and a card at its end, shows particles
-        between the cells of their moves, and has the photograph of a map under it.
+        Such a film has a title, numbers, a scale (but for steering) and a card at its end, shows
+        particles between the cells of their moves, and has the photograph of a map under it.
     rate : int, optional
         Frames per second of a film for presentations: 30 (the default) or 60.
     on_frame : callable, optional
