@@ -600,7 +600,8 @@ class SearchProblem(Problem):
                 f" {shortened(self.starts)}"
             )
         for name in ("detection", "lateral_range"):
-            if name in self.given and not self.given & {"targets", "false_alarm", "prior"}:
+            given = name in self.given and getattr(self, name) is not None
+            if given and not self.given & {"targets", "false_alarm", "prior"}:
                 raise InvalidInputError(
                     f"{name}: expected targets or a prior of one, which robots detect, got none and a"
                     f" {name.replace('_', ' ')} of {getattr(self, name)}"
