@@ -174,6 +174,19 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
     other.close()
 
 
+def test_a_film_for_a_talk_is_exported(page: Page, studio: Studio) -> None:
+    given = {"map": "line:6", "particles": 1, "policy": "closest-frontier"}
+    studio.open(page, "vessels", {"problem": given, "seed": 0})
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    page.get_by_role("button", name="Film for a talk", exact=True).click()
+    page.locator("#filmSize").select_option("square")
+    with page.expect_download(timeout=30_000) as download:
+        page.get_by_role("button", name="Film for a talk as GIF").click()
+    with Image.open(download.value.path()) as film:
+        assert film.size[0] == film.size[1]
+
+
 def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     plan = page.locator(".plan", has_text="shortest")

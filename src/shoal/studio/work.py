@@ -466,6 +466,8 @@ JOBS: dict[str, Job] = {
             "width": MAYBE_NUMBER,
             "font_size": MAYBE_NUMBER,
             "at": MAYBE_NUMBER,
+            "size": MAYBE_TEXT,
+            "rate": MAYBE_INTEGER,
         },
     ),
     "reproduce": Job(reproduce_figures, {"name": MAYBE_TEXT, "quick": MAYBE_BOOL}, long=True),

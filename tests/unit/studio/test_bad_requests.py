@@ -258,7 +258,7 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
             "NaN",
             "9" * 401,
             "[1]" if name != "policies" else "{}",
-            "5" if name not in ("seed", "trials", "width", "font_size", "at") else "{}",
+            "5" if name not in ("seed", "trials", "width", "font_size", "at", "rate") else "{}",
         ):
             body = json.dumps({"kind": kind, "spec": good | {name: "@"}}).replace('"@"', value)
             refused(ask(studio, "POST", "/api/jobs", body.encode()), (kind, name, value))
