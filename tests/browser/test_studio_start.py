@@ -42,6 +42,11 @@ def test_any_file_is_opened_where_it_belongs(page: Page, studio: Studio, tmp_pat
     studio.open(page, "start")
     page.locator(".welcome input[type=file]").set_input_files(other)
     page.locator(".note.bad", has_text="expected a problem with its kind").wait_for()
+    part = tmp_path / "plot.dbf"
+    part.write_bytes(b"x")
+    page.locator(".welcome input[type=file]").set_input_files(part)
+    page.locator(".note.bad", has_text="needs its .shp file").wait_for()
+    assert not list(studio.folder.glob("plot*.dbf"))
 
 
 def test_the_settings_of_an_opened_episode_are_a_click_away(page: Page, studio: Studio) -> None:

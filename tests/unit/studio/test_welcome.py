@@ -59,6 +59,8 @@ def test_each_kind_of_file_is_opened_where_it_belongs(tmp_path):
     (tmp_path / "maze.map").write_text("..#\n...\n")
     (tmp_path / "field.geojson").write_text(json.dumps(SQUARE))
     (tmp_path / "field.json").write_text(json.dumps(SQUARE))
+    (tmp_path / "corners.csv").write_text("x,y\n0,0\n40,0\n40,40\n")
+    (tmp_path / "cells.csv").write_text("0,1\n1,1\n")
     (tmp_path / "room.svg").write_text("<svg/>")
     (tmp_path / "sweep.toml").write_text("name = 'x'\n")
     (tmp_path / "store.sqlite").write_bytes(b"")
@@ -69,6 +71,8 @@ def test_each_kind_of_file_is_opened_where_it_belongs(tmp_path):
         "maze.map": ("vessels", {"problem": {"map": "maze.map"}}),
         "field.geojson": ("search", {"problem": {"region": "field.geojson"}}),
         "field.json": ("search", {"problem": {"region": "field.json"}}),
+        "corners.csv": ("search", {"problem": {"region": "corners.csv"}}),
+        "cells.csv": ("vessels", {"problem": {"map": "cells.csv"}}),
         "room.svg": ("steering", {"problem": {"workspace": "room.svg"}}),
         "sweep.toml": ("lab", {"tab": "new", "toml": "name = 'x'\n"}),
         "store.sqlite": ("lab", {"tab": "sweeps", "store": "store.sqlite"}),

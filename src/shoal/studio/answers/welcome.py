@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import check_choice, read_text, shortened
@@ -77,6 +78,8 @@ def open_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         raise InvalidInputError(
             f"file: expected a file of the folder, got no such file: {shortened(name)}"
         )
+    if name.lower().endswith(".csv") and _has_header(path):
+        return _on(_SEARCH, problem={"region": name})
     if kind == "map":
         photograph = name.lower().endswith(PICTURES)
         return _on(_VESSELS, problem={"map": name} | ({"vessels": True} if photograph else {}))
@@ -96,6 +99,14 @@ def open_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         f"{shortened(name)}: expected a picture, volume, map, region, workspace, problem, episode or"
         f" sweep, got a file that no page opens"
     )
+
+
+def _has_header(path: Path) -> bool:
+    """Return whether the first line of a table names its columns: corners of a region and not the
+    cells of a map.
+    """
+    with path.open("rb") as file:
+        return any(chr(byte).isalpha() for byte in file.readline(200))
 
 
 def _of_json(name: str, data: Any) -> dict[str, Any]:

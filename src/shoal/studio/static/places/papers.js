@@ -1,6 +1,6 @@
 /* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
 import { ask, cancelJob, fileAddress, run } from "../shared/api.js";
-import { dataTable, duration, el, guarded, told } from "../shared/page.js";
+import { dataTable, el, guarded, progressText, told } from "../shared/page.js";
 import { failure } from "../shared/share.js";
 
 const NAMES = { M: "Mapping and coverage: paper M", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
@@ -59,7 +59,7 @@ export function papers({ remember }) {
     const job = await run("reproduce", spec, {
       job: (now) => {
         progress.value = now.done ?? 0;
-        note.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", ");
+        note.textContent = progressText(now);
       },
       done: guarded(async () => { end(); await load(); }),
       failed: (now) => { end(); if (now.state !== "cancelled") told(new Error(failure(now))); },

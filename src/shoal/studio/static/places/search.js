@@ -1,9 +1,9 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes,
    simulations, missions. */
-import { ask, loadFiles, newest, state, upload } from "../shared/api.js";
+import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import { confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
+import { acceptDrops, confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -76,8 +76,7 @@ const BEGIN = {
     ],
   },
 };
-const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i,
-  PARTS = /\.(shx|dbf|prj|cpg)$/i;
+const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i;
 const REST = 600; // milliseconds after which what takes longer is asked
 const closed = (polygons) =>
   polygons
@@ -495,27 +494,11 @@ export function search({ remember }) {
   }
 
   async function bring(files) {
-    const shape = files.find((file) => /\.shp$/i.test(file.name)),
-      rest = files.filter((file) => file !== shape);
-    const main = shape ?? rest.find((file) => REGIONS.test(file.name));
-    if (!main) {
-      if (!files.every((file) => PARTS.test(file.name)) && files[0]) {
-        await underlay.load({ file: await upload(files[0]) });
-        keep();
-        return;
-      }
-      throw new Error("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
-    }
-    if (!(await mayGo(main.name))) return;
-    const name = await upload(main);
-    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : [])
-      await upload(
-        new File(
-          [part],
-          name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase()),
-        ),
-      );
-    take(name);
+    const main = files.find((file) => REGIONS.test(file.name));
+    if (!main && !onlyParts(files)) {
+      await underlay.load({ file: await upload(files[0]) });
+      keep();
+    } else if (!main || (await mayGo(main.name))) take(await uploadTogether(files, REGIONS));
   }
 
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
@@ -610,20 +593,7 @@ export function search({ remember }) {
       simulate.go,
     ),
   );
-  for (const kind of ["dragover", "dragenter"])
-    element.addEventListener(kind, (event) => {
-      event.preventDefault();
-      element.classList.add("dropping");
-    });
-  for (const kind of ["dragleave", "drop"])
-    element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener(
-    "drop",
-    guarded(async (event) => {
-      event.preventDefault();
-      if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
-    }),
-  );
+  acceptDrops(element, bring);
 
   return {
     element,

@@ -6,13 +6,13 @@ import { Store, dated, stepButtons } from "../shared/store.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
   confirmed,
-  duration,
   el,
   guarded,
   number,
   olderFiles,
   panelId,
   percent,
+  progressText,
   say,
   svg,
   tabId,
@@ -631,7 +631,7 @@ export function steering({ remember }) {
       { problem: given, seed: JSON.parse(at).seed },
       {
         job: (now) => {
-          word.textContent = [now.note, duration(now.left)].filter(Boolean).join(", ");
+          word.textContent = progressText(now);
         },
         done: guarded(async ({ file, sentence }) => {
           go.disabled = false;

@@ -1,7 +1,7 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
 import { ask, newest, state, upload } from "../shared/api.js";
 import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { confirmed, el, guarded, number, say, shapeText, tabbed } from "../shared/page.js";
+import { acceptDrops, confirmed, el, guarded, number, say, shapeText, tabbed } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { showCopies, showCopiesOf } from "../shared/share.js";
 import { Store, dated } from "../shared/store.js";
@@ -426,20 +426,7 @@ export function vessels({ remember }) {
     else await showCopies(await ready(), seed);
   }
 
-  for (const kind of ["dragover", "dragenter"])
-    element.addEventListener(kind, (event) => {
-      event.preventDefault();
-      element.classList.add("dropping");
-    });
-  for (const kind of ["dragleave", "drop"])
-    element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener(
-    "drop",
-    guarded(async (event) => {
-      event.preventDefault();
-      if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
-    }),
-  );
+  acceptDrops(element, ([file]) => bring(file));
   document.addEventListener("shoal-theme", () => editor.paint());
 
   return {

@@ -1,6 +1,6 @@
 /* The first page: examples to begin with, and a place for any file. */
-import { ask, upload } from "../shared/api.js";
-import { el, guarded } from "../shared/page.js";
+import { ask, uploadTogether } from "../shared/api.js";
+import { acceptDrops, el, guarded } from "../shared/page.js";
 
 const EXAMPLES = [
   ["eye", "An eye", "The photograph of a retina. 300 particles map its vessels, moved by one command."],
@@ -28,18 +28,7 @@ export function welcome({ remember }) {
     }),
   }, el("img", { src: `/static/places/welcome/${name}.png`, alt: "", width: 320, height: 200, loading: "lazy" }), el("b", {}, title), el("span", {}, words))));
 
-  const SHAPE = /\.(shp|shx|dbf|prj|cpg)$/i;
-  /** Put files into the folder, and open the first of them, or the Shapefile that they make up. */
-  async function bring(files) {
-    const main = files.find((file) => /\.shp$/i.test(file.name)) ?? files[0];
-    const name = await upload(main);
-    for (const part of files) {
-      if (part === main || !SHAPE.test(part.name) || !/\.shp$/i.test(main.name)) continue;
-      const end = part.name.slice(part.name.lastIndexOf(".")).toLowerCase();
-      await upload(new File([part], name.replace(/\.shp$/i, end)));
-    }
-    go(await ask("open", { file: name }));
-  }
+  const bring = async (files) => go(await ask("open", { file: await uploadTogether(files) }));
   const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => {
     const brought = [...picked.files];
     picked.value = "";
@@ -53,11 +42,6 @@ export function welcome({ remember }) {
     el("div.lead", {}, el("h2", {}, "Bodies that explore a space together"),
       el("p", {}, "Begin with an example, or with a file of your own. Everything stays on this computer, in the folder of the studio.")),
     drop, picked, el("ul.gallery", { "aria-label": "Examples" }, cards));
-  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
-  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
-  element.addEventListener("drop", guarded(async (event) => {
-    event.preventDefault();
-    if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
-  }));
+  acceptDrops(element, bring);
   return { element, title: "Start", open() { remember({}); } };
 }

@@ -38,6 +38,22 @@ export async function upload(file) {
   return name;
 }
 
+const PARTS = /\.(shx|dbf|prj|cpg)$/i; // of a Shapefile
+export const onlyParts = (files) => files.every((file) => PARTS.test(file.name));
+
+/** Put files into the folder that were brought together, and return the name of the one to open: the
+ *  first whose name fits, with the other parts of its Shapefile. */
+export async function uploadTogether(files, fits = /./) {
+  if (onlyParts(files)) throw new Refused("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
+  const shape = files.find((file) => /\.shp$/i.test(file.name));
+  const name = await upload(shape ?? files.find((file) => fits.test(file.name)));
+  for (const part of shape ? files.filter((file) => PARTS.test(file.name)) : []) {
+    const end = part.name.slice(part.name.lastIndexOf(".")).toLowerCase();
+    await upload(new File([part], name.replace(/\.shp$/i, end)));
+  }
+  return name;
+}
+
 /** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
 export const listed = (kind, { skip = 0, name = "" } = {}) => request("GET", `/api/files?${new URLSearchParams({ kind, skip, name })}`);
 

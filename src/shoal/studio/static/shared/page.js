@@ -48,6 +48,25 @@ export const guarded = (work) => async (...given) => {
   }
 };
 
+/** Let files be dropped on an element. */
+export function acceptDrops(element, bring) {
+  for (const kind of ["dragover", "dragenter"])
+    element.addEventListener(kind, (event) => {
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+  for (const kind of ["dragleave", "drop"])
+    element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener(
+    "drop",
+    guarded(async (event) => {
+      event.preventDefault();
+      const files = [...event.dataTransfer.files];
+      if (files.length) await bring(files);
+    }),
+  );
+}
+
 export function openSheet(title, ...children) {
   const sheet = document.getElementById("sheet");
   sheet.replaceChildren(
@@ -147,3 +166,9 @@ export function duration(seconds) {
   if (seconds < 60) return `${Math.max(1, Math.round(seconds))} s left`;
   return seconds < 3600 ? `${Math.round(seconds / 60)} min left` : `${(seconds / 3600).toFixed(1)} h left`;
 }
+
+/** What a job does: its note and how long it lasts still. */
+export const progressText = (job) =>
+  job.state === "queued"
+    ? "waits for a free processor"
+    : [job.note, duration(job.left)].filter(Boolean).join(", ");

@@ -1,7 +1,7 @@
 /* The sweeps of the folder: how far each is, its means with intervals as they come in, paired comparisons, exports. */
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
-import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
 import { exportsOf, failure, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [["csv", "Table", "CSV"], ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"]];
@@ -34,7 +34,7 @@ export function results({ shown, change }) {
 
   function stateOf(one) {
     const job = atWork(one);
-    if (job) return job.state === "queued" ? "waits for a free processor" : [job.note, duration(job.left)].filter(Boolean).join(", ") || "begins";
+    if (job) return progressText(job) || "begins";
     if (one.error) return "cannot be read";
     if (one.complete) return `${number(one.total, 9)} trials, complete`;
     return `${number(one.done, 9)} of ${number(one.total, 9)} trials, ${one.running ? "run by a command" : "paused"}`;

@@ -1,7 +1,7 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
-import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 import { lasting } from "./simulate.js";
@@ -78,10 +78,7 @@ export function missionsPanel({ ready, current, changed, store }) {
       {
         job: (now) => {
           bar.value = now.done ?? 0;
-          word.textContent =
-            now.state === "queued"
-              ? "waits for a free processor"
-              : [now.note, duration(now.left)].filter(Boolean).join(", ");
+          word.textContent = progressText(now);
         },
         done: (found) => {
           free();

@@ -1,7 +1,7 @@
 /* Simulate: the run in the player; message loss on a slider, and robots that die by a click while
    it plays. */
 import { ask, newest, run } from "../../shared/api.js";
-import { duration, el, guarded, number, percent, say, told } from "../../shared/page.js";
+import { el, guarded, number, percent, progressText, say, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
@@ -205,10 +205,7 @@ export function simulation({ ready, question, fields, set, open, visible, said, 
       {
         job: (now) => {
           bar.value = now.done ?? 0;
-          word.textContent =
-            now.state === "queued"
-              ? "waits for a free processor"
-              : [now.note, duration(now.left)].filter(Boolean).join(", ");
+          word.textContent = progressText(now);
         },
         done: guarded(async ({ file, sentence }) => {
           free();

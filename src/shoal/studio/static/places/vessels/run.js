@@ -1,7 +1,7 @@
 /* Run: the episode in the player, move by move as it is computed, and earlier episodes of the
    folder. */
 import { ask, cancelJob, leftOut, on, run, state } from "../../shared/api.js";
-import { duration, el, guarded, number, say, told } from "../../shared/page.js";
+import { el, guarded, number, progressText, say, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
@@ -104,10 +104,7 @@ export function running({ store, problem, open }) {
         },
         job: (now) => {
           bar.value = now.done ?? 0;
-          word.textContent =
-            now.state === "queued"
-              ? "waits for a free processor"
-              : [now.note, duration(now.left)].filter(Boolean).join(", ");
+          word.textContent = progressText(now);
         },
         done: guarded(async ({ file, sentence }) => {
           finish();
