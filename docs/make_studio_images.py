@@ -136,7 +136,7 @@ def new_sweep(page: Page) -> None:
 
 def episodes(page: Page) -> None:
     page.get_by_role("tab", name="Episodes").click()
-    page.locator(".card img").first.wait_for()
+    page.locator(".shelf .card img").first.wait_for()
 
 
 def papers(page: Page) -> None:
@@ -207,7 +207,13 @@ def main(folder: Path | None) -> None:
                     page.goto(address[0])
                     page.wait_for_selector("body[data-ready]")
                     if (theme, width) == ("light", 1280):
-                        make_cards(page)
+                        other = browser.new_context(
+                            viewport={"width": width, "height": height}, color_scheme=theme
+                        ).new_page()  # what the examples set is not kept on the pages
+                        other.goto(address[0])
+                        other.wait_for_selector("body[data-ready]")
+                        make_cards(other)
+                        other.context.close()
                         page.reload()
                     for name, show in PAGES.items():
                         show(page)

@@ -18,6 +18,7 @@ from tests.browser.studio import HOSTILE, Studio, run_and_load, tab, tab_to
 from tests.browser.waiting import until
 
 import shoal
+from shoal.papers.reproduce import recipes
 from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
 
@@ -180,6 +181,8 @@ def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(
 
 def test_a_figure_of_a_paper_is_run_again(page: Page, studio: Studio) -> None:
     studio.open(page, "papers", {})
+    until(page, f"document.querySelectorAll('.paper h3').length === {len(list(recipes()))}")
+    assert page.locator(".note.bad").count() == 0
     tab_to(page, "Run quickly: m-theorem1")
     page.keyboard.press("Enter")
     verdict = page.locator(".verdictChip")

@@ -54,7 +54,7 @@ def test_the_settings_of_an_opened_episode_are_a_click_away(page: Page, studio: 
     page.get_by_role("button", name="Run", exact=True).click()
     page.locator(".panel:not([hidden]) .exports").wait_for()
     studio.open(page, "lab", {"tab": "episodes"})
-    page.locator(".gallery .card").first.click()
+    page.locator(".shelf .card").first.click()
     page.get_by_role("link", name="Its settings").click()
     page.locator(".underStage .facts", has_text="7 free").wait_for()
     assert page.locator("#vesselsSeed").input_value() == "4"

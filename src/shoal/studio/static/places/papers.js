@@ -3,7 +3,7 @@ import { ask, cancelJob, fileAddress, run } from "../shared/api.js";
 import { dataTable, el, guarded, progressText, told } from "../shared/page.js";
 import { failure } from "../shared/share.js";
 
-const NAMES = { M: "Mapping and coverage: paper M", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
+const NAMES = { M: "Mapping and coverage: paper M", D: "A draft of paper M: paper D", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
 const paperOf = (figure) => figure.source.match(/paper (\w)/)?.[1] ?? "";
 
 export function papers({ remember }) {
