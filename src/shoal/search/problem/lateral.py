@@ -12,8 +12,10 @@ from shoal.core.checks import check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
-_POINT = r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
-_CURVE = re.compile(rf"(?:(?:{_POINT})=(?:{_POINT}))(?:,(?:{_POINT})=(?:{_POINT}))*(?:@{_POINT})?")
+_NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+_CURVE = re.compile(
+    rf"(?:(?:{_NUMBER})=(?:{_NUMBER}))(?:,(?:{_NUMBER})=(?:{_NUMBER}))*(?:@{_NUMBER})?"
+)
 _FORM = "METRES=P,METRES=P,...[@SPEED]"
 
 
