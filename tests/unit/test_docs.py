@@ -48,9 +48,17 @@ LONGEST_PAGE = 1500  # words without a picture or a table
 PACKAGES = [shoal, shoal.envs, shoal.lab, shoal.search, shoal.steering, shoal.swarm, shoal.views]
 
 
-def commands_of(text: str) -> list[str]:
-    blocks = re.findall(r"```console\n(.*?)```", text, re.S)
-    return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
+def commands_of(text: str) -> list[tuple[str, int]]:
+    """Return the commands of a page and their exit codes: 0, unless a comment before them (<!-- exit
+    code: 1 -->) says another.
+    """
+    blocks = re.findall(r"(?:<!-- exit code: (\d+) -->\n)?```console\n(.*?)```", text, re.S)
+    return [
+        (line[2:], int(code or 0))
+        for code, block in blocks
+        for line in block.splitlines()
+        if line.startswith("$ ")
+    ]
 
 
 def output_lines_of(text: str) -> list[str]:
@@ -118,10 +126,10 @@ def test_commands_and_scripts_of_a_page_run(page, tmp_path, monkeypatch, capsys)
     for module in write_files_of(page.read_text()):
         monkeypatch.delitem(sys.modules, module, raising=False)
     printed = ""
-    for line in commands_of(page.read_text()):
+    for line, expected in commands_of(page.read_text()):
         code = run_in_short(line)
         output = capsys.readouterr()
-        assert code == 0, f"{line}: {output.err}"
+        assert code == expected, f"{line}: {output.err}"
         printed += output.out
     assert [line for line in output_lines_of(page.read_text()) if line not in printed] == []
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 RUN_EXAMPLE = "Example: shoal bench run closest-frontier --suite mapping-easy"
 TABLE_EXAMPLE = "Example: shoal bench table bench.sqlite"
+SHOWN = 3  # failed trials of a suite
 
 SuiteNames = Annotated[
     list[str] | None,
@@ -95,8 +96,9 @@ def run(
             found += [score for score in scores(opened, one) if score.policy in names]
             failures += [
                 f"suite {one.name}, trial {trial}: {error}"
-                for _, trial, _, error in opened.failures(one.name, limit=3)
-            ]
+                for values, trial, _, error in opened.failures(one.name)
+                if values[one.policy] in names
+            ][:SHOWN]
     _report(found, store, out, json_=json_)
     if failures:
         for text in failures:

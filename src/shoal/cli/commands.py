@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import cache
 from importlib.util import find_spec
 from math import inf
@@ -15,6 +17,9 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
+from shoal.cli.output import only_json
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import keep_inputs
 from shoal.core.version import __version__
 
 
@@ -147,22 +152,57 @@ def _ours(parameters: list[Any]) -> list[Any]:
 _OURS: dict[Any, Any] = {TyperArgument: _Argument, TyperOption: _Option}
 
 
+OUTPUTS = ("out", "film", "calibrate", "prepare", "missions")
+"""Names of parameters with files or folders that a command writes anew; a log is never overwritten."""
+
+
+def _files_of(value: Any) -> list[str]:
+    """Return the existing files that the value of a parameter names."""
+    return [
+        str(one)
+        for one in (value if isinstance(value, list | tuple) else [value])
+        if isinstance(one, str | os.PathLike) and os.path.isfile(one)
+    ]
+
+
 class _Command(TyperCommand):
-    """A command that checks its option ``--seed``, even if the command uses no random numbers."""
+    """A command that checks its option ``--seed``, even if the command uses no random numbers, and
+    keeps the files that it reads.
+    """
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, including the option ``--help``."""
         return _ours(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
-        """Check the seed and run the command."""
+        """Check the seed and the outputs, and run the command.
+
+        Raises
+        ------
+        InvalidInputError
+            If the seed is no seed, or an output is an input.
+        """
         if ctx.params.get("seed") is not None:
             from shoal.core.checks import (
                 check_integer,  # NumPy is slow to import, and help does not need it
             )
 
             check_integer(ctx.params["seed"], what="seed", least=0)
-        return super().invoke(ctx)
+        read = [
+            file
+            for name, value in ctx.params.items()
+            if name not in OUTPUTS
+            for file in _files_of(value)
+        ]
+        for name in OUTPUTS:
+            for file in _files_of(ctx.params.get(name)):
+                if any(os.path.samefile(file, one) for one in read):
+                    raise InvalidInputError(
+                        f"--{name}: expected a file other than those that the command reads, got"
+                        f" {file}"
+                    )
+        with keep_inputs(read), only_json() if ctx.params.get("json_") else nullcontext():
+            return super().invoke(ctx)
 
 
 def command(name: str) -> TyperCommand:

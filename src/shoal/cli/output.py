@@ -11,7 +11,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from threading import Timer
 from typing import Any
@@ -52,7 +52,27 @@ def say(text: str) -> None:
 
 def print_json(result: dict[str, Any]) -> None:
     """Print the dict ``result`` as one JSON object on stdout."""
-    print(json.dumps(result, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(result, ensure_ascii=False, allow_nan=False)
+    print(text, file=_stdout[-1] if _stdout else sys.stdout)
+
+
+_stdout: list[Any] = []  # the stream of the JSON, while other texts go to stderr
+
+
+@contextmanager
+def only_json() -> Iterator[None]:
+    """Send to stderr all that Python prints inside the ``with`` block, such as the texts of a user's
+    own policy, except the JSON of `print_json`.
+    """
+    if sys.stdout is None or sys.stderr is None:
+        yield
+        return
+    _stdout.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _stdout.pop()
 
 
 def print_table(

@@ -84,6 +84,16 @@ def reproduce(
     if figure is not None and all_:
         raise InvalidInputError(f"--all: expected no figure beside this option, got {figure!r}")
     if figure is None and not all_:
+        for name, given in (
+            ("quick", quick),
+            ("trials", trials),
+            ("map", map_),
+            ("workers", workers),
+        ):
+            if given not in (None, False):
+                raise InvalidInputError(
+                    f"--{name}: expected a figure beside it, or --all, got none"
+                )
         _list(json_)
         return
     check_folder(out)

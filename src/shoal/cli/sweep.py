@@ -549,14 +549,25 @@ def plot(
     with Store(store) as opened:
         chosen = opened.only(name)
         wanted = measure or first_measure(opened.stored(chosen).measures)
-        rows = [row for row in summarise(opened, chosen, wanted) if row.estimate is not None]
+        points = summarise(opened, chosen, wanted)
+    rows = [row for row in points if row.estimate is not None]
     if not rows:
         raise InvalidInputError(
             f"{store}: sweep {chosen}: expected finished trials to draw, got none"
         )
     save_figure(means_figure(rows, title=chosen, measure=wanted), out)
+    if left_out := len(points) - len(rows):
+        say(f"shoal: notice: {left_out} of {len(points)} points without a mean are not drawn")
     if json_:
-        print_json({"sweep": chosen, "measure": wanted, "points": len(rows), "out": str(out)})
+        print_json(
+            {
+                "sweep": chosen,
+                "measure": wanted,
+                "points": len(rows),
+                "left_out": left_out,
+                "out": str(out),
+            }
+        )
     else:
         print_table([("points", str(len(rows)))], title=f"{wanted} of {chosen}", written=[out])
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -29,6 +29,23 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
     return target
 
 
+_inputs: set[Path] = set()
+
+
+@contextmanager
+def keep_inputs(paths: Iterable[str | os.PathLike[str]]) -> Iterator[None]:
+    """Let no write inside the ``with`` block replace one of some files by other content."""
+    _inputs.update(Path(path).resolve() for path in paths)
+    try:
+        yield
+    finally:
+        _inputs.clear()
+
+
+def _is_input(path: Path) -> bool:
+    return bool(_inputs) and path.resolve() in _inputs
+
+
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the path of a temporary file in the folder of ``path``, with the same suffix as
@@ -40,8 +57,8 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        Raised if the folder is not writable, or if the disk is full. A failed write leaves no
-        partial file.
+        Raised if the folder is not writable, if the disk is full, or if ``path`` is an input (see
+        `keep_inputs`) and its content would change. A failed write leaves no partial file.
     """
     import secrets  # slow to import
 
@@ -57,6 +74,8 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         half_written.add(temporary)
         temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
+        if _is_input(target) and target.read_bytes() != temporary.read_bytes():
+            raise OutputError(f"cannot write {target}: it is an input of the command")
         temporary.chmod(_mode(target))
         temporary.replace(target)
         half_written.discard(temporary)

@@ -14,6 +14,8 @@ from shoal.core.errors import InvalidInputError
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+LARGEST = 2**62  # seed of a world; arrays hold seeds as int64
+
 
 def world_generators(
     seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]
@@ -34,6 +36,6 @@ def world_generators(
         if given is None:
             streams.append((None, own[world] if own else np.random.default_rng()))
             continue
-        given = check_integer(given, what="seed", least=0) + (0 if several else world)
+        given = check_integer(given, what="seed", least=0, most=LARGEST) + (0 if several else world)
         streams.append((given, np.random.default_rng(given)))
     return streams

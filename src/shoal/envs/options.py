@@ -24,6 +24,7 @@ FORMS = ("image", "flat")
 
 OBSERVATIONS = ("planes", "window", "compact", *FORMS)
 CENTERS = ("particles", "frontier")
+WIDEST = 2**12 - 1  # cells of an observation window, as many as the largest maps need
 
 
 class OptionError(InvalidInputError, gymnasium.error.Error):
@@ -40,8 +41,8 @@ class EnvOptions(Problem):
     """
 
     decided: ClassVar[tuple[str, ...]] = ()
-    """Fields of the problem that the environment leaves out, because the user's actions take their
-    place.
+    """Fields of the problem that the environment leaves out, because they have no effect on steps that
+    the user chooses.
     """
 
 
@@ -52,7 +53,7 @@ def _check_maps(given: Any) -> tuple[str, ...]:
 
 
 def _check_window(given: Any) -> int:
-    side = check_integer(given, what="window", least=3)
+    side = check_integer(given, what="window", least=3, most=WIDEST)
     if side % 2 == 0:
         raise InvalidInputError(
             "window: expected an odd number of cells, so that one cell is in the middle, got"
@@ -66,7 +67,15 @@ class SwarmEnvOptions(EnvOptions):
     """Additional fields of the swarm environments, for observations and rewards."""
 
     part: ClassVar[str] = "swarm-environment"
-    decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
+    decided: ClassVar[tuple[str, ...]] = (
+        "policy",
+        "budget",
+        "time_per_move",
+        "scan_cost",
+        "move_cost",
+        "move_seconds",
+        "scan_seconds",
+    )
 
     maps: tuple[str, ...] = option(
         (),
@@ -92,6 +101,7 @@ class SwarmEnvOptions(EnvOptions):
         help="Side of the square that the observation window shows.",
         unit="cells",
         least=3,
+        most=WIDEST,
         check=_check_window,
     )
     center: str = option(
@@ -109,13 +119,29 @@ class SwarmEnvOptions(EnvOptions):
     move_price: float = option(1.0, help="Penalty for each command, subtracted from the reward.")
     final_bonus: float = option(100.0, help="Reward at the completion of the task.")
 
+    def check_together(self) -> None:
+        """Raise an error if the observation leaves an option without effect."""
+        for name in ("window", "center"):
+            if name in self.given and self.observation != "window":
+                raise InvalidInputError(
+                    f"{name}: expected the observation window together with it, got"
+                    f" {self.observation}"
+                )
+
 
 @dataclass(frozen=True, eq=False)
 class SteeringEnvOptions(EnvOptions):
     """Additional fields of the steering environments, for inputs and rewards."""
 
     part: ClassVar[str] = "steering-environment"
-    decided: ClassVar[tuple[str, ...]] = ("planner", "time")
+    decided: ClassVar[tuple[str, ...]] = (
+        "planner",
+        "time",
+        "friction_at_least",
+        "angle_error",
+        "gain_error",
+        "clearance",
+    )
 
     observation: str = option(
         "dict",
@@ -227,7 +253,7 @@ def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) 
     for name, value in fields.items():
         if name in options.decided:
             raise OptionError(
-                f"{name}: expected no such option, because the actions replace it, got"
+                f"{name}: expected no such option, because it has no effect on chosen actions, got"
                 f" {shortened(value)}"
             )
         if name not in offered:

@@ -228,7 +228,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         modes = [mode for mode in MODES if mode != "human"]
         with option_errors():
             self.num_envs = check_integer(num_envs, what="num_envs", least=1)
-        if autoreset_mode not in {*AutoresetMode, *(mode.value for mode in AutoresetMode)}:
+        if autoreset_mode not in [*AutoresetMode, *(mode.value for mode in AutoresetMode)]:
             names = ", ".join(mode.value for mode in AutoresetMode)
             raise OptionError(
                 f"autoreset_mode: expected one of {names}, got {shortened(autoreset_mode)}"

@@ -233,7 +233,7 @@ def run_suite(
 ) -> SweepStatus:
     """Run policies on all problems of a suite, and write the results to a store of sweeps.
 
-    The store keeps the results of other policies. A run that was stopped continues with the missing
+    The store keeps the results of other policies, and none of their trials run. A run that was stopped continues with the missing
     trials.
 
     Parameters
@@ -269,8 +269,16 @@ def run_suite(
         with Store(store) as opened:
             if suite.name in opened.names:
                 stored = policies_of(opened, suite)
-    sweep = suite.sweep([*dict.fromkeys((*stored, *policies))])
-    return run_sweep(sweep, store, workers=workers, extend=True, on_progress=on_progress)
+    wanted = tuple(dict.fromkeys(policies))
+    sweep = suite.sweep([*dict.fromkeys((*stored, *wanted))])
+    return run_sweep(
+        sweep,
+        store,
+        workers=workers,
+        extend=True,
+        only={suite.policy: wanted},
+        on_progress=on_progress,
+    )
 
 
 def policies_of(store: Store, suite: Suite) -> tuple[str, ...]:

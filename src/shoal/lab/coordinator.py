@@ -8,7 +8,7 @@ import os
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import field, replace
@@ -34,7 +34,7 @@ from shoal.lab.batches import (
 from shoal.lab.problems import check_trial
 from shoal.lab.store import Store, locked
 from shoal.lab.sweep import Point, Sweep, digest_of, distinct_places
-from shoal.lab.workers import WorkerPool, make_worker_pool
+from shoal.lab.workers import WorkerPool, check_workers, make_worker_pool
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
@@ -55,6 +55,7 @@ def run_sweep(
     workers: int | None = None,
     dask: str | None = None,
     extend: bool = False,
+    only: Mapping[str, Collection[Any]] | None = None,
     on_progress: OnProgress | None = None,
     batch_seconds: float = BATCH_SECONDS,
 ) -> SweepStatus:
@@ -74,6 +75,8 @@ def run_sweep(
         on the local machine.
     extend : bool
         Whether the sweep may add trials or points to a stored sweep with an equal name.
+    only : mapping, optional
+        For some axes, the values whose points run: all other points stay as they are.
     on_progress : callable, optional
         Function that `run_sweep` calls with a `SweepProgress` after every batch of trials.
     batch_seconds : float
@@ -111,12 +114,13 @@ def run_sweep(
     (6, True)
     """
     path = Path(store)
-    inputs, files = prepare(sweep)
+    check_workers(workers, dask)
+    inputs, files = prepare(sweep, only)
     _load_kernels(sweep)
     with Store(path, write=True) as opened:
         with locked(path, sweep.name):
             opened.add(sweep, inputs, extend=extend)
-            gaps = opened.missing(sweep)
+            gaps = [gap for gap in opened.missing(sweep) if _is_wanted(gap.point, only)]
             if gaps:
                 _warn_of_others(opened, sweep.name)
                 with make_worker_pool(workers, dask) as pool:
@@ -139,8 +143,14 @@ def _warn_of_others(store: Store, name: str) -> None:
         )
 
 
-def prepare(sweep: Sweep) -> tuple[dict[str, str], dict[str, Any]]:
-    """Check that every point of a sweep can run. Return a digest of each map, workspace and region
+def _is_wanted(point: Point, only: Mapping[str, Collection[Any]] | None) -> bool:
+    return all(point.values[axis] in values for axis, values in (only or {}).items())
+
+
+def prepare(
+    sweep: Sweep, only: Mapping[str, Collection[Any]] | None = None
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Check that every point of a sweep, or each that is wanted, can run. Return a digest of each map, workspace and region
     in the sweep, and those that are read from files, opened: all trials run in what the files
     contain now.
 
@@ -161,6 +171,8 @@ def prepare(sweep: Sweep) -> tuple[dict[str, str], dict[str, Any]]:
                 if problem.place_is_file():
                     files[name] = problem.place
     for point in sweep.points:
+        if not _is_wanted(point, only):
+            continue
         with _errors_at(sweep, point):
             check_trial(point.problem.opened())
     return inputs, files

@@ -839,6 +839,16 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
                 f"sweep {name}, point {points[key].number}, trial {wrong}: its seed is not the one"
                 " that the sweep gives"
             )
+        twice = store.ask(
+            "SELECT t.trial FROM trials t JOIN failures f ON f.point = t.point AND f.trial = t.trial"
+            " WHERE t.point = ? LIMIT 1",
+            point,
+        )
+        if twice:
+            yield (
+                f"sweep {name}, point {points[key].number}, trial {twice[0][0]}: it has a result and"
+                " has failed"
+            )
         if any(not 0 <= trial < sweep.trials for trial, _, _ in rows):
             yield f"sweep {name}, point {points[key].number}: a trial that is not of the sweep"
         try:

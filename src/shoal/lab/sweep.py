@@ -217,6 +217,9 @@ def as_toml(sweep: Mapping[str, Any]) -> str:
             {name: value for name, value in sweep.items() if name not in _TABLES and value != []}
         )
     ]
+    for name in _TABLES:
+        if not isinstance(sweep.get(name) or {}, Mapping):
+            raise InvalidInputError(f"{name}: expected a table, got {shortened(sweep[name])}")
     blocks += [f"[{name}]\n{_fields(sweep[name])}" for name in _TABLES if sweep.get(name)]
     return "\n".join(blocks)
 

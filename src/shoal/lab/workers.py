@@ -303,6 +303,18 @@ class Cluster(WorkerPool):
         self._client.close()
 
 
+def check_workers(workers: int | None, dask: str | None) -> None:
+    """Refuse a wrong number of workers, and one beside a Dask cluster."""
+    if workers is None:
+        return
+    if dask is not None:
+        raise InvalidInputError(
+            "workers: expected no number of workers for a Dask cluster, which has its own workers,"
+            f" got {workers}"
+        )
+    check_integer(workers, what="workers", least=0)
+
+
 def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     """Return a pool of workers for a sweep.
 
@@ -315,14 +327,8 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
         Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes
         on the local machine.
     """
+    check_workers(workers, dask)
     if dask is not None:
-        if workers is not None:
-            raise InvalidInputError(
-                "workers: expected no number of workers for a Dask cluster, which has its own"
-                f" workers, got {workers}"
-            )
         return Cluster(dask)
-    count = (
-        count_processors() if workers is None else check_integer(workers, what="workers", least=0)
-    )
+    count = count_processors() if workers is None else workers
     return Processes(count) if count else InProcess()

@@ -136,6 +136,10 @@ class Drive(WithTrace):
     def reason(self) -> str:
         """Return one sentence that explains the status of the run."""
         rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
+        failed = [alarm.text for alarm in self.alarms if alarm.kind in ("failure", "outside")]
+        if self.status is Status.INTERRUPTED and failed:
+            moves = count_text(self.moves, "move")
+            return f"stopped by a failure of the rig after {moves}: {failed[0]}{rest}"
         if self.status is Status.ALARM:
             rest = f": {self.alarms[-1].text}" if self.alarms else rest
         return f"{REASONS[self.status]} after {count_text(self.moves, 'move')}{rest}"
@@ -649,6 +653,7 @@ class _Driver:
             check_number_seen(self.rig, self.particles, seen, noise)
         swarm = self._make_swarm(first_scan)
         swarm.rig, swarm.scanning, swarm.scans = source, scanning, 1
+        swarm.most_seen = len(first_scan)
         expects = self.cautious or self.problem.noise is not None
         if self.tests and expects and self.rig.rule != "tilt":
             noise = self.problem.noise or Noise(**TOLD)
@@ -1042,11 +1047,27 @@ class _Driver:
             task=self.problem.task_name,
             targets=n_targets,
             visited=None if n_targets is None else n_targets - left,
-            notes=(*self.notes, *getattr(self.rig, "notes", ())),
+            notes=(*self.notes, *self._unseen(), *getattr(self.rig, "notes", ())),
             seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
             seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
             **about,
         )
+
+    def _unseen(self) -> list[str]:
+        """Return a sentence about expected particles that no scan has shown, or none if that is
+        chance.
+        """
+        swarm, expected = self.swarm, self.particles
+        if expected is None or self.inlet is not None or self.rig.rule == "merge":
+            return []
+        noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
+        unseen = tail(expected - swarm.most_seen, expected, _hidden(noise))
+        if swarm.most_seen >= expected or unseen**swarm.scans >= UNLIKELY:
+            return []
+        return [
+            f"{count_text(expected, 'particle')} were expected, and no scan of {swarm.scans} shows"
+            f" more than {swarm.most_seen}"
+        ]
 
     def _episode(self, about: dict[str, Any]) -> SwarmEpisode | None:
         """Return the run as an episode in the map found, or None if no cell is known to be free.
@@ -1087,6 +1108,13 @@ class _Driver:
         return SwarmEpisode(problem=problem, **about)
 
 
+def _hidden(noise: Noise | None) -> float:
+    """Return the probability that a scan does not show a particle, or shows it elsewhere, where it
+    may fall on another.
+    """
+    return 0.0 if noise is None else noise.miss + (1 - noise.miss) * noise.misplace
+
+
 def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -> None:
     """Refuse a rig whose first scan shows another number of particles than expected.
 
@@ -1095,7 +1123,7 @@ def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -
     missed, or if a misplaced one falls on another: the probability of the number seen or of fewer
     must not be below `UNLIKELY`.
     """
-    hidden = 0.0 if noise is None else noise.miss + (1 - noise.miss) * noise.misplace
+    hidden = _hidden(noise)
     if seen > expected or tail(expected - seen, expected, hidden) < UNLIKELY:
         chance = "" if not hidden or seen > expected else ", too few for the stated noise"
         raise InvalidInputError(

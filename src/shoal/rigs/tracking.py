@@ -116,7 +116,7 @@ class RigSwarm(ABC):
         self.goal, self.first_scan, self.sent = goal, first_scan, list[Sent]()
         self.log: DriveLog | None = None
         self.sending = self.scanning = 0.0
-        self.scans = 0
+        self.scans = self.most_seen = 0  # scans, and particles in one of them
         self.placed: list[Placement] = []
 
     @property
@@ -214,6 +214,7 @@ class RigSwarm(ABC):
         seen = observe(self.rig, self.moves)
         self.scanning += time.perf_counter() - began
         self.scans += 1
+        self.most_seen = max(self.most_seen, len(seen))
         return seen
 
     def wrong_map(self) -> list[Alarm]:

@@ -538,6 +538,10 @@ class SearchEpisode(Episode):
             "messages": {"sent": trace.sent, "lost": trace.lost, "dropped": trace.dropped},
             "takeovers": trace.takeovers,
             "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
+            "targets": {
+                "there": len(self.scenario.targets),
+                "found": len({one.cell for one in self.findings} & {*self.scenario.targets}),
+            },
             "findings": [self._finding_report(finding) for finding in self.findings],
             "routes": [self._route(robot) for robot in range(len(trace.robots))],
             "seed": self.seed,

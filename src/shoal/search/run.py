@@ -170,5 +170,7 @@ def _simulated_only(scenario: Scenario) -> list[str]:
         "packet": scenario.packet > 0,
         "multiplicity": brief.multiplicity > 1,
         "obstacles": brief.tour_cost.stepwise,
+        "targets": bool(scenario.targets),
+        "false alarms": scenario.false_alarm > 0,
     }
     return [name for name, is_there in there.items() if is_there]

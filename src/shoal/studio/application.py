@@ -110,6 +110,9 @@ class Studio:
         part = check_choice(request.path_params["part"], what="part", choices=PARTS)
         asked = request.query_params
         more = ("/static/frame.css", *(["/player/swarm/race.js"] if part == "swarm" else []))
+        for name in ("volume", "recorded"):
+            if name in asked and part != "swarm":
+                raise InvalidInputError(f"{name}: expected the part swarm with it, got {part}")
         page = served_page(
             part,
             volume="volume" in asked,

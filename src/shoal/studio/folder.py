@@ -251,7 +251,11 @@ class Folder:
             with temporary.open("wb") as file:
                 async for piece in pieces:
                     file.write(piece)
-            check_pixels(temporary)
+            try:
+                check_pixels(temporary)
+            except InvalidInputError as error:
+                named = str(error).replace(temporary.name, plain)
+                raise InvalidInputError(named) from None
         return target.name
 
 

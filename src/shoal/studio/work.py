@@ -24,6 +24,7 @@ from shoal.lab.coordinator import run_sweep
 from shoal.lab.exchange import SUFFIXES, export
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.search.problem import SearchProblem
 from shoal.studio.folder import PAPERS, Folder, episode_in
 from shoal.studio.forms import (
@@ -384,8 +385,11 @@ def run_missing_trials(folder: Folder, spec: dict[str, Any], say: Say) -> dict[s
     sweep = checked_sweep(text, folder)
     store = check_text(spec.get("store", f"{sweep.name}.sqlite"), what="store")
     path = folder.path(store)
+    if spec.get("sweep") not in (None, sweep.name):
+        raise InvalidInputError(f"sweep: expected {sweep.name}, got {shortened(spec['sweep'])}")
     if path.suffix != ".sqlite":
         raise InvalidInputError(f"store: expected a name that ends with .sqlite, got {store!r}")
+    _check_sweep_file(path.with_suffix(".toml"), sweep.name)
     begun = False
 
     def tell(progress: SweepProgress) -> None:
@@ -415,6 +419,19 @@ def run_missing_trials(folder: Folder, spec: dict[str, Any], say: Say) -> dict[s
         "failures": status.failures,
         "warning": mixed,
     }
+
+
+def _check_sweep_file(path: Path, name: str) -> None:
+    """Refuse to replace a file other than that of an earlier form of a sweep."""
+    try:
+        earlier = Sweep.load(path).name if path.exists() else name
+    except ShoalError:
+        earlier = "no sweep"
+    if earlier != name:
+        raise InvalidInputError(
+            f"store: expected one whose file {path.name} is free, or is that of the sweep {name},"
+            f" got {earlier} there; take another store or name"
+        )
 
 
 def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:

@@ -32,7 +32,7 @@ REASONS = {
     Status.COMPLETE: "no frontier cell is left",
     Status.STALLED: "the policy could make no progress",
     Status.LIMIT: "stopped at the limit of moves",
-    Status.INTERRUPTED: "stopped by the user",
+    Status.INTERRUPTED: "interrupted",
     Status.ALARM: "stopped by an alarm about the rig",
 }
 

@@ -132,6 +132,8 @@ def test_render_modes():
     [
         ({"tolerance": -1.0}, "tolerance: expected"),
         ({"planner": "greedy"}, "planner: expected no such option"),
+        ({"gain_error": 0.1}, "gain_error: expected no such option, because it has no effect"),
+        ({"friction_at_least": 1.0}, "friction_at_least: expected no such option"),
         ({"longest_move": 0}, "longest_move: expected"),
         ({**PAIR, "goal": [(2.0, 0.5), (0.4, 0.5)]}, "goal: expected"),
         ({"particle_radius": 2.0}, "expected"),

@@ -131,7 +131,7 @@ def test_render_modes():
         ({"particles": 0}, "particles: expected"),
         ({"particles": 1000}, "particles: expected 1 to 100"),
         ({"observation": "picture"}, "observation: expected"),
-        ({"window": 4}, "window: expected an odd number"),
+        ({"observation": "window", "window": 4}, "window: expected an odd number"),
         ({"partikles": 4}, "partikles: expected no such option, got 4 (did you mean 'particles'?)"),
         ({"policy": "best"}, "policy: expected no such option"),
         ({"scan_every": "adaptive"}, "scan_every: expected"),

@@ -38,6 +38,7 @@ FIELDS += [
     "messages",
     "takeovers",
     "obstacles",
+    "targets",
     "findings",
     "routes",
 ]

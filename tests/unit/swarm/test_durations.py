@@ -61,7 +61,7 @@ def test_a_stopped_episode_is_a_valid_part_of_the_whole(tmp_path, fields, stepwi
     episode.save(tmp_path / "episode.npz")
     again = SwarmEpisode.load(tmp_path / "episode.npz")
     assert again.verify(), again.verify().message
-    assert "stopped by the user" in again.reason
+    assert "interrupted; " in again.reason
 
 
 def test_an_episode_may_be_stopped_before_its_first_move(tmp_path):

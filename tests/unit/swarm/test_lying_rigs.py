@@ -549,7 +549,7 @@ def test_the_command_prepares_before_it_connects(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(
         remote, "open_rig", lambda spec, **options: order.append("open") or exact(MAZE)
     )
-    assert shoal(["drive", "--rig", "tcp:localhost:1", "--json", "--max-moves", "2"]) == 0
+    assert shoal(["drive", "--rig", "tcp:localhost:1", "--json", "--max-moves", "2"]) == 1
     assert order[:2] == ["load_drive_kernels", "open"]
     capsys.readouterr()
 

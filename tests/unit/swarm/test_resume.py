@@ -341,7 +341,7 @@ def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, mo
     monkeypatch.chdir(tmp_path)
     log = tmp_path / "log.jsonl"
     assert (
-        shoal(["drive", "maze:9x7", "--particles", "4", "--log", str(log), "--max-moves", "3"]) == 0
+        shoal(["drive", "maze:9x7", "--particles", "4", "--log", str(log), "--max-moves", "3"]) == 1
     )
     header, *rest = log.read_text().splitlines(keepends=True)
     stranger = json.loads(header)
@@ -365,7 +365,7 @@ def test_a_log_alone_makes_shoal_run_no_code(tmp_path, option, value, capsys, mo
 def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):
     log = tmp_path / "log.jsonl"
     words = ["drive", "maze:13x9:2", "--particles", "4", "--slip", "0.02", "--log", str(log)]
-    assert shoal([*words, "--max-moves", "20", "--json"]) == 0
+    assert shoal([*words, "--max-moves", "20", "--json"]) == 1
     capsys.readouterr()
     assert shoal(["drive", "--resume", str(log)]) == 2
     assert "expected --max-moves above 20" in capsys.readouterr().err

@@ -70,6 +70,8 @@ def print_search(
         rows.append((f"robot {route['robot']}", told))
     if len(result["routes"]) > _ROWS:
         rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
+    if targets := result["targets"]["there"]:
+        rows.append(("targets", f"{result['targets']['found']} of {targets} found"))
     rows += [
         ("found", f"at {place_text(finding)}, sure to {100 * finding['confidence']:.1f} %")
         for finding in result["findings"][:_ROWS]

@@ -496,7 +496,7 @@ def drive(
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
     if unstopped:
         raise RigError(unstopped[0].text)
-    if result.status is Status.ALARM and ctx.obj is None:
+    if not result and ctx.obj is None:
         raise typer.Exit(1)
 
 

@@ -28,6 +28,7 @@ from shoal.cli.output import (
 )
 from shoal.core.checks import MOST_TRIALS, check_integer, shape_text
 from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
@@ -55,6 +56,8 @@ def map_(
 ) -> None:
     """Map an unknown space: find every free cell that the particles can reach, and the obstacles
     around the free cells.
+
+    The exit code is 1 if a trial does not complete its task.
     """
     _play(problem, trials, seed, workers, out, film, json_)
 
@@ -73,6 +76,8 @@ def cover(
 ) -> None:
     """Cover a known map: visit every free cell, or every cell of a random subset, with at least one
     particle.
+
+    The exit code is 1 if a trial does not complete its task.
     """
     _play(problem, trials, seed, workers, out, film, json_)
 
@@ -99,6 +104,8 @@ def gather(
 ) -> None:
     """Gather all particles on a known map: in one cell, which particles may share under the rule
     merge, or in a region.
+
+    The exit code is 1 if a trial does not complete its task.
     """
     _play(problem, trials, seed, workers, out, film, json_)
 
@@ -120,8 +127,8 @@ def _play(
     with quiet():
         workspace = problem.place
     check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
-    if workers is not None:
-        check_integer(workers, what="workers", least=1)
+    if workers is not None and check_integer(workers, what="workers", least=1) > trials == 1:
+        raise InvalidInputError(f"workers: expected several --trials beside it, got {workers}")
     warn_of_no_vessels(problem)
     problem.check_at_place()  # before kernels are compiled
     load_kernels(problem)
@@ -157,6 +164,8 @@ def _play(
             sys.stdout.flush()
             say(f"shoal: interrupted: {_kept_text(episodes, trials, out)}")
             raise typer.Exit(INTERRUPTED)
+    if not all(episodes):
+        raise typer.Exit(1)
 
 
 def _kept_text(episodes: list[SwarmEpisode], trials: int, out: Path | None) -> str:
@@ -448,7 +457,6 @@ def write_outputs(
         save_figure(figure(episodes[0]), out / "map.png")
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
-        _remove_earlier(out)
         # the run of a rig with noise, or one that was interrupted, is kept in its log
         kept = [one for one in episodes if one.observations is None and not one.placed]
         names = (
@@ -456,6 +464,7 @@ def write_outputs(
             if len(episodes) == 1
             else [f"episodes/{e.trial:05d}.npz" for e in episodes]
         )
+        _remove_earlier(out, {out / name for name in names[: len(kept)]})
         with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
             for done, (episode, name) in enumerate(zip(kept, names, strict=False), start=1):
                 episode.save(out / name)
@@ -495,9 +504,10 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
     return [save_picture(picture, out / "overlay.png")]
 
 
-def _remove_earlier(out: Path) -> None:
-    """Remove the episodes of an earlier run from an output folder, so that all files in the folder
-    belong to the new run.
+def _remove_earlier(out: Path, names: set[Path]) -> None:
+    """Remove the episodes of an earlier run from an output folder, other than those that the new run
+    replaces, so that all files in the folder belong to the new run.
     """
-    for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
+    found = {out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")}
+    for path in found - names:
         path.unlink(missing_ok=True)

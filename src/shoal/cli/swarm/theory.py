@@ -13,6 +13,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, progress
 from shoal.core.checks import check_integer
+from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ def line(
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
-    if workers is not None:
-        check_integer(workers, what="workers", least=1)
+    if workers is not None and check_integer(workers, what="workers", least=1) and not monte_carlo:
+        raise InvalidInputError(f"workers: expected --monte-carlo beside it, got {workers}")
     if out is not None:
         check_folder(out)
     drawn = None
@@ -179,6 +180,8 @@ def adversary(
 ) -> None:
     """Let an adversary choose a corridor against a policy with one particle, and print the ratio of
     the policy's moves to the moves of one who knows the corridor.
+
+    The exit code is 1 if the policy does not complete the corridor; then the ratio is a lower bound.
     """
     from shoal.swarm.adversary import play_adversary
 
@@ -198,16 +201,18 @@ def adversary(
         "seed": seed,
     }
     written = [] if out is None else _write(out, {}, result)
+    done = game.status == Status.COMPLETE
     if json_:
         print_json(result)
-        return
+        raise typer.Exit(0 if done else 1)
     rows = [
         ("corridor", f"{game.left} free cells to the left of the start, {game.right} to the right"),
         ("moves along it", f"{game.moves} ({game.status})"),
         ("of one who knows it", str(game.least)),
-        ("ratio", f"{game.ratio:.4f}"),
+        ("ratio", f"{game.ratio:.4f}" if done else f"at least {game.ratio:.4f}"),
     ]
     print_table(rows, title=f"the adversary against {game.policy}", written=written)
+    raise typer.Exit(0 if done else 1)
 
 
 def schedule(

@@ -112,6 +112,8 @@ def open_region(
     9800.0
     """
     extra = list_of(no_go)
+    if inner is not None:
+        check_choice(inner, what="--inner", choices=INNER)
     if hidden is not None:
         check_choice(hidden, what="--hidden", choices=HIDDEN)
     reading = Reading(layer=layer, hidden=hidden, closed_lines=closed_lines)
@@ -132,9 +134,8 @@ def open_region(
                 f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with"
                 f" the region {text!r}"
             )
-        return build_region(builtin_region(text), extra, name=name or text, reading=reading)
-    if inner is not None:
-        check_choice(inner, what="--inner", choices=INNER)
+        found = builtin_region(text)
+        return build_region(found, extra, name=name or text, inner=inner, reading=reading)
     outlines = read_outlines(text, reading)
     stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
     return build_region(outlines, extra, name=name or stem, inner=inner, reading=reading)
@@ -222,8 +223,13 @@ def build_region(
     wanted, searched = [wanted[k] for k in different], [searched[k] for k in different]
     taken = [taken[k] for k in _different(taken)]
     check_overlaps([*wanted, *taken], found.where)
+    inside = _inside_others(wanted, searched, refused=inner is None)
+    if inner is not None and not inside:
+        raise InvalidInputError(
+            "--inner: expected a polygon without a mark inside another polygon, got none in"
+            f" {found.where}"
+        )
     if inner != "search":
-        inside = _inside_others(wanted, searched, refused=inner is None)
         taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
         given_zones += len(inside)
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]

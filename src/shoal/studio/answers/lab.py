@@ -10,6 +10,7 @@ from typing import Any
 
 from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import as_json
 from shoal.lab.statistics import compare_along, first_measure, summarise
 from shoal.lab.store import Store, StoredSweep
 from shoal.lab.sweep import as_toml, trial_seed
@@ -128,8 +129,9 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
+            as_toml(fields)  # refuses dates, which JSON has not
         # as text, because numbers in pages have 53 bits
-        answer["sweep"] = fields | {"seed": str(fields.get("seed", 0))}
+        answer["sweep"] = as_json(fields) | {"seed": str(fields.get("seed", 0))}
         made = checked_sweep(text, folder)
     except ShoalError as error:
         return answer | {"error": str(error)}

@@ -355,6 +355,10 @@ def drawing_of(data: Any) -> Drawing | None:
         return None
     if not isinstance(data, dict):
         raise InvalidInputError(f"drawing: expected parts and zones, got {shortened(data)}")
+    if unknown := data.keys() - {"parts", "zones", "frame"}:
+        raise InvalidInputError(
+            f"drawing: expected parts, zones and frame, got {shortened(min(unknown))}"
+        )
     frame = frame_of(data.get("frame"))
     rings: dict[str, tuple[Points, ...]] = {}
     for name in ("parts", "zones"):
