@@ -23,7 +23,7 @@ from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
 
-SEARCHES = int(os.environ.get("SHOAL_SOAK", "600"))
+SEARCHES = int(os.environ.get("SHOAL_SOAK", "400"))
 LARGEST, MOST_ROBOTS = (7, 16) if "SHOAL_SOAK" in os.environ else (5, 6)
 CHUNKS = 4
 

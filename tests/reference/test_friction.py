@@ -9,6 +9,7 @@ import pytest
 from tests.reference import contact
 from tests.reference.test_planners import SHAPES, SQUARE, instance, replayed_error
 from tests.reference.test_steering import random_point, random_polygon, walls_of
+from tests.soak import often
 from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
@@ -214,7 +215,7 @@ def test_rungs_of_a_ladder_lead_up():
 def test_plans_with_friction_arrive_in_the_plain_simulation(shape, friction):
     rng = np.random.default_rng(46)
     solved, may = 0, 0
-    for _ in range(2):
+    for _ in range(often(1, 2)):
         space = SHAPES[shape](rng)
         episode = steer(instance(rng, space), planner="greedy", friction=friction, max_moves=1000)
         may += episode.status != "unreachable"

@@ -135,7 +135,7 @@ def adversarial(rng):
 
 def test_worst_cases_of_the_square():
     rng = np.random.default_rng(32)
-    for _ in range(20):
+    for _ in range(often(8, 20)):
         points = adversarial(rng)
         episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
         # Only where something is nearer to a wall or to the other particle than the clearance has

@@ -10,11 +10,12 @@ from math import atan2, cos, pi, sin
 import numpy as np
 import pytest
 from tests.reference import contact
+from tests.soak import often
 
 from shoal.steering import ContactWorld, disk, polygon, reached_in_two_moves
 from shoal.steering.delta_space import two_move_pieces
 
-PAIRS = 400  # of each kind; acceptance runs used 10,000
+PAIRS = often(200, 400)  # of each kind; acceptance runs used 10,000
 BAND = 1e-9  # of the size: pairs so near to the border of a set are not compared
 
 
@@ -216,7 +217,7 @@ def inside_convex(corners, points):
 
 def test_pieces_that_are_drawn_are_the_set():
     rng = np.random.default_rng(5)
-    for number in range(16):
+    for number in range(often(8, 16)):
         space = random_polygon(rng) if number % 4 else disk(0.5)
         before = random_pair(rng, space)
         pieces = two_move_pieces(space, before)

@@ -39,6 +39,7 @@ from shoal.search.tours import TOURS
 from shoal.steering import PLANNERS
 from shoal.steering.planners import pressing
 from shoal.swarm import POLICIES, GridWorkspace, GridWorld
+from shoal.views.drawing import stage
 from shoal.views.drawing.encoding import LONGEST
 
 ROOT = Path(__file__).parents[2]
@@ -109,7 +110,10 @@ def in_short(monkeypatch, tmp_path):
     for suffix in LONGEST:
         monkeypatch.setitem(LONGEST, suffix, 10)
     monkeypatch.setattr(worker_pools, "Processes", lambda _: worker_pools.InProcess())
+    for name, size in stage.SIZES.items():
+        monkeypatch.setitem(stage.SIZES, name, (size[0] // 2, size[1] // 2))
     monkeypatch.setattr(pressing, "CHANGES", 80)
+    monkeypatch.setattr(pressing, "ROUNDS", 6_000)
 
 
 def run_in_short(line):

@@ -25,6 +25,7 @@ from shoal.cli.output import (
     visible,
     warnings_said,
 )
+from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import as_json, check_suffix, write_json
 
@@ -668,7 +669,7 @@ def check(
             title="check",
         )
     if faults:
-        say(f"shoal: {store}: {len(faults)} faults")
+        say(f"shoal: {store}: {count_text(len(faults), 'fault')}")
         raise typer.Exit(1)
 
 

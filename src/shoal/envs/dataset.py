@@ -90,8 +90,10 @@ def record_episodes(
         check_integer(seed, what="seed", least=0),
     )
     if not hasattr(env.unwrapped, "expert_actions"):
-        raise OptionError(f"env: expected an environment of Shoal, got {shortened(env)}")
-    target = Path(path)
+        raise OptionError(
+            f"env: expected a swarm or steering environment of Shoal, got {shortened(env)}"
+        )
+    target = Path(path).resolve()  # Minari takes a relative path for one in its own folder
     if target.exists():
         raise OutputError(f"cannot write {target}: expected a folder that does not exist yet")
     label = (

@@ -19,7 +19,7 @@ import numpy as np
 import pettingzoo
 from numpy.typing import NDArray
 
-from shoal.core.checks import shortened
+from shoal.core.checks import check_integer, shortened
 from shoal.envs.forms import observation_form
 from shoal.envs.options import (
     SEEDS,
@@ -198,9 +198,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         Raises
         ------
         OptionError
-            If a start position lies outside the region.
+            If the seed is no seed, or a start position lies outside the region.
         """
         if seed is not None:
+            with option_errors():
+                seed = check_integer(seed, what="seed", least=0)
             self._rng = np.random.default_rng(seed)
         self._drawn = int(self._rng.integers(SEEDS)) if seed is None else seed
         plan, problem = self._plan, self.problem

@@ -229,6 +229,10 @@ def write_task(
     body["signature"] = _sign(key, body)
     task, key_file = home / TASK, home / KEY
     try:
+        if key_file.exists() and key_file.read_bytes() != key + b"\n":
+            raise OutputError(
+                f"cannot write {key_file}: it is the key of another search, whose robots need it"
+            )
         home.mkdir(parents=True, exist_ok=True)
         handle = os.open(key_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with os.fdopen(handle, "wb") as file:

@@ -93,7 +93,7 @@ def test_nothing_is_left_of_a_recording_that_fails(tmp_path):
         shoal.envs.record_episodes(
             mapping(scan_every=3), "closest-frontier", tmp_path / "data", episodes=1
         )
-    with pytest.raises(shoal.envs.OptionError, match="expected an environment of Shoal"):
+    with pytest.raises(shoal.envs.OptionError, match="expected a swarm or steering environment"):
         shoal.envs.record_episodes(
             gymnasium.make("CartPole-v1"), "closest-frontier", tmp_path / "data"
         )

@@ -361,7 +361,7 @@ def test_no_way_of_moving_beats_the_gauges():
     rng = np.random.default_rng(8)
     for space, friction in ((SQUARE, 0.8), (regular_polygon(6), 0.5), (disk(0.5), 0.4)):
         world = ContactWorld(space, friction=friction)
-        for _ in range(20):
+        for _ in range(often(6, 20)):
             points = np.array([space.center + 0.2 * rng.normal(size=2) for _ in range(2)])
             if not space.contains(points).all():
                 continue

@@ -202,7 +202,7 @@ def test_commands(tmp_path, capsys):
                 str(film),
             ]
         )
-        == 0
+        == 1
     )
     assert "nothing to draw or film" in capsys.readouterr().err
     assert not film.exists()

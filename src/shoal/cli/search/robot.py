@@ -146,6 +146,12 @@ def robot(
     check_number(speed_up, what="speed-up", least=0.1, most=20)
     read = read_task(task)
     if watch:
+        sends = {"id": number, "arm": arm, "accept": accept, "system": system, "state": state}
+        for name, value in (sends | {"check": check}).items():
+            if value:
+                raise InvalidInputError(
+                    f"{name}: expected none beside --watch, which sends nothing, got {value}"
+                )
         _watch(read, radio, seconds=seconds, out=out, json_=json_)
         return
     for name, given in (("seconds", seconds), ("out", out)):

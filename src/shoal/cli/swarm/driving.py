@@ -297,9 +297,9 @@ def drive(
     probabilities of a rig, and a simulated rig makes such errors. Without them, a real rig or a
     plant is expected to make no errors until scans contradict, and from then on those of slip .05,
     misplace .05 and miss .01; with --exact, the first contradiction ends the drive. If the rig
-    contradicts the commands, or if no particle moves, the drive ends with the status alarm and exit
-    code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
-    a rig.
+    contradicts the commands, or if no particle moves, the drive ends with the status alarm. The
+    exit code is 0 only if the task is complete. The page docs/concepts/rigs.md describes the
+    checks, and the messages between Shoal and a rig.
     """
     from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
     from shoal.cli.swarm.trials import begun_trials, run_trials
