@@ -352,9 +352,9 @@ class RegionPaths:
         self.grid = grid
         self.transit = transit
         # Plans compare routes that have most of their legs in common, and the plan that is chosen
-        # has the legs of its tour. So all paths of a grid share what they have found.
+        # has the legs of its tour. So all paths between the same pieces share what they have found.
         self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
-            vars(grid).setdefault("ways", {}).setdefault(transit, {})
+            vars(grid.clipped).setdefault("ways", {}).setdefault(transit, {})
         )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
