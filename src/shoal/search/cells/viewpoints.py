@@ -60,50 +60,16 @@ def viewpoints_of(
     speck = SPECK * size * size
     found = [centers[k : k + 1] for k in range(len(centers))]
     hard = np.flatnonzero(~from_center)
-    single: list[Points | None] = [None] * len(hard)
-    if free is None and len(hard):
-        single = _single(pieces[hard], centers[hard], footprint / 2, speck)
-    for k, place in zip(hard.tolist(), single, strict=True):
-        if place is not None:
-            found[k] = place
-        elif free is None:
-            one = pieces[k : k + 1]
-            found[k] = _within(one, one, centers[k : k + 1], footprint / 2, speck)[0][0]
-    if free is not None:
-        for k, places in zip(
-            hard.tolist(),
-            _beside(pieces[hard], free, centers[hard], footprint / 2, speck),
-            strict=True,
-        ):
-            found[k] = places
+    half, rest, middles = footprint / 2, pieces[hard], centers[hard]
+    if free is None:
+        places, _ = _within(rest, rest, middles, half, speck)
+    else:
+        places = _beside(rest, free, middles, half, speck)
+    for k, points in zip(hard.tolist(), places, strict=True):
+        found[k] = points
     counts = [len(points) for points in found]
-    points = np.concatenate(found) if found else np.zeros((0, 2))
-    return points, np.repeat(np.arange(len(found)), counts)
-
-
-def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Points | None]:
-    """Return, for each piece, the viewpoint in the piece that sees the whole piece and is nearest
-    to the centre, or None.
-    """
-    import shapely
-
-    low, high = np.split(shapely.bounds(pieces), 2, axis=1)
-    hair = 2 * _HAIR * half
-    least, most = (
-        np.minimum(high - half, low + half) - hair,
-        np.maximum(high - half, low + half) + hair,
-    )
-    among = shapely.intersection(pieces, shapely.box(*least.T, *most.T))
-    lines = shapely.shortest_line(among, shapely.points(centers))
-    there = np.flatnonzero(~shapely.is_missing(lines) & (high - low <= 2 * half + hair).all(axis=1))
-    points = shapely.get_coordinates(lines[there])[::2]
-    left = shapely.area(
-        shapely.difference(pieces[there], shapely.box(*(points - half).T, *(points + half).T))
-    )
-    found: list[Points | None] = [None] * len(pieces)
-    for k, place in zip(there[left <= speck].tolist(), points[left <= speck], strict=True):
-        found[k] = place[None]
-    return found
+    every = np.concatenate(found) if found else np.zeros((0, 2))
+    return every, np.repeat(np.arange(len(found)), counts)
 
 
 def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) -> list[Points]:
