@@ -67,6 +67,7 @@ COMMANDS = {
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         "search circle:40 --robots 2 --footprint 6 --angle auto",
+        "search ring:60x40 --robots 2 --footprint 5",
         "search square:40 --robots 2 --footprint 10 --prior ring:20,20:0.5=10",
         "search rectangle:540x540 --robots 8 --footprint 10",  # large enough for compiled simulation
         *(

@@ -335,8 +335,12 @@ def _either_pass(
     here = first
     for k in range(m):
         borders[k] = here
-        ends = np.arange(here, first + n)
-        times = _either_time(tour_cost, team, far, (k + turn) % m, here, ends, home)
+        robot = (k + turn) % m
+        # arcs that take longer without the way to them
+        work = (1 + 1e-9) * (time + 1e-9) * float(team.rates[robot] * team.gains[robot])
+        after = int(np.searchsorted(tour_cost.ahead, tour_cost.ahead[here + 1] + work, "right"))
+        ends = np.arange(here, min(after + 1, first + n))
+        times = _either_time(tour_cost, team, far, robot, here, ends, home)
         within = np.flatnonzero(times <= time + 1e-9)
         if len(within):
             here = int(ends[within[-1]]) + 1

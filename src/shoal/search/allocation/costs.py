@@ -16,7 +16,7 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
-from shoal.search.cells.distances import CellDistances, Distances
+from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.flight.timing import STRAIGHT
 from shoal.search.kernels.shares import TourArrays
@@ -305,6 +305,14 @@ class TourCost:
             if self.distances is None
             else self.distances.length(here, cell, closed)
         )
+
+    def lengths_from(self, here: int, cells: NDArray[np.int64]) -> list[float]:
+        """Return the lengths, in cell sides, of the paths between a cell and several cells that are
+        given by tour indices.
+        """
+        if isinstance(self.distances, RegionDistances):
+            self.distances.measure_straight(here, cells)
+        return [self.length(cell, here) for cell in cells.tolist()]
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.search.cells.graphs import Graph
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.cells.visibility_graph import inside, length_of, pulled
 from shoal.search.tours import Tour
@@ -191,14 +192,14 @@ class CellDistances:
         """Return the length of the shortest path between two cells, in cell sides; infinity if no
         path exists.
         """
-        return float(self._found(here, closed)[0][cell])
+        return float(self._found(here, closed)[cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return the distances from the cell ``here`` to all cells of the tour, in cell sides.
 
         The distance to a cell that no path reaches is the number of cells of the tour.
         """
-        return np.minimum(self._found(here, 0)[0], float(self._n))
+        return np.minimum(self._found(here, 0), float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
         """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as
@@ -208,14 +209,8 @@ class CellDistances:
         the lowest number. The result contains ``cell`` but not ``here``. If no path exists, the
         result is empty.
         """
-        came = self._found(here, closed)[1]
-        way: list[int] = []
-        while cell != here:
-            if cell < 0:
-                return ()
-            way.append(cell)
-            cell = int(came[cell])
-        return tuple(reversed(way))
+        away = self._found(here, closed)
+        return tuple(self._graph(closed & ~(1 << here)).way(away, cell)[1:].tolist())
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
         """Return the two cells beside a diagonal step, which must be open for this step. For any
@@ -246,35 +241,23 @@ class CellDistances:
         """
         return self._parts(closed & ~(1 << cell))[cell]
 
-    def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """Return the distances from a cell to all cells, and the cell before each cell, or -1."""
-        from scipy.sparse.csgraph import dijkstra
-
-        graph = self._graph(closed & ~(1 << here))
-        away = np.asarray(dijkstra(graph, indices=here))
-        cells, before = np.repeat(np.arange(self._n), np.diff(graph.indptr)), graph.indices
-        come = (away[before] + graph.data == away[cells]) & (away[cells] < np.inf)
-        came = np.full(self._n, -1, dtype=np.int32)
-        came[cells[come][::-1]] = before[come][::-1]  # the lowest of several comes last
-        return away, came
+    def _search(self, here: int, closed: int) -> NDArray[np.float64]:
+        """Return the distances from a cell to all cells."""
+        return self._graph(closed & ~(1 << here)).distances(here)
 
     def _components(self, closed: int) -> list[int]:
         labels = self._labels(closed)
         sets = [array_to_bits(labels == label) for label in range(int(labels.max()) + 1)]
         return [sets[label] for label in labels.tolist()]
 
-    def _labels(self, closed: int) -> NDArray[np.int32]:
-        """Return the number of each cell's connected component; int32, shape (N,)."""
-        from scipy.sparse.csgraph import connected_components
+    def _labels(self, closed: int) -> NDArray[np.int64]:
+        """Return the number of each cell's connected component; int64, shape (N,)."""
+        return self._graph(closed).parts()
 
-        return np.asarray(connected_components(self._graph(closed), directed=False)[1])
-
-    def _open_graph(self, closed: int) -> Any:
-        """Return the graph of open cells as a sparse matrix, with the length of each step and climb
-        between neighbours.
+    def _open_graph(self, closed: int) -> Graph:
+        """Return the graph of open cells, with the length of each step and climb between
+        neighbours.
         """
-        from scipy.sparse import coo_array
-
         open_ = ~bits_to_array(closed, self._n)
         found = [plane.edges(open_) for plane in self._planes]
         free = open_[self._climbs[0]] & open_[self._climbs[1]]
@@ -288,14 +271,7 @@ class CellDistances:
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))
         one, other, away = np.concatenate(rows), np.concatenate(cols), np.concatenate(lengths)
-        # SciPy's graph search before 1.15 takes no other indices.
-        ends = (
-            np.concatenate([one, other]).astype(np.int32),
-            np.concatenate([other, one]).astype(np.int32),
-        )
-        graph = coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
-        graph.sort_indices()
-        return graph
+        return Graph.of_pairs(one, other, away, self._n)
 
     def steps(
         self,
@@ -304,15 +280,15 @@ class CellDistances:
         of each step, the other cell, the length, and the two cells that must be open, too, or -1.
         """
         graph = self._graph(0)
-        firsts = np.repeat(np.arange(self._n), np.diff(graph.indptr)).tolist()
+        firsts = np.repeat(np.arange(self._n), np.diff(graph.first)).tolist()
         beside = [
             self.beside(one, other) or (-1, -1)
-            for one, other in zip(firsts, graph.indices.tolist(), strict=True)
+            for one, other in zip(firsts, graph.ends.tolist(), strict=True)
         ]
         return (
-            graph.indptr.astype(np.int64),
-            graph.indices.astype(np.int64),
-            graph.data.astype(np.float64),
+            graph.first,
+            graph.ends,
+            graph.lengths,
             np.array(beside, dtype=np.int64).reshape(-1, 2),
         )
 
@@ -368,6 +344,16 @@ class RegionDistances:
         return np.asarray(
             straight + np.where(lengths < len(lengths), np.maximum(lengths - free, 0.0), 0.0)
         )
+
+    def measure_straight(self, here: int, cells: NDArray[np.int64]) -> None:
+        """Measure those of the paths from a cell to several other cells that are straight, at once,
+        for `length`.
+        """
+        pairs = np.column_stack([np.minimum(cells, here), np.maximum(cells, here)])
+        ends = self._places[pairs]
+        straight = inside(self._paths.grid.region, ends[:, 0], ends[:, 1])
+        lengths = np.hypot(*(ends[straight, 1] - ends[straight, 0]).T) / self._size
+        self._known.update(zip(map(tuple, pairs[straight].tolist()), lengths.tolist(), strict=True))
 
     def _measure(self, here: int, cell: int) -> float:
         region, ends = self._paths.grid.region, self._places[[here, cell]]

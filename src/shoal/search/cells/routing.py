@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +15,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
 from shoal.search.cells.bends import with_fewer_bends
+from shoal.search.cells.graphs import Graph
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.visibility_graph import (
     VisibilityGraph,
@@ -49,10 +49,8 @@ class PortalGraph:
 
         If rounding errors have closed a portal so that no path exists, the result is None.
         """
-        from scipy.sparse.csgraph import breadth_first_order
-
         first, last = self._piece(start), self._piece(end)
-        _, came = breadth_first_order(self._graph, first)
+        came = self._graph.before(first)
         way = [last]
         while way[-1] != first:
             if came[way[-1]] < 0:
@@ -70,9 +68,7 @@ class PortalGraph:
         )
 
     @cached_property
-    def _graph(self) -> Any:
-        from scipy.sparse import coo_array
-
+    def _graph(self) -> Graph:
         whole = self.grid.clipped.whole
         flat = self._n + np.arange(whole.size).reshape(whole.shape)
         right, down = whole[:, :-1] & whole[:, 1:], whole[:-1] & whole[1:]
@@ -83,11 +79,8 @@ class PortalGraph:
                 np.stack([flat[:-1][down], flat[1:][down]], axis=1),
             ]
         )
-        ends = np.searchsorted(self._numbers, pairs)
-        ends = np.concatenate([ends, ends[:, ::-1]])  # both ways, once for all searches
-        return coo_array(
-            (np.ones(len(ends)), tuple(ends.T)), shape=(len(self._numbers),) * 2
-        ).tocsr()
+        one, other = np.searchsorted(self._numbers, pairs).T
+        return Graph.of_pairs(one, other, np.ones(len(pairs)), len(self._numbers))
 
     def _pairs(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return one number for each pair of nodes, whatever their order; int64, shape (k,)."""
@@ -359,9 +352,9 @@ class RegionPaths:
         self.grid = grid
         self.transit = transit
         # Plans compare routes that have most of their legs in common, and the plan that is chosen
-        # has the legs of its tour. So all paths of a grid share what they have found.
+        # has the legs of its tour. So all paths between the same pieces share what they have found.
         self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
-            vars(grid).setdefault("ways", {}).setdefault(transit, {})
+            vars(grid.clipped).setdefault("ways", {}).setdefault(transit, {})
         )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:

@@ -60,67 +60,32 @@ def viewpoints_of(
     speck = SPECK * size * size
     found = [centers[k : k + 1] for k in range(len(centers))]
     hard = np.flatnonzero(~from_center)
-    single: list[Points | None] = [None] * len(hard)
-    if free is None and len(hard):
-        single = _single(pieces[hard], centers[hard], footprint / 2, speck)
-    for k, place in zip(hard.tolist(), single, strict=True):
-        if place is not None:
-            found[k] = place
-        elif free is None:
-            found[k] = _within(pieces[k], pieces[k], centers[k], footprint / 2, speck)[0]
-    if free is not None:
-        for k, places in zip(
-            hard.tolist(),
-            _beside(pieces[hard], free, centers[hard], footprint / 2, speck),
-            strict=True,
-        ):
-            found[k] = places
+    half, rest, middles = footprint / 2, pieces[hard], centers[hard]
+    if free is None:
+        places, _ = _within(rest, rest, middles, half, speck)
+    else:
+        places = _beside(rest, free, middles, half, speck)
+    for k, points in zip(hard.tolist(), places, strict=True):
+        found[k] = points
     counts = [len(points) for points in found]
-    points = np.concatenate(found) if found else np.zeros((0, 2))
-    return points, np.repeat(np.arange(len(found)), counts)
-
-
-def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Points | None]:
-    """Return, for each piece, the viewpoint in the piece that sees the whole piece and is nearest
-    to the centre, or None.
-    """
-    import shapely
-
-    low, high = np.split(shapely.bounds(pieces), 2, axis=1)
-    hair = 2 * _HAIR * half
-    least, most = (
-        np.minimum(high - half, low + half) - hair,
-        np.maximum(high - half, low + half) + hair,
-    )
-    among = shapely.intersection(pieces, shapely.box(*least.T, *most.T))
-    lines = shapely.shortest_line(among, shapely.points(centers))
-    there = np.flatnonzero(~shapely.is_missing(lines) & (high - low <= 2 * half + hair).all(axis=1))
-    points = shapely.get_coordinates(lines[there])[::2]
-    left = shapely.area(
-        shapely.difference(pieces[there], shapely.box(*(points - half).T, *(points + half).T))
-    )
-    found: list[Points | None] = [None] * len(pieces)
-    for k, place in zip(there[left <= speck].tolist(), points[left <= speck], strict=True):
-        found[k] = place[None]
-    return found
+    every = np.concatenate(found) if found else np.zeros((0, 2))
+    return every, np.repeat(np.arange(len(found)), counts)
 
 
 def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) -> list[Points]:
     """Return, for each piece, points of ``free``, inside or beside the piece, from which together
     the whole piece is visible.
     """
+    import shapely
+
     areas = _around(free, pieces, half)
-    every = [
-        _within(piece, area, center, half, speck, most=_MOST)
-        for piece, area, center in zip(pieces, areas, centers, strict=True)
-    ]
-    found = [places for places, _ in every]
+    found, left = _within(pieces, areas, centers, half, speck, most=_MOST)
     # A robot sees the rest while it follows the border of the free area. From single points on a
     # slanted border, it would not.
-    unseen = np.flatnonzero([left.area > speck for _, left in every])
+    unseen = np.flatnonzero(shapely.area(left) > speck)
     if len(unseen):
-        lefts = np.array([every[k][1] for k in unseen.tolist()], dtype=object)
-        for k, border in zip(unseen.tolist(), _around(free.boundary, lefts, half), strict=True):
+        borders = _around(free.boundary, left[unseen], half)
+        for k, border in zip(unseen.tolist(), borders, strict=True):
             found[k] = np.concatenate([found[k], *_lines(border)])
     return found
 
@@ -147,52 +112,61 @@ def _around(shape: Any, pieces: Any, half: float) -> Any:
     return clipped_to(shape, low - half, high + half)
 
 
-def _square(place: Points, half: float) -> Any:
-    import shapely
-
-    return shapely.box(*(place - half), *(place + half))
-
-
 def _within(
-    piece: Any, area: Any, center: Points, half: float, speck: float, most: float = np.inf
-) -> tuple[Points, Any]:
-    """Return at most ``most`` viewpoints in ``area`` for a piece, and the part of the piece that no
-    viewpoint sees.
+    pieces: Any, areas: Any, centers: Points, half: float, speck: float, most: float = np.inf
+) -> tuple[list[Points], Any]:
+    """Return, for each piece, at most ``most`` viewpoints in its area, and the part of the piece
+    that no viewpoint sees.
     """
     import shapely
 
-    chosen: list[Points] = []
-    left, near = piece, center
-    while left.area > speck and len(chosen) < most:
-        place = _from_one(area, left, near, half)
-        if place is None:
-            # A point of the remaining part sees at least its own surroundings, so the loop ends.
-            part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
-            low, high = np.reshape(left.bounds, (2, 2))
-            place = _nearest(part if chosen else piece, near if not chosen else (low + high) / 2)
-            place = place if area is piece else _nearest(area, place)
-        chosen.append(place)
-        left = left.difference(_square(place, half))
-        near = place
-    return np.array(chosen).reshape(-1, 2), left
+    chosen: list[list[Points]] = [[] for _ in pieces]
+    left, near = pieces.copy(), centers.copy()
+    unseen, rounds = np.flatnonzero(shapely.area(left) > speck), 0
+    while len(unseen) and rounds < most:
+        places = _from_one(areas[unseen], left[unseen], near[unseen], half)
+        for k, place in zip(unseen.tolist(), places, strict=True):
+            if np.isnan(place[0]):
+                place[:] = _in_part(pieces[k], areas[k], left[k], near[k], begun=rounds > 0)
+            chosen[k].append(place)
+        near[unseen] = places
+        squares = shapely.box(*(places - half).T, *(places + half).T)
+        left[unseen] = shapely.difference(left[unseen], squares)
+        unseen, rounds = unseen[shapely.area(left[unseen]) > speck], rounds + 1
+    return [np.array(places).reshape(-1, 2) for places in chosen], left
 
 
-def _from_one(area: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return, among all points of ``area`` that see the whole part ``left`` of a piece, the point
-    nearest to ``near``.
+def _from_one(areas: Any, lefts: Any, near: Points, half: float) -> Points:
+    """Return, for each area, among all its points that see the whole part of ``lefts`` of a piece,
+    the point nearest to ``near``; float64, shape (n, 2).
 
-    If no point sees the whole part ``left``, the result is None.
+    If no point sees the whole part, the result is not a number.
     """
     import shapely
 
-    low, high = np.reshape(left.bounds, (2, 2))
+    low, high = np.split(shapely.bounds(lefts), 2, axis=1)
     least, most, hair = high - half, low + half, 2 * _HAIR * half
-    if (least > most + hair).any():
-        return None
-    among = area.intersection(
-        shapely.box(*(np.minimum(least, most) - hair), *(np.maximum(least, most) + hair))
-    )
-    return None if among.is_empty else _nearest(among, near)
+    found = np.full((len(lefts), 2), np.nan)
+    some = np.flatnonzero((least <= most + hair).all(axis=1))
+    corners = np.minimum(least, most)[some] - hair, np.maximum(least, most)[some] + hair
+    among = shapely.intersection(areas[some], shapely.box(*corners[0].T, *corners[1].T))
+    there = ~shapely.is_empty(among)
+    lines = shapely.shortest_line(among[there], shapely.points(near[some[there]]))
+    found[some[there]] = shapely.get_coordinates(lines)[::2]
+    return found
+
+
+def _in_part(piece: Any, area: Any, left: Any, near: Points, *, begun: bool) -> Points:
+    """Return a point in ``area`` from which a robot sees a part of what it did not see.
+
+    A point of the remaining part sees at least its own surroundings.
+    """
+    import shapely
+
+    part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
+    low, high = np.reshape(left.bounds, (2, 2))
+    place = _nearest(part, (low + high) / 2) if begun else _nearest(piece, near)
+    return place if area is piece else _nearest(area, place)
 
 
 def _nearest(shape: Any, point: Points) -> Points:

@@ -103,11 +103,16 @@ def _windows(grid: CellGrid) -> dict[int, Any]:
     bounds = shapely.bounds(pieces)
     hair = _HAIR * grid.footprint
     boxes = shapely.box(*(bounds[:, 2:] - half - hair).T, *(bounds[:, :2] + half + hair).T)
-    surroundings = _around(grid, rows[free], cols[free])
+    # what of the piece and its surroundings is connected; only the piece if no box leaves its cell
+    around = pieces.copy()
+    leaving = np.flatnonzero(
+        ~shapely.contains_properly(grid.lattice.boxes(rows[free], cols[free]), boxes)
+    )
+    surroundings = _around(grid, rows[free[leaving]], cols[free[leaving]])
     parts, of = shapely.get_parts(shapely.union_all(surroundings, axis=1), return_index=True)
-    away = shapely.distance(parts, shapely.point_on_surface(pieces)[of])
+    away = shapely.distance(parts, shapely.point_on_surface(pieces[leaving])[of])
     order = np.lexsort((away, of))
-    around = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
+    around[leaving] = parts[order[np.searchsorted(of[order], np.arange(len(leaving)))]]
     shapes = shapely.intersection(around, boxes)
     if grid.region.restricted:
         some = ~shapely.is_empty(shapes)
@@ -157,10 +162,17 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
     """
     import shapely
 
-    left, low, right, high = (side[:, None] for side in shapely.bounds(windows).T)
+    step = _COARSE * footprint / 4
+    # Points of one square of this step count as one. Many windows are in one square with their
+    # known viewpoint: those of cells whose piece is as wide as the footprint are only points.
+    bounds, hair = shapely.bounds(windows), _HAIR * footprint
+    squares = np.round(np.stack([bounds[:, :2] - hair, known, bounds[:, 2:] + hair]) / step)
+    wide = np.flatnonzero((squares != squares[0]).any(axis=(0, 2)))
+    shapes = windows[wide]
+    left, low, right, high = (side[:, None] for side in bounds[wide].T)
     shares = np.linspace(0.0, 1.0, 5)
-    rows = np.hstack([low + shares * (high - low), middles[:, 1:]])
-    cols = np.hstack([left + shares * (right - left), middles[:, :1]])
+    rows = np.hstack([low + shares * (high - low), middles[wide, 1:]])
+    cols = np.hstack([left + shares * (right - left), middles[wide, :1]])
     ends = [
         np.stack(
             [np.stack([left - 1 + 0 * rows, rows], -1), np.stack([right + 1 + 0 * rows, rows], -1)],
@@ -175,15 +187,17 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
     ]
     lines = shapely.linestrings(np.concatenate(ends, axis=1))
     cut, of_cut = shapely.get_coordinates(
-        shapely.intersection(windows[:, None], lines).ravel(), return_index=True
+        shapely.intersection(shapes[:, None], lines).ravel(), return_index=True
     )
     corners, of_corner = shapely.get_coordinates(
-        shapely.simplify(windows, _COARSE * footprint), return_index=True
+        shapely.simplify(shapes, _COARSE * footprint), return_index=True
     )
     found = np.concatenate([known, corners, cut])
-    owner = np.concatenate([np.arange(len(windows)), of_corner, of_cut // lines.shape[1]])
+    owner = np.concatenate(
+        [np.arange(len(windows)), wide[of_corner], wide[of_cut // lines.shape[1]]]
+    )
     kept = np.unique(
-        np.column_stack([owner, np.round(found / (_COARSE * footprint / 4))]),
+        np.column_stack([owner, np.round(found / step)]),
         axis=0,
         return_index=True,
     )[1]
@@ -258,7 +272,10 @@ def _points_of(
         asked = np.unique(of[links[blocked]])
         banned = np.union1d(banned, one[blocked] * len(points) + other[blocked])
     found, at = known.copy(), partial_sums(lengths)
-    for c in np.flatnonzero(counts).tolist():
+    # most paths bend in each of their few windows
+    bent = counts == lengths + 4
+    found[np.repeat(bent, lengths)] = points[nodes[inner & bent[chain_of]]]
+    for c in np.flatnonzero((counts > 0) & ~bent).tolist():
         path, cells = nodes[chains[c] : chains[c] + counts[c]], slice(at[c], at[c + 1])
         found[cells] = _crossed(points[path], stage_of[path], shapes[cells], known[cells])
     return found

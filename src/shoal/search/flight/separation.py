@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -231,49 +231,41 @@ def _planes(
     return np.moveaxis(table[:, :2], 2, 0), table[:, 2].T
 
 
-def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return, for each pair of legs, the border line of one constraint, and the interval of this
-    line that meets all constraints.
+def _edges(
+    start: Floats, mine: _Legs, theirs: _Legs, normals: Floats, limits: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Return, for each of k constraints and n pairs of legs, the border line of the constraint, and
+    the interval of this line that meets all constraints.
 
-    The result contains a point of the line, the direction of the line, and the lower and upper end
-    of the interval.
+    The result contains a point of the line and its direction (of shape (k, n, 2)), the lower and
+    the upper end of the interval (k, n), and along the line the horizontal offset of the two
+    vehicles at the point and the change of this offset (k, n, 2).
     """
-    normal = normals[:, edge]
-    square = (normal**2).sum(axis=1)
+    normals, limits = np.moveaxis(normals, 1, 0), limits.T
+    square = (normals**2).sum(axis=-1)
     there = square > 0
-    point = normal * (limits[:, edge] / np.where(there, square, 1.0))[:, None]
-    along = left_of(normal)
-    low, high = np.full(len(point), -np.inf), np.full(len(point), np.inf)
+    point = normals * (limits / np.where(there, square, 1.0))[..., None]
+    along = left_of(normals)
+    low, high = np.full(there.shape, -np.inf), np.full(there.shape, np.inf)
     low[~there] = np.inf
-    for other in range(normals.shape[1]):
-        if other == edge:
-            continue
-        slope = (normals[:, other] * along).sum(axis=1)
-        room = limits[:, other] - (normals[:, other] * point).sum(axis=1)
-        flat = np.abs(slope) <= _HAIR * np.sqrt(square * (normals[:, other] ** 2).sum(axis=1))
+    for number, (normal, limit) in enumerate(zip(normals, limits, strict=True)):
+        slope = (normal * along).sum(axis=-1)
+        room = limit - (normal * point).sum(axis=-1)
+        flat = np.abs(slope) <= _HAIR * np.sqrt(square * square[number])
         reach = room / np.where(flat, 1.0, slope)
-        high = np.where(~flat & (slope > 0), np.minimum(high, reach), high)
-        low = np.where(~flat & (slope < 0), np.maximum(low, reach), low)
-        low = np.where(flat & (room < -_HAIR * (1.0 + np.abs(limits[:, other]))), np.inf, low)
+        # a constraint does not bound its own border
+        other = (np.arange(len(normals)) != number)[:, None]
+        high = np.where(other & ~flat & (slope > 0), np.minimum(high, reach), high)
+        low = np.where(other & ~flat & (slope < 0), np.maximum(low, reach), low)
+        low = np.where(other & flat & (room < -_HAIR * (1.0 + np.abs(limit))), np.inf, low)
     empty = np.isfinite(low) & np.isfinite(high) & (high < low)
     bottom = np.where(empty, low, 0.0)
     touching = empty & (bottom - np.where(empty, high, 0.0) <= _HAIR * (1.0 + np.abs(bottom)))
-    return point, along, low, np.where(touching, low, high)
-
-
-def _edges(
-    start: Floats, mine: _Legs, theirs: _Legs, normals: Floats, limits: Floats
-) -> Iterator[tuple[Floats, Floats, Floats, Floats, Floats, Floats]]:
-    """Yield, for each constraint, what `_clipped` returns of its border line, and along this line
-    the horizontal offset of the two vehicles at its point and the change of this offset.
-    """
-    for edge in range(normals.shape[1]):
-        point, along, low, high = _clipped(normals, limits, edge)
-        base, change = (
-            times[:, :1] * mine.velocities[:, :2] - times[:, 1:] * theirs.velocities[:, :2]
-            for times in (point, along)
-        )
-        yield point, along, low, high, start + base, change
+    base, change = (
+        times[..., :1] * mine.velocities[:, :2] - times[..., 1:] * theirs.velocities[:, :2]
+        for times in (point, along)
+    )
+    return point, along, low, np.where(touching, low, high), start + base, change
 
 
 def _least(
@@ -284,21 +276,19 @@ def _least(
     """
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
-    candidates = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
-    for point, along, low, high, base, change in _edges(start, mine, theirs, normals, limits):
-        square = (change**2).sum(axis=1)
-        best = -(base * change).sum(axis=1) / np.where(square > 0, square, 1.0)
-        there = (low <= high) & np.isfinite(low) & np.isfinite(high)
-        at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))
-        apart = np.hypot(*(base + at[:, None] * change).T)
-        candidates.append((np.where(there, apart, np.inf), point + at[:, None] * along))
-    apart = np.array(
-        [np.maximum(distances - mine.reach - theirs.reach, 0.0) for distances, _ in candidates]
-    )
+    crossing, met = _crossing(start, mine.velocities, theirs.velocities, normals, limits)
+    point, along, low, high, base, change = _edges(start, mine, theirs, normals, limits)
+    square = (change**2).sum(axis=-1)
+    best = -(base * change).sum(axis=-1) / np.where(square > 0, square, 1.0)
+    there = (low <= high) & np.isfinite(low) & np.isfinite(high)
+    at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))[..., None]
+    offsets = base + at * change
+    distances = np.where(there, np.hypot(offsets[..., 0], offsets[..., 1]), np.inf)
+    apart = np.maximum(np.vstack([crossing[None], distances]) - mine.reach - theirs.reach, 0.0)
     which, k = np.unravel_index(int(np.argmin(apart)), apart.shape)
     if not np.isfinite(apart[which, k]):
         return np.inf, None
-    since = candidates[which][1][k]
+    since = np.concatenate([met[None], point + at * along])[which, k]
     times = (float(mine.begins[k] + since[0]), float(theirs.begins[k] + since[1]))
     places = np.stack(
         [
@@ -377,14 +367,14 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
     start = a.points[:, :2] - b.points[:, :2]
     begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
-    intervals = [_tangents(start, a.velocities, b.velocities, normals, limits, near_by)]
-    for point, along, low, high, base, change in _edges(start, a, b, normals, limits):
-        least, most = _near(base, change, near_by, low, high)
-        there = (least <= most) & np.isfinite(least) & np.isfinite(most)
-        ends = np.where(there[:, None], np.stack([least, most], axis=1), 0.0)
-        shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
-        intervals.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
-    every = np.array(intervals)
+    tangents = _tangents(start, a.velocities, b.velocities, normals, limits, near_by)
+    point, along, low, high, base, change = _edges(start, a, b, normals, limits)
+    least, most = _near(base, change, near_by, low, high)
+    there = ((least <= most) & np.isfinite(least) & np.isfinite(most))[..., None]
+    ends = np.where(there, np.stack([least, most], axis=-1), 0.0)
+    shifts = (point[..., :1] - point[..., 1:]) + ends * (along[..., :1] - along[..., 1:])
+    intervals = np.where(there, np.sort(shifts, axis=-1), [np.inf, -np.inf])
+    every = np.concatenate([tangents[None], intervals])
     return merge_intervals(
         np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
     )
@@ -396,8 +386,8 @@ def _near(
     """Return both ends of the part of each interval in which two vehicles are closer than the
     horizontal separation.
     """
-    square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
-    rest = (base**2).sum(axis=1) - horizontal**2
+    square, half = (change**2).sum(axis=-1), (base * change).sum(axis=-1)
+    rest = (base**2).sum(axis=-1) - horizontal**2
     still = square <= _HAIR**2
     root = half**2 - square * rest
     width = np.sqrt(np.maximum(root, 0.0)) / np.where(still, 1.0, square)

@@ -22,6 +22,7 @@ Ways = Callable[[Points, Points], ArrayLike]
 _FLAT = 2e-4  # relative to the time: difference between north in the plane and north on Earth
 _ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
 _FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
+_GUESSES = 12  # of that place
 _SHORTEST = 0.1  # metres: minimum progress of a sortie
 _MOST = 300  # sorties of a vehicle: about 100 hours in the air with a battery for 20 minutes
 _HOPE = 2.0  # relative to the previous sortie: the longest rest that is tried at once
@@ -149,11 +150,38 @@ class Sorties:
             begin if low < 0 else float(ahead[low]),
             float(ahead[min(low + 1, len(ahead) - 1)]),
         )
-        while far - until > _FINE:  # inside a leg, only the battery is a finer limit than waypoints
-            half = (until + far) / 2
-            until, far = (half, far) if self._fits(begin, half) else (until, half)
+        until = self._latest_in_leg(begin, until, far)
         if until <= begin or (low < 0 and until - begin < _SHORTEST):
             self._refuse(begin)
+        return until
+
+    def _latest_in_leg(self, begin: float, until: float, far: float) -> float:
+        """Return what halving a leg finds between ``until``, where a sortie can leave the path, and
+        ``far``, where it cannot: inside a leg, only the battery is a finer limit than waypoints.
+
+        False position (with the weights of the Illinois algorithm) tells first how far the battery
+        lasts, so that few halves are flown.
+        """
+        ends, last = [until, far], -1
+        over = [self._trajectory(begin, at).duration - self.limit for at in ends]
+
+        def fits(at: float) -> bool:
+            if ends[0] < at < ends[1]:
+                ends[0 if self._fits(begin, at) else 1] = at
+            return at <= ends[0]
+
+        for _ in range(_GUESSES):
+            if ends[1] - ends[0] <= _FINE or over[0] >= 0 or over[1] <= 0:
+                break
+            guess = ends[0] + over[0] / (over[0] - over[1]) * (ends[1] - ends[0])
+            side = 0 if fits(guess) else 1
+            over[side] = self._trajectory(begin, guess).duration - self.limit
+            if side == last:
+                over[1 - side] /= 2
+            last = side
+        while far - until > _FINE:
+            half = (until + far) / 2
+            until, far = (half, far) if fits(half) else (until, half)
         return until
 
     def _fits(self, begin: float, until: float) -> bool:

@@ -647,11 +647,13 @@ class SearchPlan:
             return 0.0, 0.0
         end = self.places[robot] if self.landing is None else self.landing[robot]
         first, last = self.positions(stops[[0, -1]])[:, :2]
-        ways = (self.leg(self.places[robot], first), self.leg(last, end))
-        out, back = (
-            float(shapely.linestrings(way).difference(self._allowed).length) for way in ways
-        )
-        return out, back
+        return self._outside_length(self.places[robot], first), self._outside_length(last, end)
+
+    def _outside_length(self, start: Points, end: Points) -> float:
+        """Return the length of the path of `leg` outside the region, in metres."""
+        if not self.transit and self.grid.region.contains([start, end]).all():
+            return 0.0
+        return float(shapely.linestrings(self.leg(start, end)).difference(self._allowed).length)
 
     @cached_property
     def _allowed(self) -> Any:

@@ -31,7 +31,7 @@ from shoal.search.regions.outline import (
     text_of,
 )
 from shoal.search.regions.projection import REACH, LocalFrame
-from shoal.search.regions.region import SearchRegion, polygons_in, region_of
+from shoal.search.regions.region import SearchRegion, polygons_in, region_of, united
 
 INNER = ("no-go", "search")
 """Possible meanings of a polygon inside another polygon if the file does not mark the inner
@@ -233,7 +233,7 @@ def build_region(
         taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
         given_zones += len(inside)
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
-    no_go = polygons_in(shapely.union_all(taken)) if taken else None
+    no_go = polygons_in(united(taken)) if taken else None
     with errors_at(found.where):
         whole = polygons_in(shapely.union_all(wanted))
         region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=given_zones)

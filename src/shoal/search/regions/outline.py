@@ -336,10 +336,10 @@ def check_polygons(outlines: Sequence[RegionOutline], *, closed: bool = True) ->
         again[first] = False
         good = ~np.bincount(of[again], minlength=len(rings)).astype(np.bool_)
         good &= np.bincount(of[~np.isfinite(points).all(axis=1)], minlength=len(rings)) == 0
-        good &= (ends_at_begin == closed) & (np.bincount(of) - ends_at_begin >= 3)
+        good &= ends_at_begin | (not closed)
+        good &= np.bincount(of) - ends_at_begin >= 3
         kept = good[of]
-        if closed:  # without the first vertex, which is the last one, too
-            kept[first] = False
+        kept[first[ends_at_begin]] = False  # it is the last vertex, too
         inner, counts = np.flatnonzero(kept), np.bincount(of[kept], minlength=len(rings))
         numbers = np.flatnonzero(counts)
         shapes = np.full(len(rings), None, dtype=object)

@@ -357,12 +357,22 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
                 f" {said.partition('[')[0].lower()}{place_of(said)} in part {index + 1}"
             )
     return (
-        polygons_in(shapely.union_all(parts))
+        polygons_in(united(parts))
         if len(parts) > 1
         else parts[0]
         if len(parts)
         else shapely.Polygon()
     )
+
+
+def united(polygons: Any) -> Any:
+    """Return the union of valid Shapely polygons. Thousands that do not overlap are only put
+    together.
+    """
+    import shapely
+
+    together = shapely.multipolygons(polygons)
+    return together if shapely.is_valid(together) else shapely.union_all(polygons)
 
 
 def polygons_in(shape: Any) -> Any:

@@ -270,8 +270,8 @@ def _with_recharging(
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
     completion, left = lasting.copy(), brief.energy
     away = [
-        tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell)
-        for cell in cells.tolist()
+        length + brief.from_launch(robot + 1, start, cell)
+        for cell, length in zip(cells.tolist(), tour_cost.lengths_from(start, cells), strict=True)
     ]
     for k, cell in enumerate(cells.tolist()):
         cost = lasting[k] * rate

@@ -246,6 +246,20 @@ def bare_axes(axes: Axes) -> None:
         spine.set_visible(False)
 
 
+def settle_layout(figure: Figure, *, rounds: int = 1) -> None:
+    """Fix the positions of a figure's axes, so that what is drawn next can depend on them.
+
+    A further round is needed if what has a place beside the axes moves with them.
+    """
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    for _ in range(rounds):
+        engine.execute(figure)
+        for axes in figure.axes:
+            axes.apply_aspect()
+    figure.set_layout_engine("none")
+
+
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float | None = None) -> None:
     """Write a figure as PNG, SVG or PDF. A failed write leaves no partial file.
 

@@ -26,6 +26,7 @@ from shoal.views.drawing.charts import (
     marker,
     new_figure,
     set_facts,
+    settle_layout,
     text_size,
 )
 from shoal.views.search.history import SearchHistory, robot_colour, sizes_text
@@ -112,9 +113,7 @@ def routes_figure(episode: SearchEpisode, *, seconds: float | None = None) -> Fi
     # Fixes the positions of the axes, so that the numbers can be moved apart. The summary moves
     # with the axes, so that the layout leaves its place below the heading free only the second
     # time.
-    for _ in range(2):
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure, rounds=2)
     _draw_robots(axes, history, time)
     draw_scale_bar(figure, axes, north=history.north)
     return figure

@@ -30,6 +30,7 @@ from shoal.views.drawing.charts import (
     marker,
     new_figure,
     save_figure,
+    settle_layout,
 )
 from shoal.views.search.history import ROBOTS, robot_colour
 
@@ -117,8 +118,7 @@ def missions_figure(
     )
     draw_heading(figure, axes, f"{region.name}: missions")
     _draw_legend(figure, missions, region, levels, approach)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure)
     _draw_places(axes, missions, region)
     draw_scale_bar(figure, axes, north=None if region.frame is None else 0.0)
     return figure
