@@ -12,6 +12,7 @@ from tests.properties.search_scenarios import random_scenario
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.allocate import numbers_of
 from shoal.search.allocation.likely import _UNLIKELY, _joined
+from shoal.search.kernels import latency
 from shoal.search.protocol.helping import Run, _best_run
 from shoal.search.protocol.state import Brief, Robot
 
@@ -83,9 +84,22 @@ def test_small_searches_are_nearly_the_best_of_all_orders(seed):
     assert best - 1e-9 <= found <= 1.05 * best
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_the_latency_of_an_order_is_the_sum_over_its_cells(seed, monkeypatch):
+    found = []
+    improve = latency.improve
+    monkeypatch.setattr(latency, "improve", lambda *given: found.append(improve(*given)))
+    tour_cost, starts, rates = random_case(seed)
+    n = len(tour_cost)
+    tour_cost = replace(tour_cost, at_most=1.5)
+    ordered = allocate(tour_cost, starts, rates=rates)
+    times, _ = searched_at(tour_cost, ordered, tour_cost.points[starts], rates)
+    assert found == pytest.approx([(tour_cost.odds + _UNLIKELY / n) @ times], rel=1e-9)
+
+
 def greedily_searched_at(tour_cost, starts, rates):
     """Return when each cell is searched if robots go on to the cell with the largest probability
-    over the time that it takes.
+    over the cube of the time that it takes.
     """
     n, m = len(tour_cost), len(starts)
     points, weights = tour_cost.points, tour_cost.odds + _UNLIKELY / n
@@ -97,7 +111,7 @@ def greedily_searched_at(tour_cost, starts, rates):
             ways = [1.0 + float(np.linalg.norm(points[k] - points[starts[robot]])) for k in left]
         else:
             ways = [1.0 + tour_cost.way(here[robot], k) for k in left.tolist()]
-        chosen = int(np.argmax(weights[left] / ways))
+        chosen = int(np.argmax(weights[left] / np.array(ways) ** 3))
         here[robot] = int(left[chosen])
         ready[robot] += ways[chosen]
         times[here[robot]] = ready[robot] / rates[robot]
