@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel, kernel
 
 _LEAST = 1e-9  # of the present latency: smaller gains may be rounding errors
+_OVERTIME = 5.0  # what a cell beyond the limit of a route counts, in cells of latency
 STEP = 1.0  # cells: no step takes less time, because costs and lengths count as at least 1
 
 
@@ -275,6 +276,24 @@ def _is_in_time(routes, r, later):
 
 
 @in_place_kernel
+def _overtime(routes, r):
+    """Return what the time of a route beyond its limit counts as a latency."""
+    return _OVERTIME * max(_last(routes, r) - routes.limits[r], 0.0)
+
+
+@in_place_kernel
+def _gain_in_time(routes, r, gain, later):
+    """Return the gain of a change after which a route ends later by a time, with what the change
+    takes from its overtime, or a negative number if the route becomes too long.
+
+    Greedy routes may be too long at first, and become as long as allowed in this way.
+    """
+    if not _is_in_time(routes, r, later):
+        return -1.0
+    return gain + min(_overtime(routes, r), _OVERTIME * max(-later, 0.0))
+
+
+@in_place_kernel
 def _gain_of_turning(blocks, routes, r, i, j):
     """Return by how much the latency falls if a robot searches the blocks at the places i to j in
     reverse order, or a negative number if its route becomes too long.
@@ -287,11 +306,11 @@ def _gain_of_turning(blocks, routes, r, i, j):
     if j + 1 < count:
         rest = routes.weights[r, count] - routes.weights[r, j + 1]
         later -= routes.begins[r, j + 1] - routes.finishes[r, j]
-        if change + rest * (later + STEP) >= 0.0:
+        if change + rest * (later + STEP) >= _overtime(routes, r) * routes.rates[r]:
             return -1.0
         later += _between(blocks, order[r, i] ^ 1, order[r, j + 1])
         change += rest * later
-    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+    return _gain_in_time(routes, r, -change / routes.rates[r], later)
 
 
 @in_place_kernel
@@ -328,7 +347,7 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
             least = change + moved * (earliest - routes.begins[r, i + 1])
             if rest < count:
                 least += behind * (earliest + skipped + STEP - routes.begins[r, rest])
-            if least >= 0.0:
+            if least >= _overtime(routes, r) * routes.rates[r]:
                 return -1.0
             begin = end + _between(blocks, tail, order[r, i + 1])
             change += moved * (begin - routes.begins[r, i + 1])
@@ -344,7 +363,7 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
         least += moved * (earliest - routes.begins[r, high + 1])
         if rest < count:
             least += behind * (arrival + duration + STEP - routes.begins[r, rest])
-        if least >= 0.0:
+        if least >= _overtime(routes, r) * routes.rates[r]:
             return -1.0
         begin = _arrival(blocks, routes, r, low, order[r, high + 1])
         change = moved * (begin - routes.begins[r, high + 1])
@@ -356,7 +375,7 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
         change += behind * later
     else:
         later = end - _last(routes, r)
-    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+    return _gain_in_time(routes, r, -change / routes.rates[r], later)
 
 
 @in_place_kernel
@@ -406,7 +425,7 @@ def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
     if high + 1 < other:
         earliest = (routes.finishes[s, low - 1] if low else 0.0) + STEP
         most -= freed * (earliest - routes.begins[s, high + 1])
-    if most / routes.rates[s] <= least / routes.rates[r]:
+    if most / routes.rates[s] + _overtime(routes, s) <= least / routes.rates[r]:
         return -1.0
     if i + 1 < count:
         later = end + _between(blocks, tail, order[r, i + 1]) - routes.begins[r, i + 1]
@@ -418,9 +437,9 @@ def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
     if high + 1 < other:
         later = _arrival(blocks, routes, s, low, order[s, high + 1]) - routes.begins[s, high + 1]
         less -= freed * later
-        if not _is_in_time(routes, s, later):
-            return -1.0
-    return less / routes.rates[s] - more / routes.rates[r]
+    else:
+        later = (routes.finishes[s, low - 1] if low else 0.0) - _last(routes, s)
+    return _gain_in_time(routes, s, less / routes.rates[s] - more / routes.rates[r], later)
 
 
 @in_place_kernel
@@ -433,18 +452,21 @@ def _gain_of_exchanging(blocks, routes, r, i, s, j):
     count, other = routes.counts[r], routes.counts[s]
     duration, weight, latency = _stretch(routes, s, j, other - 1)
     begin = _arrival(blocks, routes, r, i + 1, order[s, j])
-    if not _is_in_time(routes, r, begin + duration - _last(routes, r)):
+    mine = begin + duration - _last(routes, r)
+    theirs = (routes.finishes[s, j - 1] if j else 0.0) - _last(routes, s)
+    if not _is_in_time(routes, r, mine):
         return -1.0
     gain = (latency + weight * routes.begins[s, j]) / routes.rates[s]
     gain -= (latency + weight * begin) / routes.rates[r]
     if i + 1 < count:
         duration, weight, latency = _stretch(routes, r, i + 1, count - 1)
         begin = _arrival(blocks, routes, s, j, order[r, i + 1])
-        if not _is_in_time(routes, s, begin + duration - _last(routes, s)):
+        theirs = begin + duration - _last(routes, s)
+        if not _is_in_time(routes, s, theirs):
             return -1.0
         gain += (latency + weight * routes.begins[r, i + 1]) / routes.rates[r]
         gain -= (latency + weight * begin) / routes.rates[s]
-    return gain
+    return _gain_in_time(routes, s, _gain_in_time(routes, r, gain, mine), theirs)
 
 
 @in_place_kernel
@@ -583,7 +605,7 @@ def _ends_in_time(routes, ends):
 @in_place_kernel
 def _go_on_greedily(blocks, routes):
     """Make new routes: whenever a robot is ready, it goes on to the block with the largest
-    probability over the time that the block takes with the way to it, and over the square of the
+    probability over the time that the block takes with the way to it, and over the cube of the
     way: routes that rather stay near leave no small gaps, which would be far away later.
 
     No block has more than its probability over the least time that it takes: what cannot be better
@@ -635,7 +657,7 @@ def _more_likely(blocks, routes, r, ready, block, chosen, most):
     i = routes.counts[r]
     for item in range(2 * block, 2 * block + 2):
         way = _arrival(blocks, routes, r, i, item) - ready
-        rate = blocks.weights[block] / ((way + blocks.times[block]) * way * way)
+        rate = blocks.weights[block] / ((way + blocks.times[block]) * way * way * way)
         if rate > most or (rate == most and item < chosen):
             chosen, most = item, rate
     return chosen, most
@@ -649,7 +671,8 @@ def improve(blocks, routes, longest, kicks, widest):
     or to another robot, and to exchange the rest of two routes. In each, a block comes to follow
     one that is near it. Greedy routes are changed likewise, and the better ones kept. Then two
     neighbouring stretches of up to ``widest`` blocks are exchanged, and what follows is taken back
-    unless it ends below: an iterated local search of so many ``kicks``.
+    unless it ends below: an iterated local search of so many ``kicks``. Routes that are too long
+    become shorter even where that adds to the latency; if they stay too long, they are discarded.
     """
     m = routes.counts.shape[0]
     for r in range(m):
