@@ -839,7 +839,7 @@ def _in_likely_order(
     for _ in range(_TRIES):
         cost = replace(plan.tour_cost, at_most=max(limit / least, 1e-9), break_cost=price)
         along = replace(plan, tour_cost=cost)
-        trial = _allocated(along, plan.allocation, problem, known=plan.allocation.arcs)
+        trial = _allocated(along, plan.allocation, problem, plan.allocation.arcs)
         seconds, refused = trial.planned_seconds, trial.refusal is not None
         if seconds <= limit * plain.planned_seconds * (1 + 1e-9) and (
             not refused or plain.refusal is not None
