@@ -140,8 +140,8 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
     steps = np.where(along[block] > 0, costs[numbers], costs[(numbers + 1) % n])
     since = np.cumsum(np.where(within > 0, steps, 0.0))
     since -= since[borders][block]
-    weights = np.bincount(block, odds[numbers])
-    latencies = np.bincount(block, odds[numbers] * since)
+    weights = np.bincount(block, odds[numbers]).astype(np.float64)
+    latencies = np.bincount(block, odds[numbers] * since).astype(np.float64)
     times = since[borders + count - 1]
     points = np.ascontiguousarray(tour_cost.points)
     position = tour_cost.tour.position
