@@ -7,7 +7,8 @@ protocol.
 
 With the detection 1, both times come from the first searches of all cells (visits.csv), and the
 probabilities from the prior itself. Beside them stands a central greedy plan without messages, whose
-robots go on to the cell with the largest probability over distance. With another ``--detection``, targets are drawn and looked for in
+robots go on to the cell with the largest probability over distance, and a lower bound for any plan
+from the same starts. With another ``--detection``, targets are drawn and looked for in
 all searches of their squares, again and again, until one search detects them.
 
 With ``--drifts N``, targets move. Of three seeded priors, one is a mixture of normal distributions, one
@@ -23,13 +24,14 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterable
+from heapq import heappop, heappush
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search import SearchEpisode, SearchProblem
+from shoal.search import SearchEpisode, SearchProblem, plan_search
 from shoal.search.run import run
 
 SIDE, CELL = 40, 10.0
@@ -107,8 +109,7 @@ def greedy(starts: Floats, values: Floats) -> tuple[float, float]:
     """Return the expected time to find and the time of the last search, in seconds, if each robot
     goes on to the cell with the largest probability over distance, from ``starts`` in metres.
     """
-    middles = (np.arange(SIDE) + 0.5) * CELL
-    cells = np.column_stack([axis.ravel() for axis in np.meshgrid(middles, middles[::-1])])
+    cells = middles()
     odds = values.ravel()
     likely = odds + 1e-6 * odds.max()
     places, busy, first = starts.copy(), np.zeros(len(starts)), np.full(len(cells), np.inf)
@@ -120,6 +121,40 @@ def greedy(starts: Floats, values: Floats) -> tuple[float, float]:
         busy[robot] += away[cell] / SPEED
         first[cell], places[robot] = busy[robot], cells[cell]
     return float(odds @ first), float(busy.max())
+
+
+def least(starts: Floats, values: Floats) -> float:
+    """Return a lower bound on the expected time to find of any plan from ``starts``, in seconds.
+
+    Each search takes a robot as long as the way of one cell. A robot therefore searches at most one
+    cell from k to k + 1 such times after the start, and no cell before it can be there. Of all plans
+    that keep to that alone, the best one searches the likeliest of the cells that can be reached.
+    """
+    cells = middles()
+    ways = np.hypot(*(cells[:, None] - starts[None]).transpose(2, 0, 1)).min(axis=1) / CELL
+    first, odds = np.floor(ways + 1.0 + 1e-9).astype(int), values.ravel()
+    order, waiting = np.argsort(-first, kind="stable").tolist(), list[float]()
+    total, moment = 0.0, 0
+    while order or waiting:
+        moment += 1
+        while order and first[order[-1]] <= moment:
+            heappush(waiting, -float(odds[order.pop()]))
+        for _ in range(min(len(starts), len(waiting))):
+            total -= moment * heappop(waiting)
+    return total * CELL / SPEED
+
+
+def middles() -> Floats:
+    """Return the middles of all cells in metres, from the north-west, row by row."""
+    along = (np.arange(SIDE) + 0.5) * CELL
+    return np.column_stack([axis.ravel() for axis in np.meshgrid(along, along[::-1])])
+
+
+def planning_time(problem: SearchProblem, seed: int) -> float:
+    """Return the processor time of planning, in seconds."""
+    begun = time.process_time()
+    plan_search(problem, seed=seed)
+    return time.process_time() - begun
 
 
 def repeated(
@@ -187,18 +222,28 @@ def compare(numbers: Iterable[int], limits: list[float], detection: float, count
             spent = time.process_time() - begun
             starts = without.plan.positions(without.plan.starts)[:, :2]
             other, latest = greedy(starts, values) if detection == 1 else (np.nan, np.nan)
+            planned = planning_time(problem, number)
             for at_most in limits:
                 likely = problem.replaced(prior=(str(file),), at_most=at_most, detection=detection)
                 begun = time.process_time()
                 episode = run(likely, seed=number)
                 after, last = judge(episode)
                 cost = (time.process_time() - begun) / spent
+                own = planning_time(likely, number) / planned
                 stated = (episode.expected_find or 0.0) / after
                 success = episode.success.probability if episode.success else 0.0
                 for name in ("all", family):
-                    row: tuple[float, ...] = (after / before, last / plain, cost, success, stated)
+                    row: tuple[float, ...] = (
+                        after / before,
+                        last / plain,
+                        cost,
+                        own,
+                        success,
+                        stated,
+                    )
                     if detection == 1:
-                        row = (*row, other / before, latest / plain)
+                        bound = least(starts, values) / before
+                        row = (*row, other / before, latest / plain, bound)
                     found.setdefault((name, at_most), []).append(row)
     return found
 
@@ -265,8 +310,8 @@ def main() -> None:
         return
     numbers = range(options.first, options.first + options.priors)
     found = compare(numbers, options.at_most, options.detection, options.targets)
-    columns = ["CPU", "probability of success", "stated time over judged"]
-    beside = ["greedy: time to find", "time for all"] if options.detection == 1 else []
+    columns = ["CPU", "of planning", "probability of success", "stated time over judged"]
+    beside = ["greedy: time to find", "time for all", "bound"] if options.detection == 1 else []
     show(found, [*columns, *beside])
 
 

@@ -12,13 +12,14 @@ from tests.properties.search_scenarios import random_scenario
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.allocate import numbers_of
 from shoal.search.allocation.likely import _UNLIKELY, _joined
+from shoal.search.kernels import latency
 from shoal.search.protocol.helping import Run, _best_run
 from shoal.search.protocol.state import Brief, Robot
 
 
-def searched_at(tour_cost, allocation, places, rates):
+def searched_at(tour_cost, allocation, places, rates, way=None):
     """Return when each cell is searched, and when the last robot is done, in cells."""
-    n = len(tour_cost)
+    n, way = len(tour_cost), way or tour_cost.way
     times, last = np.full(n, np.inf), 0.0
     for work, place, rate in zip(allocation.work, places, rates, strict=True):
         cells = numbers_of(work, n).tolist()
@@ -27,7 +28,7 @@ def searched_at(tour_cost, allocation, places, rates):
         time = 1.0 + float(np.linalg.norm(tour_cost.points[cells[0]] - place))
         times[cells[0]] = min(times[cells[0]], time / rate)
         for here, cell in pairwise(cells):
-            time += 1.0 + tour_cost.way(here, cell)
+            time += 1.0 + way(here, cell)
             times[cell] = min(times[cell], time / rate)
         last = max(last, time / rate)
     return times, last
@@ -83,9 +84,30 @@ def test_small_searches_are_nearly_the_best_of_all_orders(seed):
     assert best - 1e-9 <= found <= 1.05 * best
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_the_latency_of_an_order_is_the_sum_over_its_cells(seed, monkeypatch):
+    found = []
+    improve = latency.improve
+    monkeypatch.setattr(latency, "improve", lambda *given: found.append(improve(*given)))
+    tour_cost, starts, rates = random_case(seed)
+    n = len(tour_cost)
+    tour_cost = replace(tour_cost, at_most=1.5)
+    ordered = allocate(tour_cost, starts, rates=rates)
+
+    def step(here, cell):
+        """Straight, or one step along the tour."""
+        if abs(here - cell) in (1, n - 1):
+            return tour_cost.way(here, cell)
+        straight = float(np.linalg.norm(tour_cost.points[here] - tour_cost.points[cell]))
+        return max(straight - 1.0, 0.0) + tour_cost.turn_cost
+
+    times, _ = searched_at(tour_cost, ordered, tour_cost.points[starts], rates, step)
+    assert found == pytest.approx([(tour_cost.odds + _UNLIKELY / n) @ times], rel=1e-9)
+
+
 def greedily_searched_at(tour_cost, starts, rates):
     """Return when each cell is searched if robots go on to the cell with the largest probability
-    over the time that it takes.
+    over the fourth power of the time that it takes.
     """
     n, m = len(tour_cost), len(starts)
     points, weights = tour_cost.points, tour_cost.odds + _UNLIKELY / n
@@ -97,7 +119,7 @@ def greedily_searched_at(tour_cost, starts, rates):
             ways = [1.0 + float(np.linalg.norm(points[k] - points[starts[robot]])) for k in left]
         else:
             ways = [1.0 + tour_cost.way(here[robot], k) for k in left.tolist()]
-        chosen = int(np.argmax(weights[left] / ways))
+        chosen = int(np.argmax(weights[left] / np.array(ways) ** 4))
         here[robot] = int(left[chosen])
         ready[robot] += ways[chosen]
         times[here[robot]] = ready[robot] / rates[robot]

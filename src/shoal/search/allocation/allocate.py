@@ -523,6 +523,7 @@ def allocate(
     rates: ArrayLike | None = None,
     places: ArrayLike | None = None,
     widths: ArrayLike | None = None,
+    known: Sequence[Sequence[Arc]] | None = None,
 ) -> Allocation:
     """Divide the cells of a tour among robots.
 
@@ -549,6 +550,8 @@ def allocate(
         Footprint width of each robot, as an odd number of cells. By default, all footprints are one
         cell wide. A robot with a wide footprint gets about `gain_of` times as many cells as an
         equally fast robot with a footprint of one cell.
+    known : sequence of sequence of Arc, optional
+        The arcs of each robot by this allocator without `TourCost.odds`, if they are known.
 
     Raises
     ------
@@ -570,7 +573,7 @@ def allocate(
     True
     """
     team, order = _team(tour_cost, starts, rates, places, widths)
-    arcs = _shared(tour_cost, allocator, team, order)
+    arcs = _shared(tour_cost, allocator, team, order, known)
     back = np.argsort(order)
     speeds, at, numbers = team.rates[back], team.places[back], team.starts[back]
     wide = np.ones(len(back), dtype=np.int64) if widths is None else np.asarray(widths)
@@ -591,12 +594,17 @@ def arcs_of(
 
 
 def _shared(
-    tour_cost: TourCost, allocator: str, team: Team, order: Indices
+    tour_cost: TourCost,
+    allocator: str,
+    team: Team,
+    order: Indices,
+    known: Sequence[Sequence[Arc]] | None = None,
 ) -> tuple[tuple[Arc, ...], ...]:
     share = configured(ALLOCATORS, allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
     try:
-        shared = [[arc for arc in work if arc.count > 0] for work in share(tour_cost, team)]
+        given = share(tour_cost, team) if known is None else [known[robot] for robot in order]
+        shared = [[arc for arc in work if arc.count > 0] for work in given]
         if tour_cost.odds is not None and tour_cost.at_most:
             shared = _likely_first(tour_cost, team, shared)
         for robot, work in zip(order, shared, strict=True):

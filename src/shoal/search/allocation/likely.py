@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.geometry import partial_sums
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.kernels import latency
 from shoal.search.kernels.latency import Blocks, Routes
@@ -17,8 +18,8 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 6  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 500  # at most; twice as many as blocks in small searches
-_WIDEST = 50  # blocks of two stretches that a kick exchanges
+_KICKS = 350  # at most; twice as many as blocks in small searches
+_WIDEST = 20  # blocks of two stretches that a kick exchanges
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3
 
@@ -127,20 +128,21 @@ def _joined(runs: Runs, n: int) -> Runs:
 
 
 def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
-    from scipy.spatial import cKDTree
-
     assert tour_cost.odds is not None
     n, costs = len(tour_cost), tour_cost.costs
     odds = tour_cost.odds + _UNLIKELY / n
-    ends = np.zeros((len(runs), 2), dtype=np.int64)
-    times, weights, latencies = (np.zeros(len(runs)) for _ in range(3))
-    for block, (first, count, step) in enumerate(runs):
-        numbers = (first + step * np.arange(count)) % n
-        ends[block] = numbers[0], numbers[-1]
-        steps = costs[numbers[1:]] if step > 0 else costs[numbers[:-1]]
-        since = np.concatenate([[0.0], np.cumsum(steps)])
-        times[block], weights[block] = since[-1], odds[numbers].sum()
-        latencies[block] = odds[numbers] @ since
+    first, count, along = np.array(runs, dtype=np.int64).T
+    ends = np.stack([first, (first + along * (count - 1)) % n], axis=1)
+    borders = partial_sums(count)[:-1]
+    block = np.repeat(np.arange(len(runs)), count)
+    within = np.arange(len(block)) - borders[block]
+    numbers = (first[block] + along[block] * within) % n
+    steps = np.where(along[block] > 0, costs[numbers], costs[(numbers + 1) % n])
+    since = np.cumsum(np.where(within > 0, steps, 0.0))
+    since -= since[borders][block]
+    weights = np.bincount(block, odds[numbers]).astype(np.float64)
+    latencies = np.bincount(block, odds[numbers] * since).astype(np.float64)
+    times = since[borders + count - 1]
     points = np.ascontiguousarray(tour_cost.points)
     position = tour_cost.tour.position
     free = position >= 0
@@ -158,25 +160,36 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
         times,
         weights,
         latencies,
-        _neighbours(cKDTree, points[ends]),
+        _neighbours(points[ends]),
+        np.argsort(-weights / (times + latency.STEP), kind="stable"),
         points,
         costs,
         np.ascontiguousarray(cells),
-        np.ascontiguousarray(free),
+        np.pad(free.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0))),
         tour_cost.turn_cost + tour_cost.break_cost,
     )
 
 
-def _neighbours(tree: type, ends: Floats) -> NDArray[np.int64]:
+def _neighbours(ends: Floats) -> NDArray[np.int64]:
     """Return the blocks nearest to either end of each block, the nearest first, or -1; int64,
     shape (B, k).
     """
-    count, _, dimensions = ends.shape
-    near = min(2 * _NEAR + 2, 2 * count)
-    _, found = tree(ends.reshape(-1, dimensions)).query(ends, near)
-    both = np.asarray(found).transpose(0, 2, 1).reshape(count, -1) // 2
-    rows = np.full((count, _NEAR), -1, dtype=np.int64)
-    for block, others in enumerate(both.tolist()):
-        kept = list(dict.fromkeys(other for other in others if other != block))[:_NEAR]
-        rows[block, : len(kept)] = kept
-    return rows
+    from scipy.spatial import cKDTree
+
+    if (ends[:, 0] == ends[:, 1]).all():  # blocks of one cell
+        ends = ends[:, :1]
+    count, sides, dimensions = ends.shape
+    near = min(sides * (_NEAR + 1), sides * count)
+    _, found = cKDTree(ends.reshape(-1, dimensions)).query(ends, near)
+    both = (
+        np.asarray(found).reshape(count, sides, -1).transpose(0, 2, 1).reshape(count, -1) // sides
+    )
+    # each other block once, where it comes first
+    order = np.argsort(both, axis=1, kind="stable")
+    ordered = np.take_along_axis(both, order, axis=1)
+    again = np.zeros(both.shape, dtype=np.bool_)
+    np.put_along_axis(again, order[:, 1:], ordered[:, 1:] == ordered[:, :-1], axis=1)
+    again |= both == np.arange(count)[:, None]
+    first = np.argsort(again, axis=1, kind="stable")[:, :_NEAR]
+    rows = np.take_along_axis(np.where(again, -1, both), first, axis=1)
+    return np.pad(rows, ((0, 0), (0, _NEAR - rows.shape[1])), constant_values=-1)

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel, kernel
 
 _LEAST = 1e-9  # of the present latency: smaller gains may be rounding errors
+_OVERTIME = 5.0  # what a cell beyond the limit of a route counts, in cells of latency
+STEP = 1.0  # cells: no step takes less time, because costs and lengths count as at least 1
 
 
 class Blocks(NamedTuple):
@@ -43,14 +45,17 @@ class Blocks(NamedTuple):
         Sum over the cells of a block of the probability times the time since the first cell.
     near : ndarray of int64, shape (B, k)
         Blocks near each block, or -1.
+    likely : ndarray of int64, shape (B,)
+        Blocks in the order of their probability over the least time that they take, the largest
+        first.
     points : ndarray of float64, shape (N, d)
         Viewpoint of each cell, in cell sides.
     costs : ndarray of float64, shape (N,)
         Time in cells of the step to each cell from the cell before it on the tour, with its search.
     cells : ndarray of int64, shape (N, 3)
         Layer, row and column of each cell.
-    free : ndarray of bool, shape (layers, rows, columns)
-        Where there are cells.
+    free : ndarray of int64, shape (layers, rows + 1, columns + 1)
+        Number of cells above and left of each corner of the grid.
     leaving : float
         Cost in cells of leaving the tour, beyond the way to the next block.
     """
@@ -60,10 +65,11 @@ class Blocks(NamedTuple):
     weights: NDArray[np.float64]
     latencies: NDArray[np.float64]
     near: NDArray[np.int64]
+    likely: NDArray[np.int64]
     points: NDArray[np.float64]
     costs: NDArray[np.float64]
     cells: NDArray[np.int64]
-    free: NDArray[np.bool_]
+    free: NDArray[np.int64]
     leaving: float
 
 
@@ -112,23 +118,40 @@ class Routes(NamedTuple):
     moved: NDArray[np.int64]
 
 
-@kernel
+@in_place_kernel
+def _count(free, up, rows, columns):
+    """Return the number of cells in a rectangle of a layer, whose last row and column count."""
+    (top, bottom), (left, right) = rows, columns
+    return (
+        free[up, bottom + 1, right + 1]
+        - free[up, top, right + 1]
+        - free[up, bottom + 1, left]
+        + free[up, top, left]
+    )
+
+
+@in_place_kernel
 def _is_open(blocks, one, other):
     """Return whether the straight line between two cells of one layer passes only over cells."""
-    here, there = blocks.cells[one], blocks.cells[other]
-    if here[0] != there[0]:
+    cells = blocks.cells
+    up, row, column = cells[one, 0], cells[one, 1], cells[one, 2]
+    if up != cells[other, 0]:
         return True
-    rows, columns = there[1] - here[1], there[2] - here[2]
-    steps = 2 * max(abs(rows), abs(columns))
+    down, right = cells[other, 1] - row, cells[other, 2] - column
+    rows = min(row, row + down), max(row, row + down)
+    columns = min(column, column + right), max(column, column + right)
+    if _count(blocks.free, up, rows, columns) == (1 + abs(down)) * (1 + abs(right)):
+        return True
+    steps = 2 * max(abs(down), abs(right))
     for k in range(1, steps):
-        row = here[1] + int(np.floor(rows * k / steps + 0.5))
-        column = here[2] + int(np.floor(columns * k / steps + 0.5))
-        if not blocks.free[here[0], row, column]:
+        y = row + int(np.floor(down * k / steps + 0.5))
+        x = column + int(np.floor(right * k / steps + 0.5))
+        if not _count(blocks.free, up, (y, y), (x, x)):
             return False
     return True
 
 
-@kernel
+@in_place_kernel
 def _distance(blocks, one, other):
     """Return the straight distance of two cells, in cell sides."""
     total = 0.0
@@ -138,7 +161,7 @@ def _distance(blocks, one, other):
     return np.sqrt(total)
 
 
-@kernel
+@in_place_kernel
 def step_time(blocks, one, other):
     """Return the time in cells from the search of one cell to the search of another.
 
@@ -146,9 +169,10 @@ def step_time(blocks, one, other):
     choose.
     """
     n = blocks.costs.shape[0]
-    if other == (one + 1) % n:
+    apart = other - one
+    if apart == 1 or apart == 1 - n:
         return blocks.costs[other]
-    if one == (other + 1) % n:
+    if apart == -1 or apart == n - 1:
         return blocks.costs[one]
     way = _distance(blocks, one, other)
     if way > 1.5 and not _is_open(blocks, one, other):
@@ -156,25 +180,25 @@ def step_time(blocks, one, other):
     return max(way, 1.0) + blocks.leaving
 
 
-@kernel
+@in_place_kernel
 def _begin(blocks, item):
     """Return the cell that a robot searches first in a block."""
     return blocks.ends[item // 2, item % 2]
 
 
-@kernel
+@in_place_kernel
 def _end(blocks, item):
     """Return the cell that a robot searches last in a block."""
     return blocks.ends[item // 2, 1 - item % 2]
 
 
-@kernel
+@in_place_kernel
 def _between(blocks, one, other):
     """Return the time from the last cell of one block to the first cell of the next."""
     return step_time(blocks, _end(blocks, one), _begin(blocks, other))
 
 
-@kernel
+@in_place_kernel
 def _arrival(blocks, routes, r, i, item):
     """Return when robot r has searched the first cell of a block that comes after i others."""
     if i == 0:
@@ -205,7 +229,30 @@ def _sum_up(blocks, routes, r, since, until):
         routes.place[block] = i
 
 
-@kernel
+@in_place_kernel
+def _sum_up_between(blocks, routes, r, since, until):
+    """Compute the sums along a route whose blocks at the places ``since`` to ``until`` came into
+    another order. What follows is only later or earlier.
+    """
+    count = routes.counts[r]
+    if until + 1 >= count:
+        _sum_up(blocks, routes, r, since, until)
+        return
+    begins, finishes = routes.begins[r], routes.finishes[r]
+    weights, latencies = routes.weights[r], routes.latencies[r]
+    begin, latency, weight = begins[until], latencies[until], weights[until]
+    routes.counts[r] = until + 1
+    _sum_up(blocks, routes, r, since, until)
+    routes.counts[r] = count
+    later = begins[until] - begin
+    more = latencies[until] - latency - weight * later
+    for i in range(until + 1, count):
+        begins[i] += later
+        finishes[i] += later
+        latencies[i + 1] += more + weights[i + 1] * later
+
+
+@in_place_kernel
 def _stretch(routes, r, i, j):
     """Return the duration, the weight and the latency of the blocks at the places i to j."""
     begin = routes.begins[r, i]
@@ -214,13 +261,13 @@ def _stretch(routes, r, i, j):
     return routes.finishes[r, j] - begin, weight, latency
 
 
-@kernel
+@in_place_kernel
 def _last(routes, r):
     """Return when a robot has searched all its blocks."""
     return routes.finishes[r, routes.counts[r] - 1] if routes.counts[r] else 0.0
 
 
-@kernel
+@in_place_kernel
 def _is_in_time(routes, r, later):
     """Return whether a route keeps its limit if it ends later by a time, or at least ends no
     later.
@@ -228,7 +275,25 @@ def _is_in_time(routes, r, later):
     return later <= 1e-9 or _last(routes, r) + later <= routes.limits[r]
 
 
-@kernel
+@in_place_kernel
+def _overtime(routes, r):
+    """Return what the time of a route beyond its limit counts as a latency."""
+    return _OVERTIME * max(_last(routes, r) - routes.limits[r], 0.0)
+
+
+@in_place_kernel
+def _gain_in_time(routes, r, gain, later):
+    """Return the gain of a change after which a route ends later by a time, with what the change
+    takes from its overtime, or a negative number if the route becomes too long.
+
+    Greedy routes may be too long at first, and become as long as allowed in this way.
+    """
+    if not _is_in_time(routes, r, later):
+        return -1.0
+    return gain + min(_overtime(routes, r), _OVERTIME * max(-later, 0.0))
+
+
+@in_place_kernel
 def _gain_of_turning(blocks, routes, r, i, j):
     """Return by how much the latency falls if a robot searches the blocks at the places i to j in
     reverse order, or a negative number if its route becomes too long.
@@ -239,11 +304,13 @@ def _gain_of_turning(blocks, routes, r, i, j):
     later = begin - routes.begins[r, i]
     change = weight * later + (weight * duration - latency) - latency
     if j + 1 < count:
-        later += _between(blocks, order[r, i] ^ 1, order[r, j + 1]) - _between(
-            blocks, order[r, j], order[r, j + 1]
-        )
-        change += (routes.weights[r, count] - routes.weights[r, j + 1]) * later
-    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+        rest = routes.weights[r, count] - routes.weights[r, j + 1]
+        later -= routes.begins[r, j + 1] - routes.finishes[r, j]
+        if change + rest * (later + STEP) >= _overtime(routes, r) * routes.rates[r]:
+            return -1.0
+        later += _between(blocks, order[r, i] ^ 1, order[r, j + 1])
+        change += rest * later
+    return _gain_in_time(routes, r, -change / routes.rates[r], later)
 
 
 @in_place_kernel
@@ -255,10 +322,13 @@ def _turn(routes, r, i, j):
         routes.order[r, i] ^= 1
 
 
-@kernel
+@in_place_kernel
 def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
     """Return by how much the latency falls if a robot searches the blocks at the places low to high
     after the one at place i, or a negative number if its route becomes too long.
+
+    Most changes gain nothing even if all new steps but one take the least time. Their times are not
+    computed.
     """
     order, count = routes.order, routes.counts[r]
     duration, weight, latency = _stretch(routes, r, low, high)
@@ -270,24 +340,42 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
         begin = _arrival(blocks, routes, r, i + 1, head)
         change = latency + weight * begin - before
         end, last, rest = begin + duration, tail, high + 1
+        behind = routes.weights[r, count] - routes.weights[r, rest]
         if low > i + 1:
             skipped, moved, _ = _stretch(routes, r, i + 1, low - 1)
+            earliest = end + STEP
+            least = change + moved * (earliest - routes.begins[r, i + 1])
+            if rest < count:
+                least += behind * (earliest + skipped + STEP - routes.begins[r, rest])
+            if least >= _overtime(routes, r) * routes.rates[r]:
+                return -1.0
             begin = end + _between(blocks, tail, order[r, i + 1])
             change += moved * (begin - routes.begins[r, i + 1])
             end, last = begin + skipped, order[r, low - 1]
     else:
+        rest = i + 1
+        behind = routes.weights[r, count] - routes.weights[r, rest]
         skipped, moved, _ = _stretch(routes, r, high + 1, i)
+        way = _between(blocks, order[r, i], head)
+        earliest = (routes.finishes[r, low - 1] if low else 0.0) + STEP
+        arrival = earliest + skipped + way
+        least = latency + weight * arrival - before
+        least += moved * (earliest - routes.begins[r, high + 1])
+        if rest < count:
+            least += behind * (arrival + duration + STEP - routes.begins[r, rest])
+        if least >= _overtime(routes, r) * routes.rates[r]:
+            return -1.0
         begin = _arrival(blocks, routes, r, low, order[r, high + 1])
         change = moved * (begin - routes.begins[r, high + 1])
-        begin += skipped + _between(blocks, order[r, i], head)
+        begin += skipped + way
         change += latency + weight * begin - before
-        end, last, rest = begin + duration, tail, i + 1
+        end, last = begin + duration, tail
     if rest < count:
         later = end + _between(blocks, last, order[r, rest]) - routes.begins[r, rest]
-        change += (routes.weights[r, count] - routes.weights[r, rest]) * later
+        change += behind * later
     else:
         later = end - _last(routes, r)
-    return -change / routes.rates[r] if _is_in_time(routes, r, later) else -1.0
+    return _gain_in_time(routes, r, -change / routes.rates[r], later)
 
 
 @in_place_kernel
@@ -312,7 +400,7 @@ def _put_in(routes, r, i, count):
     routes.counts[r] += count
 
 
-@kernel
+@in_place_kernel
 def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
     """Return by how much the latency falls if robot r searches the blocks at the places low to high
     of robot s after its own at place i, or a negative number if a route becomes too long.
@@ -327,22 +415,34 @@ def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
     begin = _arrival(blocks, routes, r, i + 1, head)
     more = latency + weight * begin
     end = begin + duration
+    behind = routes.weights[r, count] - routes.weights[r, i + 1]
+    freed = routes.weights[s, other] - routes.weights[s, high + 1]
+    # even if the steps that close both routes take the least time
+    least = more
+    if i + 1 < count:
+        least += behind * (end + STEP - routes.begins[r, i + 1])
+    most = less
+    if high + 1 < other:
+        earliest = (routes.finishes[s, low - 1] if low else 0.0) + STEP
+        most -= freed * (earliest - routes.begins[s, high + 1])
+    if most / routes.rates[s] + _overtime(routes, s) <= least / routes.rates[r]:
+        return -1.0
     if i + 1 < count:
         later = end + _between(blocks, tail, order[r, i + 1]) - routes.begins[r, i + 1]
-        more += (routes.weights[r, count] - routes.weights[r, i + 1]) * later
+        more += behind * later
     else:
         later = end - _last(routes, r)
     if not _is_in_time(routes, r, later):
         return -1.0
     if high + 1 < other:
         later = _arrival(blocks, routes, s, low, order[s, high + 1]) - routes.begins[s, high + 1]
-        less -= (routes.weights[s, other] - routes.weights[s, high + 1]) * later
-        if not _is_in_time(routes, s, later):
-            return -1.0
-    return less / routes.rates[s] - more / routes.rates[r]
+        less -= freed * later
+    else:
+        later = (routes.finishes[s, low - 1] if low else 0.0) - _last(routes, s)
+    return _gain_in_time(routes, s, less / routes.rates[s] - more / routes.rates[r], later)
 
 
-@kernel
+@in_place_kernel
 def _gain_of_exchanging(blocks, routes, r, i, s, j):
     """Return by how much the latency falls if robot r continues after place i with the blocks of
     robot s from place j on, and robot s with those of robot r, or a negative number if a route
@@ -352,18 +452,21 @@ def _gain_of_exchanging(blocks, routes, r, i, s, j):
     count, other = routes.counts[r], routes.counts[s]
     duration, weight, latency = _stretch(routes, s, j, other - 1)
     begin = _arrival(blocks, routes, r, i + 1, order[s, j])
-    if not _is_in_time(routes, r, begin + duration - _last(routes, r)):
+    mine = begin + duration - _last(routes, r)
+    theirs = (routes.finishes[s, j - 1] if j else 0.0) - _last(routes, s)
+    if not _is_in_time(routes, r, mine):
         return -1.0
     gain = (latency + weight * routes.begins[s, j]) / routes.rates[s]
     gain -= (latency + weight * begin) / routes.rates[r]
     if i + 1 < count:
         duration, weight, latency = _stretch(routes, r, i + 1, count - 1)
         begin = _arrival(blocks, routes, s, j, order[r, i + 1])
-        if not _is_in_time(routes, s, begin + duration - _last(routes, s)):
+        theirs = begin + duration - _last(routes, s)
+        if not _is_in_time(routes, s, theirs):
             return -1.0
         gain += (latency + weight * routes.begins[r, i + 1]) / routes.rates[r]
         gain -= (latency + weight * begin) / routes.rates[s]
-    return gain
+    return _gain_in_time(routes, s, _gain_in_time(routes, r, gain, mine), theirs)
 
 
 @in_place_kernel
@@ -397,7 +500,7 @@ def _improve_beside(blocks, routes, a, b, longest, least):
         low, high = (i + 1, j) if j > i else (j + 1, i)
         if low <= high and _gain_of_turning(blocks, routes, r, low, high) > least:
             _turn(routes, r, low, high)
-            _sum_up(blocks, routes, r, low, high + 1)
+            _sum_up_between(blocks, routes, r, low, high + 1)
             _wake(routes, r, low)
             _wake(routes, r, high)
             return True
@@ -429,7 +532,7 @@ def _improve_beside(blocks, routes, a, b, longest, least):
                     begin = i + 1 if low > i else i + 1 - count
                     _take_out(routes, r, low, high, turned)
                     _put_in(routes, r, begin, count)
-                    _sum_up(blocks, routes, r, min(i + 1, low), max(i, high) + 1)
+                    _sum_up_between(blocks, routes, r, min(i + 1, low), max(i, high) + 1)
                     _wake(routes, r, begin)
                     _wake(routes, r, begin + count)
                     _wake(routes, r, low if low < i else high + 1)
@@ -453,7 +556,7 @@ def _descend(blocks, routes, longest, least):
                         break
 
 
-@kernel
+@in_place_kernel
 def _latency(routes):
     """Return the weighted latency of all routes."""
     total = 0.0
@@ -471,10 +574,11 @@ def _draw(state, below):
 
 @in_place_kernel
 def _kick(blocks, routes, state, widest):
-    """Exchange two neighbouring stretches of a route at random. Return whether the route is long
-    enough.
+    """Exchange two neighbouring stretches of a route at random, more often where it is likely.
+    Return whether the route is long enough.
     """
-    block = _draw(state, blocks.near.shape[0])
+    size = blocks.likely.shape[0]
+    block = blocks.likely[min(_draw(state, size), _draw(state, size))]
     r, i = routes.route[block], routes.place[block]
     room = min(routes.counts[r] - i, widest)
     if room < 2:
@@ -483,13 +587,13 @@ def _kick(blocks, routes, state, widest):
     count = _take_out(routes, r, i, i + one - 1, 0)
     other = 1 + _draw(state, room - one)
     _put_in(routes, r, i + other, count)
-    _sum_up(blocks, routes, r, i, i + one + other)
+    _sum_up_between(blocks, routes, r, i, i + one + other)
     for place in (i, i + other, i + other + one):
         _wake(routes, r, place)
     return True
 
 
-@kernel
+@in_place_kernel
 def _ends_in_time(routes, ends):
     """Return whether all routes end by given times."""
     for r in range(routes.counts.shape[0]):
@@ -501,34 +605,62 @@ def _ends_in_time(routes, ends):
 @in_place_kernel
 def _go_on_greedily(blocks, routes):
     """Make new routes: whenever a robot is ready, it goes on to the block with the largest
-    probability over the time that the block takes with the way to it.
+    probability over the time that the block takes with the way to it, and over the cube of the
+    way: routes that rather stay near leave no small gaps, which would be far away later.
+
+    No block has more than its probability over the least time that it takes: what cannot be better
+    than the best so far is not tried.
     """
     routes.counts[:] = 0
     routes.awake[:] = True  # those that no robot has yet
-    for _ in range(blocks.times.shape[0]):
+    left = blocks.likely.shape[0]
+    for k in range(left):
+        routes.moved[k] = blocks.likely[k]
+    while left:
         r = 0
         for other in range(1, routes.counts.shape[0]):
             if _last(routes, other) / routes.rates[other] < _last(routes, r) / routes.rates[r]:
                 r = other
         i, ready = routes.counts[r], _last(routes, r)
-        chosen, most = -1, 0.0
-        for block in range(blocks.times.shape[0]):
+        chosen, most = -1, -1.0
+        if i:
+            before = routes.order[r, i - 1] // 2
+            for k in range(blocks.near.shape[1]):
+                block = blocks.near[before, k]
+                if block >= 0 and routes.awake[block]:
+                    chosen, most = _more_likely(blocks, routes, r, ready, block, chosen, most)
+        for k in range(left):
+            block = routes.moved[k]
             if not routes.awake[block]:
                 continue
-            weight, time = blocks.weights[block], blocks.times[block]
-            for item in range(2 * block, 2 * block + 2):
-                if i and chosen >= 0:
-                    here = _end(blocks, routes.order[r, i - 1])
-                    if weight <= most * (_distance(blocks, here, _begin(blocks, item)) + time):
-                        continue
-                way = _arrival(blocks, routes, r, i, item) - ready
-                if chosen < 0 or weight > most * (way + time):
-                    chosen, most = item, weight / (way + time)
+            if blocks.weights[block] <= most * (blocks.times[block] + STEP):
+                break
+            chosen, most = _more_likely(blocks, routes, r, ready, block, chosen, most)
         routes.order[r, i] = chosen
         routes.counts[r] += 1
         _sum_up(blocks, routes, r, i, i)
         routes.awake[chosen // 2] = False
+        for k in range(left):
+            if routes.moved[k] == chosen // 2:
+                for later in range(k, left - 1):
+                    routes.moved[later] = routes.moved[later + 1]
+                break
+        left -= 1
     routes.awake[:] = True
+
+
+@in_place_kernel
+def _more_likely(blocks, routes, r, ready, block, chosen, most):
+    """Return the better of a block, in either direction, and of what was ``chosen`` for the next
+    place of a route, with the number by which they are compared.
+    """
+    i = routes.counts[r]
+    for item in range(2 * block, 2 * block + 2):
+        way = _arrival(blocks, routes, r, i, item) - ready
+        rate = blocks.weights[block] / ((way + blocks.times[block]) * way * way * way)
+        if rate > most or (rate == most and item < chosen):
+            chosen, most = item, rate
+    return chosen, most
 
 
 @kernel
@@ -539,7 +671,8 @@ def improve(blocks, routes, longest, kicks, widest):
     or to another robot, and to exchange the rest of two routes. In each, a block comes to follow
     one that is near it. Greedy routes are changed likewise, and the better ones kept. Then two
     neighbouring stretches of up to ``widest`` blocks are exchanged, and what follows is taken back
-    unless it ends below: an iterated local search of so many ``kicks``.
+    unless it ends below: an iterated local search of so many ``kicks``. Routes that are too long
+    become shorter even where that adds to the latency; if they stay too long, they are discarded.
     """
     m = routes.counts.shape[0]
     for r in range(m):

@@ -840,7 +840,8 @@ def _in_likely_order(
     least = plan.allocation.makespan / plain.allocation.makespan
     for _ in range(_TRIES):
         cost = replace(plan.tour_cost, at_most=max(limit / least, 1e-9), break_cost=price)
-        trial = _allocated(replace(plan, tour_cost=cost), plan.allocation, problem)
+        along = replace(plan, tour_cost=cost)
+        trial = _allocated(along, plan.allocation, problem, plan.allocation.arcs)
         seconds, refused = trial.planned_seconds, trial.refusal is not None
         if seconds <= limit * plain.planned_seconds * (1 + 1e-9) and (
             not refused or plain.refusal is not None
@@ -960,8 +961,15 @@ def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None
     return plan.ground.expected_time(looks, problem.chosen_detection, limit)
 
 
-def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> SearchPlan:
-    """Return a plan whose allocation follows its own tour cost, by the rule of another one."""
+def _allocated(
+    plan: SearchPlan,
+    like: Allocation,
+    problem: SearchProblem,
+    known: Sequence[Sequence[Arc]] | None = None,
+) -> SearchPlan:
+    """Return a plan whose allocation follows its own tour cost, by the rule of another one. The
+    argument ``known`` is that of `allocate`.
+    """
     middles = plan.tour_cost.points[plan.starts]
     allocation = allocate(
         plan.tour_cost,
@@ -970,6 +978,7 @@ def _allocated(plan: SearchPlan, like: Allocation, problem: SearchProblem) -> Se
         rates=plan.rates,
         places=middles,
         widths=plan.widths,
+        known=known,
     )
     shared = _in_passes(
         plan.tour_cost, allocation, plan.starts, plan.rates, plan.widths, problem.multiplicity
