@@ -125,7 +125,7 @@ def test_a_video_of_each_episode(tmp_path):
     assert all(b"ftyp" in video.read_bytes()[:12] for video in videos)
     with pytest.raises(InvalidInputError, match="disable_logger: expected True"):
         shoal.envs.RecordVideo(env, str(folder), disable_logger=False)
-    shoal.envs.RecordVideo(env, str(folder), disable_logger=True).close()
+    shoal.envs.RecordVideo(env, str(folder), disable_logger=True)
 
 
 def test_without_stable_baselines(monkeypatch):
