@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from itertools import count
 from typing import Any
 
 import gymnasium
@@ -168,6 +169,92 @@ class Network:
         return loss
 
 
+def export(network: Network, path: str) -> None:
+    """Write the network as an ONNX file, which the policy ``model:FILE`` runs.
+
+    In the file, the layer of each particle's patch is a convolution of the whole map, with a kernel
+    for each command, and the distance from the frontier grows by one step after the other.
+    """
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+    w, nodes, constants, names = network.weights, [], [], count()
+
+    def constant(values: Any, dtype: Any = np.float32) -> str:
+        constants.append(numpy_helper.from_array(np.array(values, dtype), f"constant{next(names)}"))
+        return str(constants[-1].name)
+
+    def node(kind: str, *inputs: str, **attributes: Any) -> str:
+        nodes.append(helper.make_node(kind, inputs, [f"{kind}{next(names)}"], **attributes))
+        return str(nodes[-1].output[0])
+
+    def over_cells(kind: str, values: str) -> str:
+        return node(kind, values, constant([2, 3], np.int64), keepdims=0)
+
+    def plane(index: int) -> str:
+        bounds = (constant([k], np.int64) for k in (index, index + 1, 1))
+        return node("Slice", "planes", *bounds)
+
+    one = constant(1.0)
+    particles = node("Min", plane(PARTICLES), one)
+    free, frontier = plane(FREE), plane(FRONTIER)
+    near, far = frontier, node("Sub", one, frontier)
+    for _ in range(1, REACH):
+        wide = node("MaxPool", near, kernel_shape=[1, 3], pads=[0, 1, 0, 1])
+        high = node("MaxPool", near, kernel_shape=[3, 1], pads=[1, 0, 1, 0])
+        near = node("Max", near, node("Mul", node("Max", wide, high), free))
+        far = node("Add", far, node("Sub", one, near))
+    glow = node("Mul", node("Exp", node("Mul", far, constant(-1 / 6))), constant(255.0))
+    glow = node("Div", node("Round", node("Mul", glow, near)), constant(255.0))
+    stack = node("Concat", free, plane(OBSTACLES), frontier, particles, glow, axis=1)
+    kernel = w["a"].T.reshape(HIDDEN, 5, SIDE, SIDE)
+    turned = constant(np.concatenate([np.rot90(kernel, -k, axes=(2, 3)) for k in range(4)]))
+    rows = node("Conv", stack, turned, constant(np.tile(w["a0"], 4)), pads=[SIDE // 2] * 4)
+    kernel = np.tile(w["b"].T, (4, 1))[:, :, None, None]
+    bias = constant(np.tile(w["b0"], 4))
+    rows = node("Relu", node("Conv", node("Relu", rows), constant(kernel), bias, group=4))
+    number = over_cells("ReduceSum", particles)
+    sums = node("Div", over_cells("ReduceSum", node("Mul", rows, particles)), node("Sqrt", number))
+    shift = np.zeros((4, 1, 3, 3))
+    shift[range(4), 0, [1, 0, 1, 2], [0, 1, 2, 1]] = 1
+    there, edge = (node("Conv", part, constant(shift), pads=[1] * 4) for part in (far, frontier))
+    absent = node("Mul", node("Sub", one, particles), constant(1e3))
+    closest = node("ReduceMin", node("Add", far, absent), keepdims=1)
+    nearer = node("Mul", node("Cast", node("Less", there, far), to=TensorProto.FLOAT), particles)
+    first = node("Cast", node("Equal", far, closest), to=TensorProto.FLOAT)
+    least = node("Reshape", node("Max", closest, one), constant([1, 1], np.int64))
+    shared = [
+        node("Div", node("ReduceMax", node("Mul", nearer, first), axes=[2, 3], keepdims=0), least),
+        node(
+            "Mul",
+            node("Div", over_cells("ReduceSum", node("Mul", edge, particles)), number),
+            constant(4.0),
+        ),
+        node("Div", over_cells("ReduceSum", nearer), number),
+        "last",
+        node("Gather", "last", constant([2, 3, 0, 1], np.int64), axis=1),
+    ]
+    told = node("Transpose", node("Concat", *shared, axis=0), perm=[1, 0])
+    joined = node("Concat", node("Reshape", sums, constant([4, SUMS], np.int64)), told, axis=1)
+    third = node("Relu", node("Gemm", joined, constant(w["c"]), constant(w["c0"])))
+    ratings = node("Gemm", third, constant(w["d"]), constant(w["d0"]))
+    nodes.append(helper.make_node("Transpose", [ratings], ["ratings"], perm=[1, 0]))
+    real = TensorProto.FLOAT
+    graph = helper.make_graph(
+        nodes,
+        "mapping",
+        [
+            helper.make_tensor_value_info("planes", real, [1, 4, "height", "width"]),
+            helper.make_tensor_value_info("last", real, [1, 4]),
+        ],
+        [helper.make_tensor_value_info("ratings", real, [1, 4])],
+        constants,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, path)
+
+
 # Episodes.
 
 
@@ -319,13 +406,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--max-moves", type=int, default=3000, help="longest episode; random moves take longer"
     )
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first map to learn from"
+    )
+    parser.add_argument("--export", metavar="FILE", help="write the network as an ONNX file")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
     begun, rng = time.perf_counter(), np.random.default_rng(given.seed)
     network, expert, data = Network(rng), make_policy("best"), []
     learner = Learner(network, rng)
     env = environment(
-        [f"vessels:{given.cells}:{k}" for k in range(given.maps)],
+        [f"vessels:{given.cells}:{k}" for k in range(given.first, given.first + given.maps)],
         given.particles,
         min(1000, given.max_moves),
     )
@@ -350,6 +441,8 @@ def main(arguments: list[str] | None = None) -> None:
             flush=True,
         )
     print(f"trained in {time.perf_counter() - begun:.0f} s")
+    if given.export:
+        export(network, given.export)
     print(
         evaluate(
             learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves

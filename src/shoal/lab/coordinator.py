@@ -140,8 +140,8 @@ def _warn_of_others(store: Store, name: str) -> None:
 
 
 def prepare(sweep: Sweep) -> tuple[dict[str, str], dict[str, Any]]:
-    """Check that every point of a sweep can run. Return a digest of each map, workspace and region
-    in the sweep, and those that are read from files, opened: all trials run in what the files
+    """Check that every point of a sweep can run. Return a digest of each map, workspace, region
+    and other file in the sweep, and those places that are read from files, opened: all trials run in what the files
     contain now.
 
     Raises
@@ -162,7 +162,9 @@ def prepare(sweep: Sweep) -> tuple[dict[str, str], dict[str, Any]]:
                     files[name] = problem.place
     for point in sweep.points:
         with _errors_at(sweep, point):
-            check_trial(point.problem.opened())
+            problem = point.problem.opened()
+            check_trial(problem)
+            inputs |= {name: digest_of(one) for name, one in problem.other_files().items()}
     return inputs, files
 
 
