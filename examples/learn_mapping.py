@@ -172,8 +172,8 @@ class Network:
 def export(network: Network, path: str) -> None:
     """Write the network as an ONNX file, which the policy ``model:FILE`` runs.
 
-    In the file, the layer of each particle's patch is a convolution of the whole map, with a kernel
-    for each command, and the distance from the frontier grows by one step after the other.
+    The file computes the inputs of the network, too: the distances from the frontier, step by step,
+    and the patches. It turns the first weights in place of the patches.
     """
     import onnx
     from onnx import TensorProto, helper, numpy_helper
@@ -207,24 +207,37 @@ def export(network: Network, path: str) -> None:
     glow = node("Mul", node("Exp", node("Mul", far, constant(-1 / 6))), constant(255.0))
     glow = node("Div", node("Round", node("Mul", glow, near)), constant(255.0))
     stack = node("Concat", free, plane(OBSTACLES), frontier, particles, glow, axis=1)
+    margin = SIDE // 2
+    padded = node("Pad", stack, constant([0, 0, margin, margin] * 2, np.int64))
+    width = node("Gather", node("Shape", padded), constant([3], np.int64))
+    cells = node("NonZero", particles)
+    row, column = (node("Gather", cells, constant([axis], np.int64)) for axis in (2, 3))
+    down, right = (constant(one.reshape(-1, 1), np.int64) for one in np.indices((SIDE, SIDE)))
+    places = node("Mul", node("Add", row, down), width)
+    places = node("Add", places, node("Add", column, right))
+    flat = node("Reshape", padded, constant([5, -1], np.int64))
+    patches = node("Gather", flat, places, axis=1)  # (5, SIDE * SIDE, particles)
+    patches = node("Reshape", patches, constant([5 * SIDE * SIDE, -1], np.int64))
     kernel = w["a"].T.reshape(HIDDEN, 5, SIDE, SIDE)
-    turned = constant(np.concatenate([np.rot90(kernel, -k, axes=(2, 3)) for k in range(4)]))
-    rows = node("Conv", stack, turned, constant(np.tile(w["a0"], 4)), pads=[SIDE // 2] * 4)
-    kernel = np.tile(w["b"].T, (4, 1))[:, :, None, None]
-    bias = constant(np.tile(w["b0"], 4))
-    rows = node("Relu", node("Conv", node("Relu", rows), constant(kernel), bias, group=4))
+    turned = [np.rot90(kernel, -k, axes=(2, 3)).reshape(HIDDEN, -1) for k in range(4)]
+    first = node("Add", node("MatMul", constant(turned), patches), constant(w["a0"][:, None]))
+    second = node("MatMul", constant(w["b"].T), node("Relu", first))
+    second = node("Relu", node("Add", second, constant(w["b0"][:, None])))
     number = over_cells("ReduceSum", particles)
-    sums = node("Div", over_cells("ReduceSum", node("Mul", rows, particles)), node("Sqrt", number))
+    sums = node("ReduceSum", second, constant([2], np.int64), keepdims=0)
+    sums = node("Div", sums, node("Sqrt", number))
     shift = np.zeros((4, 1, 3, 3))
     shift[range(4), 0, [1, 0, 1, 2], [0, 1, 2, 1]] = 1
     there, edge = (node("Conv", part, constant(shift), pads=[1] * 4) for part in (far, frontier))
     absent = node("Mul", node("Sub", one, particles), constant(1e3))
     closest = node("ReduceMin", node("Add", far, absent), keepdims=1)
     nearer = node("Mul", node("Cast", node("Less", there, far), to=TensorProto.FLOAT), particles)
-    first = node("Cast", node("Equal", far, closest), to=TensorProto.FLOAT)
+    nearest = node("Cast", node("Equal", far, closest), to=TensorProto.FLOAT)
     least = node("Reshape", node("Max", closest, one), constant([1, 1], np.int64))
     shared = [
-        node("Div", node("ReduceMax", node("Mul", nearer, first), axes=[2, 3], keepdims=0), least),
+        node(
+            "Div", node("ReduceMax", node("Mul", nearer, nearest), axes=[2, 3], keepdims=0), least
+        ),
         node(
             "Mul",
             node("Div", over_cells("ReduceSum", node("Mul", edge, particles)), number),
@@ -235,7 +248,7 @@ def export(network: Network, path: str) -> None:
         node("Gather", "last", constant([2, 3, 0, 1], np.int64), axis=1),
     ]
     told = node("Transpose", node("Concat", *shared, axis=0), perm=[1, 0])
-    joined = node("Concat", node("Reshape", sums, constant([4, SUMS], np.int64)), told, axis=1)
+    joined = node("Concat", sums, told, axis=1)
     third = node("Relu", node("Gemm", joined, constant(w["c"]), constant(w["c0"])))
     ratings = node("Gemm", third, constant(w["d"]), constant(w["d0"]))
     nodes.append(helper.make_node("Transpose", [ratings], ["ratings"], perm=[1, 0]))
@@ -443,11 +456,16 @@ def main(arguments: list[str] | None = None) -> None:
     print(f"trained in {time.perf_counter() - begun:.0f} s")
     if given.export:
         export(network, given.export)
-    print(
-        evaluate(
-            learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves
+    if given.tests:
+        print(
+            evaluate(
+                learner,
+                given.cells,
+                given.particles,
+                range(1000, 1000 + given.tests),
+                given.max_moves,
+            )
         )
-    )
     if given.large:
         print(evaluate(learner, 1000, 100, range(1000, 1000 + given.large), given.max_moves))
 
