@@ -170,12 +170,35 @@ def player(size: int = 1_000_000) -> None:
     from shoal.swarm import SwarmProblem
 
     for moves in (WARM, size):
-        episode = run(
-            SwarmProblem(map="maze:41x41", particles=1, policy="random-moves", max_moves=moves)
-        )
+        problem = SwarmProblem(map="line:1900", particles=1, policy="random-moves", max_moves=moves)
+        episode = run(problem, seed=3)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.html"
             measure(f"page of {episode.moves} moves", partial(film, episode, path))
+            seconds = seconds_in_browser(path, episode.moves)
+            print(f"shown: {seconds[0]:.1f} s; its last move after {seconds[1]:.1f} s")
+
+
+def seconds_in_browser(path: Path, moves: int) -> tuple[float, float]:
+    """Return the seconds until Chromium has opened a page, and until it shows the last move."""
+    import shutil
+
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+        )
+        page = browser.new_page()
+        began = time.perf_counter()
+        page.goto(path.as_uri())
+        opened = time.perf_counter() - began
+        page.keyboard.press("End")
+        text = f"move {moves:,} of"
+        page.wait_for_function("text => document.body.innerText.includes(text)", arg=text)
+        seconds = time.perf_counter() - began - opened
+        browser.close()
+        return opened, seconds
 
 
 def best(size: int = 1000) -> None:

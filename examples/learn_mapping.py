@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from itertools import count
 from typing import Any
 
 import gymnasium
@@ -168,6 +169,105 @@ class Network:
         return loss
 
 
+def export(network: Network, path: str) -> None:
+    """Write the network as an ONNX file, which the policy ``model:FILE`` runs.
+
+    The file computes the inputs of the network, too: the distances from the frontier, step by step,
+    and the patches. It turns the first weights in place of the patches.
+    """
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+    w, nodes, constants, names = network.weights, [], [], count()
+
+    def constant(values: Any, dtype: Any = np.float32) -> str:
+        constants.append(numpy_helper.from_array(np.array(values, dtype), f"constant{next(names)}"))
+        return str(constants[-1].name)
+
+    def node(kind: str, *inputs: str, **attributes: Any) -> str:
+        nodes.append(helper.make_node(kind, inputs, [f"{kind}{next(names)}"], **attributes))
+        return str(nodes[-1].output[0])
+
+    def over_cells(kind: str, values: str) -> str:
+        return node(kind, values, constant([2, 3], np.int64), keepdims=0)
+
+    def plane(index: int) -> str:
+        bounds = (constant([k], np.int64) for k in (index, index + 1, 1))
+        return node("Slice", "planes", *bounds)
+
+    one = constant(1.0)
+    particles = node("Min", plane(PARTICLES), one)
+    free, frontier = plane(FREE), plane(FRONTIER)
+    near, far = frontier, node("Sub", one, frontier)
+    for _ in range(1, REACH):
+        wide = node("MaxPool", near, kernel_shape=[1, 3], pads=[0, 1, 0, 1])
+        high = node("MaxPool", near, kernel_shape=[3, 1], pads=[1, 0, 1, 0])
+        near = node("Max", near, node("Mul", node("Max", wide, high), free))
+        far = node("Add", far, node("Sub", one, near))
+    glow = node("Mul", node("Exp", node("Mul", far, constant(-1 / 6))), constant(255.0))
+    glow = node("Div", node("Round", node("Mul", glow, near)), constant(255.0))
+    stack = node("Concat", free, plane(OBSTACLES), frontier, particles, glow, axis=1)
+    margin = SIDE // 2
+    padded = node("Pad", stack, constant([0, 0, margin, margin] * 2, np.int64))
+    width = node("Gather", node("Shape", padded), constant([3], np.int64))
+    cells = node("NonZero", particles)
+    row, column = (node("Gather", cells, constant([axis], np.int64)) for axis in (2, 3))
+    down, right = (constant(one.reshape(-1, 1), np.int64) for one in np.indices((SIDE, SIDE)))
+    places = node("Mul", node("Add", row, down), width)
+    places = node("Add", places, node("Add", column, right))
+    flat = node("Reshape", padded, constant([5, -1], np.int64))
+    patches = node("Gather", flat, places, axis=1)  # (5, SIDE * SIDE, particles)
+    patches = node("Reshape", patches, constant([5 * SIDE * SIDE, -1], np.int64))
+    kernel = w["a"].T.reshape(HIDDEN, 5, SIDE, SIDE)
+    turned = [np.rot90(kernel, -k, axes=(2, 3)).reshape(HIDDEN, -1) for k in range(4)]
+    first = node("Add", node("MatMul", constant(turned), patches), constant(w["a0"][:, None]))
+    second = node("MatMul", constant(w["b"].T), node("Relu", first))
+    second = node("Relu", node("Add", second, constant(w["b0"][:, None])))
+    number = over_cells("ReduceSum", particles)
+    sums = node("ReduceSum", second, constant([2], np.int64), keepdims=0)
+    sums = node("Div", sums, node("Sqrt", number))
+    shift = np.zeros((4, 1, 3, 3))
+    shift[range(4), 0, [1, 0, 1, 2], [0, 1, 2, 1]] = 1
+    there, edge = (node("Conv", part, constant(shift), pads=[1] * 4) for part in (far, frontier))
+    absent = node("Mul", node("Sub", one, particles), constant(1e3))
+    closest = node("ReduceMin", node("Add", far, absent), keepdims=1)
+    nearer = node("Mul", node("Cast", node("Less", there, far), to=TensorProto.FLOAT), particles)
+    nearest = node("Cast", node("Equal", far, closest), to=TensorProto.FLOAT)
+    least = node("Reshape", node("Max", closest, one), constant([1, 1], np.int64))
+    shared = [
+        node(
+            "Div", node("ReduceMax", node("Mul", nearer, nearest), axes=[2, 3], keepdims=0), least
+        ),
+        node(
+            "Mul",
+            node("Div", over_cells("ReduceSum", node("Mul", edge, particles)), number),
+            constant(4.0),
+        ),
+        node("Div", over_cells("ReduceSum", nearer), number),
+        "last",
+        node("Gather", "last", constant([2, 3, 0, 1], np.int64), axis=1),
+    ]
+    told = node("Transpose", node("Concat", *shared, axis=0), perm=[1, 0])
+    joined = node("Concat", sums, told, axis=1)
+    third = node("Relu", node("Gemm", joined, constant(w["c"]), constant(w["c0"])))
+    ratings = node("Gemm", third, constant(w["d"]), constant(w["d0"]))
+    nodes.append(helper.make_node("Transpose", [ratings], ["ratings"], perm=[1, 0]))
+    real = TensorProto.FLOAT
+    graph = helper.make_graph(
+        nodes,
+        "mapping",
+        [
+            helper.make_tensor_value_info("planes", real, [1, 4, "height", "width"]),
+            helper.make_tensor_value_info("last", real, [1, 4]),
+        ],
+        [helper.make_tensor_value_info("ratings", real, [1, 4])],
+        constants,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, path)
+
+
 # Episodes.
 
 
@@ -319,13 +419,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--max-moves", type=int, default=3000, help="longest episode; random moves take longer"
     )
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first map to learn from"
+    )
+    parser.add_argument("--export", metavar="FILE", help="write the network as an ONNX file")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
     begun, rng = time.perf_counter(), np.random.default_rng(given.seed)
     network, expert, data = Network(rng), make_policy("best"), []
     learner = Learner(network, rng)
     env = environment(
-        [f"vessels:{given.cells}:{k}" for k in range(given.maps)],
+        [f"vessels:{given.cells}:{k}" for k in range(given.first, given.first + given.maps)],
         given.particles,
         min(1000, given.max_moves),
     )
@@ -350,11 +454,18 @@ def main(arguments: list[str] | None = None) -> None:
             flush=True,
         )
     print(f"trained in {time.perf_counter() - begun:.0f} s")
-    print(
-        evaluate(
-            learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves
+    if given.export:
+        export(network, given.export)
+    if given.tests:
+        print(
+            evaluate(
+                learner,
+                given.cells,
+                given.particles,
+                range(1000, 1000 + given.tests),
+                given.max_moves,
+            )
         )
-    )
     if given.large:
         print(evaluate(learner, 1000, 100, range(1000, 1000 + given.large), given.max_moves))
 

@@ -48,7 +48,7 @@ def played(name: str, task: str, policy: str, rule: str) -> list[object]:
 
 def test_every_policy_has_an_episode():
     """The planners have their own tests, as have policies without decisions of their own."""
-    others = {"best", "beam-rollout", "greedy-classify", "offline", "manual"}
+    others = {"best", "beam-rollout", "greedy-classify", "offline", "manual", "model"}
     others |= {policy.partition(":")[0] for _, policy in GATHERINGS}
     assert {name.partition(":")[0] for name in EPISODES} | others == {*POLICIES}
 

@@ -10,9 +10,18 @@ from math import atan2, cos, pi, sin
 import numpy as np
 import pytest
 from tests.reference import contact
+from tests.reference import polygon_reach as reference
 from tests.soak import often
 
-from shoal.steering import ContactWorld, disk, polygon, reached_in_two_moves
+from shoal.steering import (
+    ContactWorld,
+    disk,
+    disk_reach,
+    polygon,
+    polygon_reach,
+    reached_in_two_moves,
+    regular_polygon,
+)
 from shoal.steering.delta_space import two_move_pieces
 
 PAIRS = often(200, 400)  # of each kind; acceptance runs used 10,000
@@ -231,3 +240,30 @@ def test_pieces_that_are_drawn_are_the_set():
                 assert crossing is not None
             if crossing is not None and crossing.slack > (1e-3 if space.round else 1e-9):
                 assert most > -1e-3 if space.round else most > 0
+
+
+def test_sets_of_many_moves_are_those_of_intersected_polygons():
+    rng = np.random.default_rng(3)
+    for sides in range(3, 8):
+        space = random_polygon(rng, sides)
+        # far from the origin, and in other units
+        space = polygon(1e3 * (space.vertices + 10 * rng.random(2)))
+        sets = polygon_reach(space, random_pair(rng, space), moves=4, contacts=9)
+        np.testing.assert_allclose(reference.deeper(sets[0]), sets[1].depths, atol=1e-8)
+        # Corners between two directions are left out, and nothing is included that is not reached.
+        for reach in sets:
+            missing = reference.area(reach) - reach.fraction()
+            assert -1e-9 < missing < 1e-4
+
+
+def test_polygons_with_many_sides_are_almost_disks():
+    most = [reach.fraction() for reach in disk_reach(0.05**0.5, moves=6)]
+    for sides, near in ((64, 0.06), (1000, 0.005)):
+        sets = polygon_reach(regular_polygon(sides), (0.2, 0.1), moves=6)
+        np.testing.assert_allclose([reach.fraction() for reach in sets], most, rtol=near)
+
+
+def test_particles_at_one_place_stay_together():
+    reach = polygon_reach(regular_polygon(5), (0, 0), moves=4)[1]
+    assert reach.fraction() == 0
+    assert reach.contains([(0, 0), (0.1, 0)]).tolist() == [True, False]

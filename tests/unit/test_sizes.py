@@ -117,5 +117,5 @@ def test_a_replay_refuses_a_page_that_is_too_large_before_it_replays(tmp_path, m
     monkeypatch.setattr("shoal.views.swarm.page.LARGEST", 10)
     monkeypatch.setattr(SwarmEpisode, "verify", lambda _: pytest.fail("replayed first"))
     assert command(["replay", str(path), "--film", str(tmp_path / "a.html")]) == 2
-    assert "the HTML player: expected a number of cells times" in capsys.readouterr().err
+    assert "the HTML player: expected a number of particles times" in capsys.readouterr().err
     assert not (tmp_path / "a.html").exists()

@@ -479,6 +479,12 @@ class Problem:
         """
         return b""
 
+    def other_files(self) -> dict[str, bytes]:
+        """Return the contents of the files that the problem reads besides its place, each by the
+        text that names the file.
+        """
+        return {}
+
     def at_place(self, place: Any) -> Self:
         """Return a copy of the problem with ``place`` as its opened place."""
         same = self.replaced()

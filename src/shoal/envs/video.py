@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
+
+from shoal.core.errors import InvalidInputError
 
 QUALITY = 23
 """Constant rate factor of H.264 for videos."""
@@ -21,8 +24,12 @@ class RecordVideo(gymnasium.wrappers.RecordVideo):
     env : gymnasium.Env
         An environment with the render mode "rgb_array".
     *args, **options
-        The other parameters of `gymnasium.wrappers.RecordVideo`. The option ``disable_logger`` has
-        no effect, because the encoder logs nothing.
+        The other parameters of `gymnasium.wrappers.RecordVideo`.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``disable_logger`` is False: the encoder has no logger.
 
     Notes
     -----
@@ -30,6 +37,9 @@ class RecordVideo(gymnasium.wrappers.RecordVideo):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], *args: Any, **options: Any) -> None:
+        given = signature(super().__init__).bind(env, *args, **options).arguments
+        if not given.get("disable_logger", True):
+            raise InvalidInputError("disable_logger: expected True (the encoder has no logger)")
         # Gymnasium looks for MoviePy when all else is set up.
         with suppress(gymnasium.error.DependencyNotInstalled):
             super().__init__(env, *args, **options)

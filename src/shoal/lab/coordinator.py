@@ -150,9 +150,9 @@ def _is_wanted(point: Point, only: Mapping[str, Collection[Any]] | None) -> bool
 def prepare(
     sweep: Sweep, only: Mapping[str, Collection[Any]] | None = None
 ) -> tuple[dict[str, str], dict[str, Any]]:
-    """Check that every point of a sweep, or each that is wanted, can run. Return a digest of each map, workspace and region
-    in the sweep, and those that are read from files, opened: all trials run in what the files
-    contain now.
+    """Check that every point of a sweep, or each that is wanted, can run. Return a digest of each
+    map, workspace, region and other file in the sweep, and those places that are read from files,
+    opened: all trials run in what the files contain now.
 
     Raises
     ------
@@ -174,7 +174,9 @@ def prepare(
         if not _is_wanted(point, only):
             continue
         with _errors_at(sweep, point):
-            check_trial(point.problem.opened())
+            problem = point.problem.opened()
+            check_trial(problem)
+            inputs |= {name: digest_of(one) for name, one in problem.other_files().items()}
     return inputs, files
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import pi
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +13,23 @@ from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, unit_vectors
-from shoal.steering.kernels.cycles import WallSamples, deepen
+from shoal.steering.kernels.reach import (
+    FLAT,
+    SAME,
+    WallSamples,
+    piece_radii,
+    star_depths,
+    star_radii,
+)
 from shoal.steering.planners.chains import ChainQuery, kinds_of
-from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
+from shoal.steering.workspaces.convex import (
+    ConvexWorkspace,
+    Points,
+    clipped,
+    disk,
+    hull,
+    signed_area,
+)
 from shoal.steering.workspaces.walls import normalize_walls
 
 
@@ -463,6 +476,7 @@ def _deepest(
 
 
 _CLOSE = 1e-9
+_RAYS = 2048  # equally spaced directions in which the outline of a `PolygonReach` has corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -478,7 +492,7 @@ class PolygonReach:
     moves : int
         Number of moves: 2, 4, 6, ...
     contacts : ndarray of float64, shape (contacts, 2)
-        Sample points on the walls.
+        Sample points on the walls, in counter-clockwise order.
     walls : ndarray of int64, shape (contacts,)
         Index of the wall on which each sample point in ``contacts`` lies.
     depths : ndarray of float64, shape (2, contacts)
@@ -503,20 +517,12 @@ class PolygonReach:
         at sample points of the walls. Between two neighbouring sample points, the method uses the
         smaller of the two depths. The method `reaches` is exact for any number of moves.
         """
-        import shapely
-
-        spots = shapely.points(np.asarray(differences, dtype=np.float64))
-        return np.asarray(shapely.dwithin(self._area, spots, _CLOSE * self.workspace.size))
-
-    @cached_property
-    def _area(self) -> Any:
-        import shapely
-
-        whole = shapely.union_all(
-            shapely.convex_hull([shapely.multipoints(piece) for piece in self.pieces])
-        )
-        shapely.prepare(whole)
-        return whole
+        given = np.asarray(differences, dtype=np.float64)
+        lengths = np.hypot(given[..., 0], given[..., 1])
+        with np.errstate(invalid="ignore"):
+            ahead = np.where(lengths[..., None] > 0, given / lengths[..., None], (1.0, 0.0))
+        radii = self._extents(ahead.reshape(-1, 2))[0].reshape(lengths.shape)
+        return np.asarray(lengths <= radii + _CLOSE * self.workspace.size)
 
     def reaches(self, after: ArrayLike) -> bool:
         """Return whether the particles can reach the position difference ``after``; exact for any
@@ -552,79 +558,161 @@ class PolygonReach:
         return False
 
     @cached_property
-    def pieces(self) -> list[Points]:
-        """Convex polygons for drawing, whose union is the reachable set; each float64, shape (n,
-        2), counter-clockwise.
+    def outline(self) -> Points:
+        """Corners of the reachable set, counter-clockwise around the zero vector; float64, shape
+        (n, 2).
+
+        Straight lines connect the corners. They leave out a little of the set where its boundary
+        is curved or has a corner between two of some 2,000 directions, and include nothing else.
         """
-        if self.moves == 2:
-            return two_move_pieces(self.workspace, self.before)
-        found = []
-        corners = self.workspace.vertices
-        for sign, depths in zip((1.0, -1.0), self.depths, strict=True):
-            for wall in range(len(corners)):
-                on = np.flatnonzero((self.walls == wall) & (depths >= 0))
-                normal, offset = self.workspace.normals[wall], float(self.workspace.offsets[wall])
-                slabs = [
-                    clipped(corners, normal, offset + float(depths[k])) - self.contacts[k]
-                    for k in on
-                ]
-                # Between two contacts, the set contains the set of the lower depth swept along the
-                # wall.
-                for k, following in zip(range(len(on)), on[1:], strict=False):
-                    low = min(float(depths[on[k]]), float(depths[following]))
-                    slab = clipped(corners, normal, offset + low)
-                    found.append(
-                        hull(
-                            sign
-                            * np.concatenate(
-                                [slab - self.contacts[on[k]], slab - self.contacts[following]]
-                            )
-                        )
-                    )
-                found += [hull(sign * slab) for slab in slabs]
-        return [piece for piece in found if len(piece) > 2]
+        from shapely import LinearRing
+
+        rays, radii = self._star
+        ring = LinearRing(radii[:, None] * rays).simplify(_CLOSE * self.workspace.size)
+        return np.asarray(ring.coords)[:-1]
 
     @cached_property
-    def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The reachable set for drawing: pairs (outline, holes), one for each connected part,
-        rounded to 1e-6 of the size.
+    def _star(self) -> tuple[Points, NDArray[np.float64]]:
+        """The directions of the corners of `outline` as unit vectors, counter-clockwise from the
+        angle -π, and their distances from the zero vector; float64, shapes (n, 2) and (n,).
         """
-        import shapely
-
-        whole = shapely.union_all(
-            [shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size
+        # Along the walls, the radius jumps.
+        along = np.roll(self.workspace.vertices, -1, axis=0) - self.workspace.vertices
+        rays = _rays(
+            -pi + 2 * pi * (np.arange(_RAYS) + 0.5) / _RAYS,
+            angles_of(np.concatenate([self.workspace.differences.vertices, along, -along])),
         )
-        parts = [
-            part
-            for part in getattr(whole, "geoms", [whole])
-            if part.geom_type == "Polygon" and not part.is_empty
-        ]
-        return [
-            (
-                np.asarray(part.exterior.coords)[:-1],
-                [np.asarray(ring.coords)[:-1] for ring in part.interiors],
-            )
-            for part in parts
-        ]
+        corners = _corners(self._extents(rays)[0][:, None] * rays)
+        rays = _rays(angles_of(rays), angles_of(corners))
+        radii, pieces = self._extents(rays)
+        # Between two directions, a convex set of `star_radii` contains the line between its own
+        # points. Where another set begins to extend further, the two lines cross.
+        following = np.roll(np.arange(len(rays)), -1)
+        change = np.flatnonzero(pieces != pieces[following])
+        later = following[change]
+        points = radii[:, None] * rays
+        before, after = points[change], points[later]
+        one = self._extents_of(rays[later], pieces[change])[:, None] * rays[later]
+        other = self._extents_of(rays[change], pieces[later])[:, None] * rays[change]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = _across(other - before, after - other) / _across(one - before, after - other)
+        share = np.clip(np.nan_to_num(share), 0.0, 1.0)
+        crossing = before + share[:, None] * (one - before)
+        length = np.hypot(*crossing.T)
+        away = length > _CLOSE * self.workspace.size
+        middle = rays[change] + rays[later]
+        ahead = np.where(away[:, None], crossing, middle)
+        ahead /= np.hypot(*ahead.T)[:, None]
+        places = (change + 1) % len(rays)
+        return (
+            np.insert(rays, places, ahead, axis=0),
+            np.insert(radii, places, np.where(away, length, 0.0)),
+        )
+
+    def _extents(self, rays: Points) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return how far the set extends along each unit vector, and the index of the convex set
+        that extends so far, as in `star_radii`.
+
+        Neighbouring contacts of equal depth have one convex set in common.
+        """
+        radii, pieces = np.empty(len(rays)), np.empty(len(rays), dtype=np.int64)
+        star_radii(np.ascontiguousarray(rays), self._samples, self.depths, radii, pieces)
+        firsts, lasts = self._runs
+        contacts = pieces // 2
+        first = firsts[contacts]
+        shared = (pieces >= 0) & (lasts[first] > first) & (contacts + pieces % 2 <= lasts[first])
+        return radii, np.where(shared, 2 * first + 1, pieces)
+
+    def _extents_of(self, rays: Points, pieces: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return how far the convex set of each index extends along the unit vector in the same
+        row.
+        """
+        firsts, lasts = self._runs
+        numbers = np.arange(len(firsts))
+        ends = np.where((firsts == numbers) & (lasts > numbers), lasts, numbers + 1)
+        radii = np.empty(len(rays))
+        piece_radii(rays, pieces, ends % len(self.contacts), self._samples, self.depths, radii)
+        return radii
+
+    @cached_property
+    def _runs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """For each contact, the first and the last contact of the neighbours on its wall with the
+        same depth; int64, shape (2 contacts,), particle 1 first.
+        """
+        walls = np.concatenate([self.walls, self.walls + len(self.workspace.vertices)])
+        depths = self.depths.ravel()
+        begins = np.diff(walls, prepend=-1) != 0
+        begins |= np.abs(np.diff(depths, prepend=-1.0)) > FLAT * self.workspace.size
+        starts = np.flatnonzero(begins)
+        run = np.cumsum(begins) - 1
+        return starts[run], np.append(starts[1:], len(depths))[run] - 1
+
+    @cached_property
+    def _samples(self) -> WallSamples:
+        """The walls and the sample points, as the kernels take them."""
+        sides = len(self.workspace.vertices)
+        return WallSamples(
+            np.ascontiguousarray(self.workspace.vertices),
+            np.ascontiguousarray(self.workspace.normals),
+            self.workspace.offsets,
+            self.contacts,
+            np.searchsorted(self.walls, np.arange(sides + 1)),
+        )
+
+    def deepen(self) -> NDArray[np.float64]:
+        """Return ``depths`` for the set of two more moves; float64, shape (2, contacts)."""
+        rays, radii = self._star
+        depths = np.empty_like(self.depths)
+        star_depths(rays, radii, self._samples, depths[0])
+        # The contacts of particle 2 see the differences with the opposite sign.
+        half = -np.searchsorted(angles_of(rays), 0.0)
+        opposite, lengths = np.roll(rays, half, axis=0), np.roll(radii, half)
+        star_depths(-opposite, lengths, self._samples, depths[1])
+        return np.where(depths > _CLOSE * self.workspace.size, depths, -1.0)
 
     def fraction(self) -> float:
         """Return the area of the reachable set divided by the area of the set of all position
         differences in the polygon.
 
-        For two moves, the fraction is exact. For more than two moves, the fraction refers to the
-        approximate set that the method `contains` uses.
+        The reachable set is the polygon `outline`.
         """
-        from shapely import Polygon
+        rays, radii = self._star
+        area = signed_area(radii[:, None] * rays)
+        return float(min(area / signed_area(self.workspace.differences.vertices), 1.0))
 
-        area = sum(Polygon(outline, holes).area for outline, holes in self.outline)
-        return float(min(area / self.workspace.differences.shape.area, 1.0))
+
+def _rays(*angles: NDArray[np.float64]) -> Points:
+    """Return the unit vectors of all angles and of π, in ascending order and without doubles."""
+    whole = np.concatenate(angles)
+    whole = np.append(np.unique(whole[np.abs(whole) < pi - SAME]), pi)
+    return unit_vectors(whole[np.diff(whole, prepend=-pi) > SAME])
+
+
+def _corners(points: Points) -> Points:
+    """Return where a closed outline through the points probably has corners: the crossing of the
+    lines before and after each pair of neighbours, if it is between them as seen from zero.
+    """
+    previous, following, last = (np.roll(points, k, axis=0) for k in (1, -1, -2))
+    before, after = points - previous, last - following
+    turn = _across(before, after)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(turn != 0, _across(following - points, after) / turn, 0.0)
+    corners = points + share[:, None] * before
+    return corners[(_across(points, corners) > 0) & (_across(corners, following) > 0)]
+
+
+def _across(a: Points, b: Points) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def polygon_reach(
-    workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 33
+    workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 512
 ) -> list[PolygonReach]:
     """Return the sets of position differences that two particles in a polygon can reach after 2, 4,
     ..., ``moves`` moves.
+
+    The computing time of a cycle is proportional to the number of sample points times the number of
+    the polygon's sides and of some 2,000 directions.
 
     Parameters
     ----------
@@ -635,7 +723,7 @@ def polygon_reach(
     moves : int
         Number of moves, even and at least 2.
     contacts : int
-        Number of sample points on each side of the polygon.
+        Number of sample points on the boundary of the polygon, but at least three on each side.
 
     Notes
     -----
@@ -657,39 +745,35 @@ def polygon_reach(
             f" {tuple(start.tolist())}"
         )
     check_moves(moves)
-    corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
-    # Equally spaced, plus the ends of the start's contact range, where depths jump.
-    jumps = np.clip(
-        np.concatenate(
-            [np.stack(toucher_shares(workspace, (sign * start,))) for sign in (1.0, -1.0)]
-        ),
-        0,
-        1,
+    points, walls = _sample_walls(
+        workspace, start, check_integer(contacts, what="contacts", least=3)
     )
-    shares = np.sort(
-        np.hstack(
-            [np.broadcast_to(np.linspace(0, 1, contacts), (len(corners), contacts)), jumps.T]
-        ),
-        axis=1,
-    )
-    points = (corners[:, None] + shares[:, :, None] * (ends - corners)[:, None]).reshape(-1, 2)
-    walls = np.repeat(np.arange(len(corners)), shares.shape[1])
     depths = np.full((2, len(points)), -1.0)
     for row, sign in enumerate((1.0, -1.0)):
         depth = sign * (workspace.normals @ start)[walls]
         fits = workspace.contains(points + sign * start) & (depth > _CLOSE * workspace.size)
         depths[row] = np.where(fits, depth, -1.0)
     sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
-    samples = WallSamples(
-        np.ascontiguousarray(corners),
-        np.ascontiguousarray(workspace.normals),
-        workspace.offsets,
-        points,
-        walls,
-    )
-    spare = [np.empty((4 * len(corners) + 8, 2)) for _ in range(3)]
     for done in range(4, moves + 1, 2):
-        earlier, depths = depths, np.empty_like(depths)
-        deepen(samples, earlier, depths, *spare)
-        sets.append(PolygonReach(workspace, start, done, points, walls, depths))
+        deeper = sets[-1].deepen()
+        sets.append(PolygonReach(workspace, start, done, points, walls, deeper))
     return sets
+
+
+def _sample_walls(
+    workspace: ConvexWorkspace, start: Points, contacts: int
+) -> tuple[Points, NDArray[np.int64]]:
+    """Return sample points on all sides, shape (n, 2), and the index of the side of each.
+
+    They are equally spaced on a side, plus the ends of the start's contact range, where depths
+    jump.
+    """
+    corners = workspace.vertices
+    along = np.roll(corners, -1, axis=0) - corners
+    jumps = np.concatenate(
+        [np.stack(toucher_shares(workspace, (sign * start,))) for sign in (1.0, -1.0)]
+    )
+    even = np.linspace(0, 1, max(3, -(-contacts // len(corners))))
+    shares = [np.unique(np.r_[even, row[(row > 0) & (row < 1)]]) for row in jumps.T]
+    walls = np.repeat(np.arange(len(corners)), [len(share) for share in shares])
+    return corners[walls] + np.concatenate(shares)[:, None] * along[walls], walls

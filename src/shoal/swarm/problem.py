@@ -316,7 +316,7 @@ class SwarmProblem(Problem):
         "auto",
         help=(
             "Policy: auto, {names} or MODULE:ATTRIBUTE. Options of a policy follow a colon, as in"
-            " closest-frontier:ties=row-major or manual:llurr. The policy offline is for coverage"
+            " closest-frontier:ties=row-major, manual:llurr or model:FILE. The policy offline is for coverage"
             " only, and pairwise and gather-beam are for gathering. auto stands for best if the task"
             " is mapping with a scan after each move and with rule block or merge, on huge maps with"
             " a smaller budget, for gather-beam in a gathering (for pairwise on maps of more than"
@@ -675,6 +675,13 @@ class SwarmProblem(Problem):
     def place_digest(self) -> bytes:
         """Return the shape and the free cells of the map as bytes."""
         return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
+
+    def other_files(self) -> dict[str, bytes]:
+        """Return the content of the file of a policy that is a neural network."""
+        from shoal.swarm.policies import Model
+
+        policy = self.setup.policy
+        return {policy.name: policy.content()} if isinstance(policy, Model) else {}
 
     def check_at_place(self) -> None:
         """Refuse a policy that the task, map or rules exclude, start cells that are not free, and

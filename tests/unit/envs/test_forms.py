@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import shoal.envs
-from shoal.core.errors import MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.envs import search_v0
 from shoal.envs.forms import ImageForm
 
@@ -123,6 +123,9 @@ def test_a_video_of_each_episode(tmp_path):
     videos = sorted(folder.iterdir())
     assert [video.name for video in videos] == [f"rl-video-episode-{k}.mp4" for k in range(2)]
     assert all(b"ftyp" in video.read_bytes()[:12] for video in videos)
+    with pytest.raises(InvalidInputError, match="disable_logger: expected True"):
+        shoal.envs.RecordVideo(env, str(folder), disable_logger=False)
+    shoal.envs.RecordVideo(env, str(folder), disable_logger=True)
 
 
 def test_without_stable_baselines(monkeypatch):

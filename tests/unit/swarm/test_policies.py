@@ -85,7 +85,7 @@ def test_third_party_by_name():
 
 # The alias of a planner, and policies whose episodes end by chance, by their commands, or only in
 # coverages: they have tests of their own.
-OTHERS = ("best", "random-moves", "manual", "offline")
+OTHERS = ("best", "random-moves", "manual", "model", "offline")
 
 
 @pytest.mark.parametrize(

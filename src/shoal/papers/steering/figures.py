@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import angles_of, unit_vectors
+from shoal.core.geometry import unit_vectors
 from shoal.papers.steering.shortest_paths import GoalSweep
 from shoal.steering.delta_space import DIRECTIONS, PolygonReach, disk_reach, polygon_reach
 from shoal.steering.planners.chain_search import nearest_cycles
@@ -279,17 +279,6 @@ class PolygonFractions:
         """
         return np.array([reach.fraction() for reach in self.sets])
 
-    @cached_property
-    def outlines(self) -> list[Points]:
-        """The outline of each set of reachable position differences; float64, shape (n, 2)."""
-        corners = self.workspace.differences.vertices
-        around = pi * (np.arange(2 * DIRECTIONS) + 0.5) / DIRECTIONS
-        ahead = np.concatenate(
-            [unit_vectors(around), corners / np.linalg.norm(corners, axis=1)[:, None]]
-        )
-        ahead = ahead[np.argsort(angles_of(ahead))]
-        return [polygon_radii(reach, ahead)[:, None] * ahead for reach in self.sets]
-
     @property
     def moves(self) -> int | None:
         """The smallest number of moves to reach the fraction `FULL` of all position differences, or
@@ -300,7 +289,7 @@ class PolygonFractions:
 
 
 def polygon_fractions(
-    workspace: ConvexWorkspace, before: ArrayLike, *, moves: int = 8, contacts: int = 33
+    workspace: ConvexWorkspace, before: ArrayLike, *, moves: int = 8, contacts: int = 512
 ) -> PolygonFractions:
     """Return the sets of position differences that two particles in a polygon reach in 2, 4, ...,
     ``moves`` moves.
@@ -309,7 +298,7 @@ def polygon_fractions(
     ----------
     workspace, before, moves, contacts
         The polygon, the position difference at the start, the number of moves, and the number of
-        sample points per side, as in `polygon_reach`.
+        sample points on the boundary, as in `polygon_reach`.
 
     Notes
     -----
@@ -325,45 +314,14 @@ def polygon_fractions(
     return PolygonFractions(workspace, sets[0].before, sets)
 
 
-def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
-    """Return how far a reachable set extends from zero in the directions of n unit vectors;
-    float64, shape (n,).
-    """
-    radii = np.zeros(len(ahead))
-    for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
-        on = np.flatnonzero(depths >= 0)
-        slope = sign * (reach.workspace.normals[reach.walls[on]] @ ahead.T)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            allowed = np.where(
-                slope > _LEVEL, depths[on, None] / slope, np.where(slope < -_LEVEL, 0.0, np.inf)
-            )
-        ways = _ways(reach.workspace, reach.contacts[on], sign * ahead)
-        radii = np.maximum(radii, np.minimum(ways, allowed).max(axis=0, initial=0.0))
-    return radii
-
-
 def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
     """Return the point at which a ray from the origin leaves a workspace that contains the origin;
     float64, shape (2,).
     """
     unit = np.asarray(ahead, dtype=np.float64)
-    return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
-
-
-def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
-    """Return the distance from each point to the wall in each given direction; float64, shape
-    (points, directions).
-    """
-    rates = ahead @ workspace.normals.T
-    clear = np.maximum(workspace.wall_distances(points), 0.0)
-    way = np.full((len(points), len(ahead)), np.inf)
-    for wall in range(len(workspace.normals)):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            way = np.minimum(
-                way,
-                np.where(rates[:, wall] < -_LEVEL, -clear[:, wall, None] / rates[:, wall], np.inf),
-            )
-    return way
+    rates = space.normals @ unit
+    towards = rates < -_LEVEL
+    return np.asarray(np.min(space.offsets[towards] / rates[towards]) * unit)
 
 
 # Values printed in the paper (sections IV.F and VI), in %, for comparison with the computed ones.
@@ -398,7 +356,9 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
     panels = grid.reshape(-1, 2)
     for (left, right), filling in zip(panels, fillings, strict=False):
         _draw_start(left, filling)
-        _draw_outlines(right, filling.workspace.differences.vertices, filling.outlines)
+        _draw_outlines(
+            right, filling.workspace.differences.vertices, [reach.outline for reach in filling.sets]
+        )
         right.plot(*filling.before, "s", color=ORANGE, ms=5, mec="white", mew=0.6, zorder=5)
         full = next(
             (k for k, reach in enumerate(filling.sets) if reach.moves == filling.moves),

@@ -187,9 +187,7 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         rows,
     )
     sets = (
-        (n, reach.moves, outline)
-        for n, filling in fillings.items()
-        for reach, outline in zip(filling.sets, filling.outlines, strict=True)
+        (n, reach.moves, reach.outline) for n, filling in fillings.items() for reach in filling.sets
     )
     return Outcome(
         reachable_sets([*fillings.values()]),

@@ -31,7 +31,6 @@ class CycleModel(NamedTuple):
 
 ANGLES = 96
 FLAT = 1e-14
-DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deepen` cuts polygons
 
 
 @in_place_kernel
@@ -295,84 +294,6 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
         if not moved:
             step *= 0.5
     return best, at
-
-
-class WallSamples(NamedTuple):
-    """A polygon, and sample points on its sides."""
-
-    corners: NDArray[np.float64]  # (sides, 2)
-    normals: NDArray[np.float64]  # (sides, 2): inward
-    offsets: NDArray[np.float64]  # (sides,)
-    contacts: NDArray[np.float64]  # (contacts, 2)
-    walls: NDArray[np.int64]  # (contacts,): the side of each contact
-
-
-@in_place_kernel
-def deepen(samples, depths, best, one, other, spare):
-    """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after
-    one more cycle.
-
-    While the toucher is at a contact, the depth is the distance of the other particle from the line
-    of the contact's wall. ``depths`` holds the largest depths before the cycle. A depth is -1 if
-    the contact is impossible. The kernel combines each cycle, at a contact c, with each following
-    contact d. The cycle can bring the other particle to each point of the polygon whose depth below
-    the wall of c is at most ``depths[toucher, c]``. At the contact d, the particle that does not
-    touch the wall must be inside the polygon. The points that satisfy both conditions form a convex
-    polygon, so the largest depth occurs at one of its corners.
-    """
-    contacts, walls, normals = samples.contacts, samples.walls, samples.normals
-    n, sides = contacts.shape[0], normals.shape[0]
-    for t in range(2):
-        for d in range(n):
-            best[t, d] = -1.0
-    for s in range(2):
-        sign = 1.0 if s == 0 else -1.0
-        for c in range(n):
-            if depths[s, c] < 0:
-                continue
-            wall = walls[c]
-            copy_rows(samples.corners, sides, other)
-            least = -(samples.offsets[wall] + depths[s, c]) - DEPTH_SLACK
-            slab = clip(other, sides, -normals[wall, 0], -normals[wall, 1], least, spare)
-            for t in range(2):
-                turn = sign * (1.0 if t == 0 else -1.0)
-                for d in range(n):
-                    copy_rows(other, slab, one)
-                    count = inside_shifted(
-                        one, slab, contacts[c], contacts[d], turn, samples, spare
-                    )
-                    across, up = normals[walls[d], 0], normals[walls[d], 1]
-                    for k in range(count):
-                        depth = turn * (
-                            across * (one[k, 0] - contacts[c, 0])
-                            + up * (one[k, 1] - contacts[c, 1])
-                        )
-                        best[t, d] = max(best[t, d], depth)
-
-
-@in_place_kernel
-def inside_shifted(corners, count, used, following, turn, samples, spare):
-    """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)``
-    is inside the workspace.
-
-    Return the number of corners left.
-    """
-    normals = samples.normals
-    for wall in range(normals.shape[0]):
-        least = (
-            samples.offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
-        )
-        count = clip(
-            corners,
-            count,
-            turn * normals[wall, 0],
-            turn * normals[wall, 1],
-            least - DEPTH_SLACK,
-            spare,
-        )
-        if count == 0:
-            return 0
-    return count
 
 
 # number of adjustments tried in each direction: the longest adjustment, 1/2 of its length, 1/4, ...

@@ -86,7 +86,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         {
             "moves": one.moves,
             "fraction": one.fraction(),
-            "rings": _rings(one.outline, turned, place.size),
+            "rings": [_for_drawing(one.outline @ turned, place.size)],
         }
         for one in sets
     ]
@@ -97,13 +97,3 @@ def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:
     """Round points to five digits of the size of their workspace, which may be tiny."""
     digits = 5 - math.floor(math.log10(size))
     return np.asarray(np.round(np.asarray(points, dtype=np.float64), digits), dtype=np.float64)
-
-
-def _rings(outline: Any, turned: NDArray[np.float64], size: float) -> list[Any]:
-    """Return the outlines and holes of a planar set, rounded for drawing."""
-    pieces = (
-        [outline]
-        if isinstance(outline, np.ndarray)
-        else [part for ring, holes in outline for part in (ring, *holes)]
-    )
-    return [_for_drawing(np.asarray(piece) @ turned, size) for piece in pieces]

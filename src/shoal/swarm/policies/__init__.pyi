@@ -10,6 +10,7 @@ from .compiled import check_rules as check_rules
 from .compiled import check_scanning as check_scanning
 from .gathering import GatherBeam as GatherBeam
 from .gathering import Pairwise as Pairwise
+from .model import Model as Model
 from .names import POLICIES as POLICIES
 from .names import make_policy as make_policy
 from .names import shown_name as shown_name

@@ -23,6 +23,7 @@ POLICIES.add_later("greedy-classify", lambda: policies.GreedyClassify)
 POLICIES.add_later("beam-rollout", lambda: policies.BeamRollout)
 POLICIES.add_later("manual", lambda: policies.Manual)
 POLICIES.add_later("offline", lambda: policies.Offline)
+POLICIES.add_later("model", lambda: policies.Model)
 POLICIES.add_later("pairwise", lambda: policies.Pairwise)
 POLICIES.add_later("gather-beam", lambda: policies.GatherBeam)
 # an alias, which may denote another policy in a later version

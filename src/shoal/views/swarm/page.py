@@ -15,8 +15,15 @@ from shoal.views.player import render
 from shoal.views.swarm.colours import FRONTIER_TINT
 
 LARGEST = 2_000_000_000
-"""Maximum product of the numbers of cells and moves with which a page plays smoothly."""
+"""Maximum product of the numbers of particles and moves of an episode, which a page simulates within a
+minute; for recorded episodes, of the numbers of cells and moves.
+"""
 
+LONGEST = 10_000_000
+"""Maximum number of moves, of which a page keeps some numbers each."""
+
+WIDEST = 20_000_000
+"""Maximum number of cells of a page's map."""
 
 HEAVIEST = 40_000_000
 """Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size
@@ -43,12 +50,25 @@ def check_page(episode: SwarmEpisode) -> None:
     ------
     InvalidInputError
     """
-    work = episode.workspace.free.size * max(1, episode.moves)
-    if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
-        raise InvalidInputError(
-            "the HTML player: expected a number of cells times a number of moves of at most"
-            f" {LARGEST:.0e}, got {work:.1e} (use .gif or .mp4)"
-        )
+    cells = episode.workspace.free.size
+    parts, what = (cells, "cells") if _is_recorded(episode) else (len(episode.start), "particles")
+    for kind, most, count in (
+        ("cells", WIDEST, cells),
+        ("moves", LONGEST, episode.moves),
+        (f"{what} times a number of moves", LARGEST, parts * episode.moves),
+    ):
+        if count > most:
+            raise InvalidInputError(
+                f"the HTML player: expected a number of {kind} of at most {most}, got {count} (use"
+                " .gif or .mp4)"
+            )
+
+
+def _is_recorded(episode: SwarmEpisode) -> bool:
+    """Return whether a page cannot simulate an episode: one with noise, or a drive after whose
+    interruption the particles were elsewhere.
+    """
+    return bool(episode.noisy or episode.placed)
 
 
 def page_data(episode: SwarmEpisode) -> dict[str, object]:
@@ -104,7 +124,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         "playing": True,
         "seed": episode.seed,
         "version": episode.versions["shoal"],
-    } | (_recorded(episode) if episode.noisy or episode.placed else _simulated(episode))
+    } | (_recorded(episode) if _is_recorded(episode) else _simulated(episode))
 
 
 def _simulated(episode: SwarmEpisode) -> dict[str, object]:
@@ -117,9 +137,7 @@ def _simulated(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _recorded(episode: SwarmEpisode) -> dict[str, object]:
-    """Return the recorded data of an episode that a player page cannot simulate: one with noise, or
-    a drive after whose interruption the particles were elsewhere.
-    """
+    """Return the recorded data of an episode that a player page cannot simulate."""
     errors = episode.errors
     if errors is None:
         seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)

@@ -276,6 +276,7 @@ const ShoalSim = (() => {
       this.keyframes = [this.keyframe.from(world.start)];
       this.swarm = new Swarm(world); // at move `done`
       this.gathers = world.task === "gathering";
+      this.region = this.gathers && world.targets.some((one) => one);
       if (world.targets) this.beginCoverage();
       for (const cell of world.start) this.stand(cell, 0);
       this.goal = world.targets ? this.count(world.targets) : reachable(world);
@@ -284,9 +285,8 @@ const ShoalSim = (() => {
 
     /** How many cells hold particles that are not gathered: outside the region, or all but one. */
     stragglers() {
-      const { targets } = this.world, region = targets.some((one) => one);
-      const cells = new Set(this.swarm.pos);
-      return region ? [...cells].filter((cell) => !targets[cell]).length : cells.size - 1;
+      const { targets } = this.world, cells = new Set(this.swarm.pos);
+      return this.region ? [...cells].filter((cell) => !targets[cell]).length : cells.size - 1;
     }
 
     count(board) {
