@@ -164,11 +164,12 @@ def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(
         "workspace": "square",
         "start": [[0.2, 0.3], [0.5, 0.35]],
         "goal": [[0.8, 0.2], [0.3, 0.75]],
+        "planner": "greedy",
     }
     studio.open(page, "steering", {"problem": given, "seed": 0})
     tab_to(page, "Particle 1 at 0.2, 0.3")
     page.keyboard.press("ArrowUp")
-    moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
+    moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]]}
     expected = shoal.run(SteeringProblem(**moved))
     page.locator(".plan", has_text="greedy").get_by_text(
         f"{expected.moves} moves, length {expected.length:.4g}"

@@ -47,6 +47,7 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
+from shoal.studio.words import fault_of
 
 Say = Callable[[str, Any], None]
 """Function with which a job reports an event. The arguments are the kind and the content of the
@@ -75,7 +76,7 @@ def do_job(
     try:
         say("done", as_json(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
-        say("failed", {"error": str(error)})
+        say("failed", fault_of(error, spec))
     except MemoryError:
         say(
             "failed",

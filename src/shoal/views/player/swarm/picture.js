@@ -161,12 +161,30 @@ const ShoalPicture = (() => {
       if (this.painted !== n) this.paint(n, many ? swarm : null);
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.imageSmoothingEnabled = size < 1; // else thin walls would drop out
+      const below = layout.lines === 1 ? this.below : null;
+      if (below) this.drawBelow(below);
+      pen.globalAlpha = below ? 1 - below.share : 1;
       pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
+      pen.globalAlpha = 1;
       if (size >= GRID_FROM * this.ratio) this.drawGrid();
       if (this.gutter && this.zoom === 1) this.drawLabels();
       const points = this.timeline.pointsAt?.(n);
       if (points && this.layout.lines === 1) this.drawPoints(points);
       else if (!many) this.drawParticles(swarm, slide);
+    }
+
+    /** Draw a photograph under the map, which has a rim of one cell: `box` is where the map is in it,
+     *  in shares of its sides, and `share` how much of it shows through the cells. */
+    drawBelow({ image, box: [left, top, right, bottom] }) {
+      const { pen, world, size } = this;
+      const wide = ((world.cols - 2) * size) / (right - left), high = ((world.rows - 2) * size) / (bottom - top);
+      pen.save();
+      pen.beginPath();
+      pen.rect(this.left + size, this.top + size, (world.cols - 2) * size, (world.rows - 2) * size);
+      pen.clip();
+      pen.imageSmoothingEnabled = true;
+      pen.drawImage(image, this.left + size - left * wide, this.top + size - top * high, wide, high);
+      pen.restore();
     }
 
     /** Draw particles where they truly were, wherever in a cell. */

@@ -23,6 +23,7 @@ export class MetricCanvas {
       size: [1, 1],
       bounds: null,
       moved: false,
+      drag: null, // what may take a drag for itself, as hands() has it
     });
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
@@ -240,6 +241,7 @@ export class MetricCanvas {
       pan: (right, down) => this.pan(right, down),
       fit: () => this.fit(),
       tap: (spot, event) => this.tap(this.back(spot), event),
+      take: (spot) => this.drag?.(this.back(spot), (moved) => this.back(moved)) ?? null,
       over: (spot) => this.over(spot && this.back(spot)),
     });
   }

@@ -11,7 +11,7 @@ async function imageOf(text, kind) {
   return image;
 }
 
-/** Returns a function that shows it; `fields()` is the problem, `visible()` whether the photograph
+/** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the photograph
  *  is still looked at, `said(sentence)` and `complain(sentence)` show words. */
 export function photographs({ editor, fields, visible, said, complain }) {
   let exact = 0,
@@ -30,12 +30,18 @@ export function photographs({ editor, fields, visible, said, complain }) {
     said(`${percent(found.share)} of the pixels are vessel${confidence}`);
   }
 
-  return async () => {
+  /** The photograph of the form, read once. */
+  async function read() {
     const file = fields().map;
     if (photograph?.file !== file) {
-      const { picture } = await ask("photograph", { file });
-      photograph = { file, image: await imageOf(picture, "jpeg") };
+      const { picture, width, height } = await ask("photograph", { file });
+      photograph = { file, image: await imageOf(picture, "jpeg"), width, height };
     }
+    return photograph;
+  }
+
+  async function show() {
+    await read();
     if (editor.photograph !== photograph.image) {
       editor.setPhotograph(photograph.image, null);
       said("looking for vessels …");
@@ -46,5 +52,14 @@ export function photographs({ editor, fields, visible, said, complain }) {
       guarded(() => find(true)),
       REST,
     );
+  }
+
+  return {
+    read,
+    show,
+    /** Its height and width in pixels. */
+    get sides() {
+      return [photograph.height, photograph.width];
+    },
   };
 }
