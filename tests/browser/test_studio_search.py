@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page
 from tests.browser.studio import Studio, run_and_load, tab, written_by
 from tests.browser.waiting import settle, until
 
@@ -461,7 +461,7 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
         page.get_by_role("button", name=name).click()
     settle(page)
     left, top = spot_of(page, "parts0-3")
-    right, bottom = spot_of(page, "parts0-1")
+    right, _ = spot_of(page, "parts0-1")
     scale = (right - left) / 180  # pixels a metre
 
     page.get_by_role("button", name="No-go", exact=True).click()
@@ -481,7 +481,7 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
 
     drag(page, spot_of(page, "zones0-all"), (10 * scale, 0), (20 * scale, -10 * scale))
     (moved,) = drawing_of(page)["zones"]
-    assert np.array(moved) == pytest.approx(np.array(zone) + (20, 10), abs=0.6)
+    assert np.array(moved) == pytest.approx(np.add(zone, [20, 10]), abs=0.6)
 
     page.locator("[data-mark=zones0-all]").focus()
     lever = spot_of(page, "zones0-turn")

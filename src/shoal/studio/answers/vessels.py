@@ -100,7 +100,8 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the vessels in a photograph as a picture, which has the size of the picture that
     `photograph` returns.
 
-    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels.
+    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels, and
+    where the map is in the photograph (``box``).
     """
     from shoal.swarm.maps.files import finder_of, vessels_in
 
@@ -115,6 +116,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             "confidence": vessels.confidence,
             "warning": vessels.warning,
             "bright": vessels.bright,
+            "box": _box_in_photograph(problem),
         }
     else:
         finder = finder_of(problem.map, **fields)

@@ -74,8 +74,9 @@ export function vessels({ remember }) {
   const layers = photographBelow({
     changed: (below) => {
       editor.below = below;
-      editor.redraw();
+      editor.paint();
       runs.setBelow();
+      showLayers();
     },
     look: (changes) => store.look(changes),
   });
@@ -301,11 +302,17 @@ export function vessels({ remember }) {
   }
 
   let view = "cells";
+  /** The photograph below is a matter of the cells and of the player. */
+  function showLayers() {
+    const { tab = "map" } = store.view;
+    layers.element.hidden = !layers.known || !(tab === "run" || (tab === "map" && view === "cells"));
+  }
   const photograph = photographs({
     editor,
     fields,
     complain,
     visible: () => view === "photo",
+    placed: (found) => layers.set(found),
     said: (words) => {
       refill(facts, words);
     },
@@ -347,6 +354,7 @@ export function vessels({ remember }) {
       button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))),
     );
     tools.hidden = name === "photo";
+    showLayers();
     editor.element.hidden = false;
     volumeFrame.element.hidden = true;
   }
@@ -432,6 +440,7 @@ export function vessels({ remember }) {
       chosen: (name) => {
         if (name === "map") editor.resize();
         store.look({ tab: name });
+        showLayers();
       },
     },
   );

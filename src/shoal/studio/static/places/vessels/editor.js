@@ -34,8 +34,9 @@ export function packedCells(cells) {
 
 const colourOf = (name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const OVERLAY = 0.75; // how much of the vessels' colour covers the photograph
-const ON_DARK = "#ffe34d",
+const THROUGH_OPEN = 0.25; // how much of a photograph shows through free cells, of what shows through walls
+const OVERLAY = 0.85; // how much of the vessels' colour covers the photograph
+const ON_DARK = "#fff6a0",
   ON_BRIGHT = "#10247a";
 /** Relative luminance of a colour, as WCAG 2 defines it. */
 function luminance(colour) {
@@ -189,9 +190,11 @@ export class Editor {
     this.image.height = rows;
     const pixels = pen.createImageData(columns, rows),
       words = new Uint32Array(pixels.data.buffer);
-    const packed = ([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
+    const through = this.below?.share ?? 0;
+    const packed = ([r, g, b], share = THROUGH_OPEN * through) =>
+      ((Math.round(255 * (1 - share)) << 24) | (b << 16) | (g << 8) | r) >>> 0;
     const free = packed(rgb(colourOf("free"))),
-      wall = packed(rgb(colourOf("obstacle"))),
+      wall = packed(rgb(colourOf("obstacle")), through),
       inlet = packed(rgb(colourOf("frontier")));
     this.map.free.forEach((bit, i) => {
       words[i] = bit ? free : wall;
@@ -236,11 +239,9 @@ export class Editor {
       pen.imageSmoothingEnabled = true;
       pen.drawImage(image, left - box[0] * wide, top - box[1] * high, wide, high);
       pen.restore();
-      pen.globalAlpha = 1 - this.below.share;
     }
     pen.imageSmoothingEnabled = scale < 1;
     pen.drawImage(this.image, left, top, columns * scale, rows * scale);
-    pen.globalAlpha = 1;
     pen.fillStyle = colourOf("particle");
     const dot = Math.max(1.5 * this.ratio, scale * 0.8);
     for (const cell of this.map.start ?? []) {

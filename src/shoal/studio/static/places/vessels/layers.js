@@ -37,10 +37,12 @@ export function photographBelow({ changed, look }) {
   return {
     element,
     below,
+    get known() {
+      return !!photograph;
+    },
     /** Another photograph, or none. */
     set(found) {
       photograph = found;
-      element.hidden = !found;
       changed(below());
     },
     revive(kept) {

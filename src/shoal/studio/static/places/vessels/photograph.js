@@ -12,8 +12,9 @@ async function imageOf(text, kind) {
 }
 
 /** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the photograph
- *  is still looked at, `said(sentence)` and `complain(sentence)` show words. */
-export function photographs({ editor, fields, visible, said, complain }) {
+ *  is still looked at, `said(sentence)` and `complain(sentence)` show words, and `placed({ image, box })` hears
+ *  where the map is in the photograph. */
+export function photographs({ editor, fields, visible, said, complain, placed }) {
   let exact = 0,
     photograph = null;
 
@@ -25,7 +26,10 @@ export function photographs({ editor, fields, visible, said, complain }) {
     if (asked.map !== fields().map || !visible()) return;
     editor.setPhotograph(photograph.image, mask);
     performance.measure("shoal-overlay", { start: began });
-    if (surely) complain(found.warning);
+    if (surely) {
+      complain(found.warning);
+      placed({ image: photograph.image, box: found.box });
+    }
     const confidence = surely ? `, confidence ${number(found.confidence, 2)} of 1` : "";
     said(`${percent(found.share)} of the pixels are vessel${confidence}`);
   }

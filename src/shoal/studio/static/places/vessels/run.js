@@ -55,8 +55,8 @@ export function running({ store, problem, open, below }) {
   /** The photograph under the player, if what is played is of the settings that are set. */
   function setBelow() {
     const { player } = frame;
-    if (!player?.picture || !("pixels" in player.picture)) return; // a volume
-    player.picture.below = dates.fresh ? below() : null;
+    if (!player?.picture || !player.picture.setBelow) return; // a volume
+    player.picture.setBelow(dates.fresh ? below() : null);
     player.redraw();
   }
 
