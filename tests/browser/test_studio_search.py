@@ -269,6 +269,14 @@ def test_missions_are_written_and_checked(
         in page.locator(".measures").inner_text()
     )
     command = shlex.split(page.locator(".missions .code").inner_text())
+    measures = page.locator(".measures").inner_text()
+    studio.open(page, "start")
+    page.locator(".welcome input[type=file]").set_input_files(
+        studio.folder / "paddock.missions.zip"
+    )
+    page.locator(".missions .soft", has_text="paddock-2.missions.zip").wait_for()
+    assert page.locator(".measures").inner_text() == measures
+    assert page.get_by_label("format", exact=True).input_value() == "plan"
     monkeypatch.chdir(studio.folder)
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert command[-1] == "--format=plan"

@@ -622,6 +622,8 @@ export function search({ remember }) {
       if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
+      if (given?.written) missions.open(given.written);
+      if (given?.written) stages.pick("missions");
     },
     run: simulate.play,
   };
