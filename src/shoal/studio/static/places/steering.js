@@ -333,7 +333,7 @@ export function steering({ remember }) {
         handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius })),
       ),
     );
-    if (focused) room.querySelector(`[data-handle="${focused}"]`)?.focus();
+    if (focused) room.querySelector(`[data-handle="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   /** A point that the hand moves, or the arrow keys. */
@@ -358,7 +358,7 @@ export function steering({ remember }) {
       if (event.button !== 0) return;
       event.preventDefault();
       event.stopPropagation();
-      group.focus();
+      group.focus({ preventScroll: true });
       drag(what, i, event);
     });
     group.addEventListener("keydown", (event) => {

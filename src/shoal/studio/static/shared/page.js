@@ -38,8 +38,8 @@ export function refill(element, ...children) {
 export const capital = (label) => label.charAt(0).toUpperCase() + label.slice(1);
 
 /** Say something for a while; a problem stays until it is closed. */
-export function say(sentence, { problem = false } = {}) {
-  const note = el(problem ? "p.note.bad" : "p.note", {}, el("span", {}, sentence));
+export function say(sentence, { problem = false, link = null } = {}) {
+  const note = el(problem ? "p.note.bad" : "p.note", {}, el("span", {}, sentence), link ? el("a", { href: link }, "Show it") : []);
   const close = () => note.remove();
   note.append(el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"));
   document.getElementById("notes").append(note);

@@ -152,7 +152,7 @@ export class MetricCanvas {
     this.marks = marks;
     for (const mark of marks) this.place(mark);
     this.above.replaceChildren(...marks.map((mark) => mark.element));
-    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus();
+    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   drawGraticule() {
@@ -276,7 +276,7 @@ export function handle(
     if (event.button !== 0) return;
     event.preventDefault();
     event.stopPropagation();
-    element.focus();
+    element.focus({ preventScroll: true });
     const plane = canvas.plane;
     let gone = false;
     const first = (moved) => {
