@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -13,9 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 from playwright.sync_api import Page
 from tests.browser.studio import HOSTILE, Studio, run_and_load, tab, tab_to
-from tests.browser.waiting import until
+from tests.browser.waiting import settle, until
 
 import shoal
 from shoal.papers.reproduce import recipes
@@ -164,11 +167,12 @@ def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(
         "workspace": "square",
         "start": [[0.2, 0.3], [0.5, 0.35]],
         "goal": [[0.8, 0.2], [0.3, 0.75]],
+        "planner": "greedy",
     }
     studio.open(page, "steering", {"problem": given, "seed": 0})
     tab_to(page, "Particle 1 at 0.2, 0.3")
     page.keyboard.press("ArrowUp")
-    moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
+    moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]]}
     expected = shoal.run(SteeringProblem(**moved))
     page.locator(".plan", has_text="greedy").get_by_text(
         f"{expected.moves} moves, length {expected.length:.4g}"
@@ -258,3 +262,63 @@ def zombie(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except (FileNotFoundError, ProcessLookupError):
         return True
+
+
+def column(page: Page) -> NDArray[np.float64]:
+    """The colours in the middle of the map's canvas, from above to below."""
+    settle(page)
+    found = page.locator(".editor canvas").evaluate(
+        """(canvas) => {
+            const copy = document.createElement("canvas"), pen = copy.getContext("2d");
+            [copy.width, copy.height] = [1, canvas.height];
+            pen.drawImage(canvas, -(canvas.width >> 1), 0);
+            return [...pen.getImageData(0, 0, 1, canvas.height).data];
+        }"""
+    )
+    return np.array(found, dtype=np.float64).reshape(-1, 4)[:, :3]
+
+
+def luminance(colour: NDArray[np.float64]) -> float:
+    linear = np.where(colour <= 10, colour / 255 / 12.92, ((colour / 255 + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.forms(0)
+def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
+    page: Page, studio: Studio
+) -> None:
+    image = Image.new("RGB", (240, 240), (190, 70, 55))
+    pen = ImageDraw.Draw(image)
+    for line in ((10, 90, 120, 80, 230, 100), (120, 80, 160, 10), (80, 84, 60, 230)):
+        pen.line(line, (110, 25, 25), 12)
+    image.save(studio.folder / "tissue.png")
+    given = {"map": "tissue.png", "vessels": True, "width": 60, "particles": 5}
+    studio.open(page, "vessels", {"problem": given | {"policy": "closest-frontier"}, "seed": 1})
+    page.locator(".facts", has_text="confidence").wait_for()
+    seen = column(page)
+    seen = seen[len(seen) // 9 : -len(seen) // 9]  # the photograph without what is around it
+    tissue = luminance(np.array([190.0, 70.0, 55.0])) + 0.05
+    assert max(luminance(colour) + 0.05 for colour in seen) / tissue > 3
+    page.locator(".editor canvas").hover()
+    page.locator(".where", has_text=re.compile(r"^pixel 1[12]\d, 1[12]\d$")).wait_for()
+
+    page.get_by_role("button", name="Cells", exact=True).click()
+    below, share = page.get_by_label("Photograph below"), page.get_by_label("How much of the")
+    below.wait_for()
+    row = int(0.7 * len(seen))
+    half = column(page)[row]
+    share.fill("0.95")
+    most = column(page)[row]
+    below.uncheck()
+    none = column(page)[row]
+    assert np.abs(most - (190, 70, 55)).max() < 16
+    assert (most - none)[0] > 1.5 * (half - none)[0] > 60
+    page.locator(".editor canvas").hover()
+    page.locator(".where", has_text=re.compile(r"^row \d+, column \d+$")).wait_for()
+
+    below.check()
+    run_and_load(page, studio)
+    player = page.frame_locator(".frames iframe:not([hidden])")
+    assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
+    page.get_by_label("Photograph below").uncheck()
+    assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None

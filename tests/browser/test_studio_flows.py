@@ -246,3 +246,36 @@ def test_noise_of_moves_is_in_the_plan(page: Page, studio: Studio) -> None:
     episode = run_and_load(page, studio, "Play")
     # fields of JSON
     assert np.array_equal(episode.states, shoal.run(SteeringProblem(**given), seed=2).states)  # type: ignore[arg-type]
+
+
+@pytest.mark.forms(0, 3)
+def test_keys_go_everywhere_and_are_listed(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
+    particles = page.locator("[data-field=particles] input")
+    particles.press("3")  # typed, and no way to another page
+    assert "#vessels" in page.url
+    page.locator(".brand").click()
+    page.keyboard.press("3")
+    page.locator(".place:visible .room").first.wait_for()
+    page.keyboard.press("2")
+    particles.wait_for()
+    page.keyboard.press("?")
+    sheet = page.locator(".sheet")
+    sheet.get_by_text("take back the last thing").wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.keyboard.press("Escape")
+    particles.fill("5")
+    particles.press("Control+Enter")
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    (episode,) = studio.folder.glob("*.npz")
+    assert shoal.load(episode).problem.particles == 5
+
+
+@pytest.mark.forms(0)
+def test_a_job_that_ends_elsewhere_says_so(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.evaluate("location.hash = 'lab'")
+    note = page.locator(".note", has_text="Episode maze:9x7 is done.")
+    note.get_by_role("link", name="Show it").click()
+    page.locator(".place:visible .exports").wait_for()

@@ -5,6 +5,7 @@ library's.
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import zipfile
 from pathlib import Path
@@ -16,7 +17,7 @@ import shapely
 from PIL import Image
 from playwright.sync_api import Locator, Page
 from tests.browser.studio import Studio, run_and_load, tab, written_by
-from tests.browser.waiting import until
+from tests.browser.waiting import settle, until
 
 import shoal
 from shoal.cli import run as run_command
@@ -268,6 +269,14 @@ def test_missions_are_written_and_checked(
         in page.locator(".measures").inner_text()
     )
     command = shlex.split(page.locator(".missions .code").inner_text())
+    measures = page.locator(".measures").inner_text()
+    studio.open(page, "start")
+    page.locator(".welcome input[type=file]").set_input_files(
+        studio.folder / "paddock.missions.zip"
+    )
+    page.locator(".missions .soft", has_text="paddock-2.missions.zip").wait_for()
+    assert page.locator(".measures").inner_text() == measures
+    assert page.get_by_label("format", exact=True).input_value() == "plan"
     monkeypatch.chdir(studio.folder)
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert command[-1] == "--format=plan"
@@ -423,3 +432,93 @@ def test_a_ring_keeps_its_commas(page, studio):
         )
     assert asked.value.request.post_data_json["problem"]["prior"] == rings.split("; ")
     shown(page, region="square:40", prior=rings.split("; "))
+
+
+def spot_of(page: Page, mark: str) -> tuple[float, float]:
+    """The middle of a handle, in pixels of the page."""
+    x, y = page.locator(f"[data-mark={mark}] .touch").evaluate(
+        "(touch) => { const box = touch.getBoundingClientRect();"
+        " return [box.x + box.width / 2, box.y + box.height / 2]; }"
+    )
+    return x, y
+
+
+def drag(page: Page, start: tuple[float, float], *by: tuple[float, float]) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    for right, down in by:
+        page.mouse.move(start[0] + right, start[1] + down)
+    page.mouse.up()
+
+
+def drawing_of(page: Page) -> Any:
+    return page.evaluate(
+        "JSON.parse(decodeURIComponent(location.hash.split(/\\?(.*)/s)[1])).drawing"
+    )
+
+
+@pytest.mark.forms(0, 1)
+def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: Studio) -> None:
+    field = [[-90, -60], [90, -60], [90, 60], [-90, 60]]
+    given = {"robots": 1, "footprint": "20", "vehicle": {"preset": "rover"}}
+    drawing = {"frame": None, "parts": [field], "zones": []}
+    studio.open(page, "search", {"problem": given, "drawing": drawing})
+    page.locator(".search-place .facts:has-text('searched in'):not(.loading)").wait_for()
+    page.locator(".plane").scroll_into_view_if_needed()
+    for name in ("Farther", "Nearer"):  # from now on the view follows no plan
+        page.get_by_role("button", name=name).click()
+    settle(page)
+    left, top = spot_of(page, "parts0-3")
+    right, _ = spot_of(page, "parts0-1")
+    scale = (right - left) / 180  # pixels a metre
+
+    page.get_by_role("button", name="No-go", exact=True).click()
+    page.get_by_role("button", name="Rectangle", exact=True).click()
+    start = (left + 40 * scale, top + 70 * scale)
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(start[0] + 40 * scale, start[1] + 20 * scale, steps=3)
+    words = page.locator(".measured").inner_text()
+    page.mouse.up()
+    (zone,) = drawing_of(page)["zones"]
+    sides = [abs(zone[0][axis] - zone[2][axis]) for axis in (0, 1)]
+    assert sides == pytest.approx([40, 20], abs=0.6)
+    found = re.fullmatch(r"([\d.]+) m × ([\d.]+) m, area ([\d.]+) m²", words)
+    assert found is not None
+    assert [float(word) for word in found.groups()] == pytest.approx([40, 20, 800], abs=25)
+
+    drag(page, spot_of(page, "zones0-all"), (10 * scale, 0), (20 * scale, -10 * scale))
+    (moved,) = drawing_of(page)["zones"]
+    assert np.array(moved) == pytest.approx(np.add(zone, [20, 10]), abs=0.6)
+
+    page.locator("[data-mark=zones0-all]").focus()
+    lever = spot_of(page, "zones0-turn")
+    drag(page, lever, (-20, -30), (-44, -44))  # a quarter
+    (turned,) = drawing_of(page)["zones"]
+    corners = np.array(turned)
+    assert np.ptp(corners, axis=0) == pytest.approx([20, 40], abs=0.6)
+    assert corners.mean(axis=0) == pytest.approx(np.array(moved).mean(axis=0), abs=0.6)
+
+    corner, goal = spot_of(page, "zones0-0"), spot_of(page, "parts0-2")
+    near = (goal[0] - corner[0] - 5, goal[1] - corner[1] + 4)
+    drag(page, corner, (near[0] / 2, near[1] / 2), near)
+    assert drawing_of(page)["zones"][0][0] == field[2]
+
+    for _ in range(4):
+        page.keyboard.press("Control+z")
+    assert drawing_of(page)["zones"] == []
+
+    page.get_by_role("button", name="No-go", exact=True).click()
+    page.get_by_role("button", name="Circle", exact=True).click()
+    drag(page, (left + 90 * scale, top + 80 * scale), (10, 0), (12 * scale, 0))
+    (ring,) = drawing_of(page)["zones"]
+    assert np.hypot(*(np.array(ring) - np.mean(ring, axis=0)).T) == pytest.approx(12, abs=0.6)
+
+    page.get_by_role("button", name="No-go", exact=True).click()
+    page.get_by_role("button", name="Corners", exact=True).click()
+    for x, y in ((20, 70), (50, 70), (50, 90)):
+        page.mouse.click(left + x * scale, top + y * scale)
+    page.mouse.move(left + 20 * scale, top + 90 * scale)
+    words = page.locator(".measured", has_text="area").inner_text()
+    side, bearing, around, size = map(float, re.findall(r"[\d.]+", words)[:4])
+    assert [side, bearing, around, size] == pytest.approx([30, 270, 100, 600], rel=0.05)

@@ -79,7 +79,7 @@ WALK = """async ([seed, actions]) => {
         close() {
             if ((live.draft?.points.length ?? 0) < 3) return;
             live.close();
-            step(text(), null, open);
+            if (!live.draft) step(text(), null, open);  // else its last side would cross it
         },
         drop() { if (live.draft) { live.drop(); step(text()); } },
         remove() {

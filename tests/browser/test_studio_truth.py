@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import zipfile
 from typing import Any
 
@@ -213,7 +214,7 @@ def test_a_plan_is_not_shown_over_settings_that_have_none(page: Page, studio: St
     page.locator(".sheet").get_by_role("button", name="Replace it").click()
     page.locator(".search-place .warning", has_text="nothing:40").wait_for()
     expect(page.locator(".ways path")).to_have_count(0)
-    assert page.locator(".fleet li").count() == 0
+    assert page.locator(".fleet li:visible").count() == 0
     assert page.locator(".search-place .facts").inner_text() == ""
     page.locator(".plane").focus()
     page.keyboard.press("Control+z")
@@ -450,7 +451,7 @@ def test_players_and_drawings_survive_a_visit_elsewhere(page: Page, studio: Stud
     page.get_by_role("link", name="Search", exact=True).click()
     page.locator(".search-place .plane").wait_for()
     assert told(page)["drawing"]["parts"] == []
-    assert page.locator(".search-place .fleet li").count() == 0
+    assert page.locator(".search-place .fleet li:visible").count() == 0
     ids = page.evaluate("[...document.querySelectorAll('[id]')].map((one) => one.id)")
     assert len(ids) == len(set(ids))
 
@@ -553,8 +554,141 @@ def test_what_is_no_number_is_not_the_default_and_typing_takes_no_launch_point(
     planned(page)
     speed = page.locator("[data-field=cruise_speed] input")
     speed.press_sequentially("5e")
-    page.locator(".search-place .warning", has_text="'no number'").wait_for()
-    assert page.locator(".fleet li").count() == 0
+    page.locator(".search-place .warning", has_text="got no number").wait_for()
+    assert page.locator(".fleet li:visible").count() == 0
+
+
+WRONG_FIELDS: dict[str, tuple[Any, str, list[tuple[str, str, str]]]] = {
+    "vessels": (
+        {"problem": MAZE},
+        ".facts",
+        [("particles", "-7", "Expected a whole number from 1")],
+    ),
+    "steering": (
+        {"problem": {"workspace": "square"}, "seed": 2},
+        ".reached .m4",
+        [
+            ("workspace", "zzz", "Unknown workspace 'zzz'"),
+            ("gain", "-7", "Expected a number, 0 or more"),
+        ],
+    ),
+    "search": (
+        {"problem": FAST | {"region": "square:100"}},
+        ".facts:has-text('searched in'):not(.loading)",
+        [
+            ("robots", "-7", "Expected a whole number from 1"),
+            ("cruise_speed", "-7", "Expected a number, above 0"),
+        ],
+    ),
+}
+
+
+@pytest.mark.forms(0, 1)
+def test_what_is_wrong_stands_at_its_field_and_nothing_moves(page: Page, studio: Studio) -> None:
+    for place, (given, shown, fields) in WRONG_FIELDS.items():
+        studio.open(page, place, given)
+        room = page.locator(".place:visible")
+        for name, value, said in fields:
+            room.locator(shown).filter(has_text=re.compile(r"\d")).first.wait_for()
+            field = room.locator(f"[data-field={name}]")
+            field.evaluate("field => (field.closest('details') ?? {}).open = true")
+            control = field.locator("input")
+            control.focus()
+            stage = room.locator(".editor, .plane, .room, .main").locator("visible=true")
+            before = [one.bounding_box() for one in [control, *stage.all()]]
+            control.fill(value)
+            control.press("Enter")
+            field.locator(".fault", has_text=said).wait_for()
+            room.locator(".stage-side > .warning", has_text=said).wait_for()
+            assert [one.bounding_box() for one in [control, *stage.all()]] == before, name
+            assert (
+                control.get_attribute("aria-describedby") == f"{control.get_attribute('id')}-fault"
+            )
+            page.locator(".brand").click()
+            room.get_by_role("button", name=re.compile(r"^[A-Z][a-z ]+:$")).click()
+            expect(control).to_be_focused()
+            page.keyboard.press("Control+z")
+            field.locator(".fault").wait_for(state="hidden")
+
+
+@pytest.mark.forms(0)
+def test_help_is_one_line_without_words_of_the_command_line(page: Page, studio: Studio) -> None:
+    for place in ("vessels", "steering", "search"):
+        studio.open(page, place)
+        room = page.locator(".place:visible")
+        texts = room.locator(".help, label, option").all_text_contents()
+        found = re.findall(
+            r"--[a-z]\S*|MODULE:ATTRIBUTE|the extra|\b[a-z]+_[a-z]+\b", " ".join(texts)
+        )
+        assert set(found) == {"spread_m"} & {
+            "spread_m" * (place == "search")
+        }  # a property of a GeoJSON file
+        heights = room.locator(".help.short:visible").evaluate_all(
+            "all => all.map((one) => one.offsetHeight)"
+        )
+        assert heights
+        assert max(heights) < 24
+    start = page.locator(".place:visible [data-field=launch]")
+    start.get_by_role("button", name="Explanation").click()
+    start.get_by_text("along which robots start at equal distances").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_defaults_say_what_they_do(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "maze:9x7", "particles": 4}})
+    page.locator("[data-field=policy] option", has_text=re.compile("^auto: beam-rollout")).wait_for(
+        state="attached"
+    )
+    drawn(page, studio)
+    plan = page.locator(".search-place .facts").inner_text()
+    tour = page.locator("[data-field=tour] option").first.inner_text()
+    assert tour.startswith("auto: ")
+    assert tour.removeprefix("auto: ") in plan
+    assert page.locator("[data-field=angle] input").get_attribute("placeholder") != "none"
+
+
+@pytest.mark.forms(0)
+def test_play_plays_what_the_form_says(page: Page, studio: Studio) -> None:
+    studio.open(page, "steering", {"problem": {"workspace": "square"}, "seed": 2})
+    page.locator(".plan[aria-checked=true]", has_text="shortest").get_by_text("moves").wait_for()
+    assert run_and_load(page, studio, "Play").planner == "shortest"
+    tab(page, "Plan")
+    page.locator(".plan", has_text="greedy").click()
+    assert page.locator("[data-field=planner] select").input_value() == "greedy"
+    assert run_and_load(page, studio, "Play").planner == "greedy"
+    tab(page, "Plan")
+    page.keyboard.press("Control+z")
+    expect(page.locator(".plan[aria-checked=true]")).to_contain_text("shortest")
+
+
+@pytest.mark.forms(0)
+def test_an_outline_that_would_cross_itself_is_refused_at_once(page: Page, studio: Studio) -> None:
+    studio.open(page, "steering", {"problem": {"workspace": "square"}, "seed": 2})
+    page.get_by_role("button", name="Draw a workspace").click()
+    box = page.locator(".room").first.bounding_box()
+    assert box is not None
+
+    def click(x: float, y: float) -> None:
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+
+    for corner in ((0.3, 0.3), (0.6, 0.6), (0.6, 0.3)):
+        click(*corner)
+    click(0.4, 0.6)  # over the first side
+    page.locator(".warning", has_text="would cross itself").wait_for()
+    assert page.locator(".room .corner").count() == 3
+    click(0.4, 0.35)  # inside: its last side would cross nothing
+    expect(page.locator(".warning")).to_be_hidden()
+    drawn(page, studio, {"frame": None, "parts": [], "zones": []}, region="square:200")
+    page.get_by_role("button", name="Region", exact=True).click()
+    for corner in ((0.3, 0.3), (0.6, 0.6), (0.6, 0.3), (0.3, 0.6)):
+        plane = page.locator(".plane")
+        area = plane.bounding_box()
+        assert area is not None
+        page.mouse.click(
+            area["x"] + corner[0] * area["width"], area["y"] + corner[1] * area["height"]
+        )
+    page.locator(".guide.refuses", has_text="would cross itself").wait_for()
+    assert page.locator(".corner.draft").count() == 3
 
 
 @pytest.mark.forms(0)

@@ -32,17 +32,13 @@ from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs import JobQueue
 from shoal.studio.processes import Preview, StudioError
 from shoal.studio.requests import MAYBE_BOOL, check_request, read_json
+from shoal.studio.words import LONGEST, FieldError, fault_of
 from shoal.studio.work import JOBS
 
 WAITING = 1000
 """Maximum number of messages that may wait for a slow browser.
 
 If more messages are waiting, the studio closes the websocket, and the browser connects again.
-"""
-
-LONGEST = 600
-"""Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name
-of a file.
 """
 
 _TYPES = {
@@ -230,9 +226,12 @@ class Studio:
         check_request(spec, JOBS[kind].fields)
         checked_seed(spec)
         if "problem" in spec:
-            await asyncio.to_thread(
-                checked_problem, spec["problem"], self.folder, part=JOBS[kind].part
-            )
+            try:
+                await asyncio.to_thread(
+                    checked_problem, spec["problem"], self.folder, part=JOBS[kind].part
+                )
+            except ShoalError as error:
+                raise FieldError(fault_of(error, spec)) from None
         return JSONResponse(
             self.queue.add(kind, spec, urgent=check_bool(given.get("urgent", False), what="urgent"))
         )
@@ -351,6 +350,8 @@ def _refused(
             return await handler(request)
         except ClientDisconnect:
             return Response(status_code=400)
+        except FieldError as error:
+            return JSONResponse(error.fault, 422)
         except OutputError as error:
             return _error(507, str(error))
         except ShoalError as error:

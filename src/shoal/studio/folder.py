@@ -25,6 +25,9 @@ larger pictures.
 PAPERS = "papers"
 """Name of the subfolder for reproduced figures of the papers."""
 
+MISSIONS_PAGE = "studio.json"
+"""Name of the file in an archive of missions with what the studio's page shows of them."""
+
 MOST_LISTED = 500
 """Maximum number of files of each kind in one page of a list. The other files are on the following
 pages.

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,16 +21,11 @@ from shoal.lab.statistics import first_measure
 from shoal.lab.sweep import Sweep, sweep_in
 from shoal.parts import PARTS, problem_type
 from shoal.studio.folder import Folder
+from shoal.studio.words import as_in_forms, label_of
 
 Declared = TypeVar("Declared", bound=Problem)
 
 _JSON_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
-_COMMAND_WORDS: dict[str, str | Callable[[re.Match[str]], str]] = {
-    r"--([a-z][a-z-]*)": lambda found: f"“{found[1].replace('-', ' ')}”",
-    r"\b(MAP|REGION|WORKSPACE)\b": lambda found: f"the {found[1].lower()}",
-    r",? or MODULE:ATTRIBUTE": "",
-    r"the option can be repeated": "separate several values by semicolons",
-}
 _COMMANDS = {"steering": "steer", "search": "search"}
 
 
@@ -53,17 +47,17 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
     return {
         "type": "object",
         "title": kind.part,
-        "properties": {name: _property(one) for name, one in declared.items()},
+        "properties": {name: _property(one, declared) for name, one in declared.items()},
         "required": [name for name, one in declared.items() if one.required],
         "additionalProperties": False,
     }
 
 
-def _property(declared: Declaration) -> dict[str, Any]:
+def _property(declared: Declaration, fields: Iterable[str]) -> dict[str, Any]:
     option = declared.option
     schema: dict[str, Any] = {
-        "title": declared.name.replace("_", " "),
-        "description": _as_in_forms(declared.help),
+        "title": label_of(declared.name),
+        "description": as_in_forms(declared.help, fields),
     }
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
@@ -98,20 +92,6 @@ def _property(declared: Declaration) -> dict[str, Any]:
         if is_so
     }
     return schema
-
-
-def _as_in_forms(text: str) -> str:
-    """Return the help text of an option for a form. Replace flags by field names, and omit parts
-    that concern the command line.
-
-    Examples
-    --------
-    >>> _as_in_forms("With --cell-size: read MAP. Task: mapping or MODULE:ATTRIBUTE.")
-    'With “cell size”: read the map. Task: mapping.'
-    """
-    for pattern, words in _COMMAND_WORDS.items():
-        text = re.sub(pattern, words, text)
-    return text
 
 
 def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Problem:

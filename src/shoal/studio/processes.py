@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError
+from shoal.studio.words import FieldError
 
 MEMORY = 3 * 2**30
 """Maximum size of the data of one studio process, in bytes.
@@ -140,9 +141,11 @@ class Preview:
 
         Raises
         ------
+        FieldError
+            Raised if the process reports an error.
         InvalidInputError
-            Raised if the process reports an error, ends, or takes longer than `PATIENCE`. The error
-            message is one sentence.
+            Raised if the process ends, or takes longer than `PATIENCE`. The error message is one
+            sentence.
         StudioError
             Raised if the process reports an error that no question should cause.
         """
@@ -174,7 +177,7 @@ class Preview:
         if answered != number:
             raise EOFError
         if word == "error":
-            raise ShoalError(value)
+            raise FieldError(value)
         if word == "broken":
             raise StudioError(value)
         return value

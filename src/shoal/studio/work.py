@@ -26,7 +26,7 @@ from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
 from shoal.search.problem import SearchProblem
-from shoal.studio.folder import PAPERS, Folder, episode_in
+from shoal.studio.folder import MISSIONS_PAGE, PAPERS, Folder, episode_in
 from shoal.studio.forms import (
     as_command,
     checked_fields,
@@ -48,6 +48,7 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
+from shoal.studio.words import fault_of
 
 Say = Callable[[str, Any], None]
 """Function with which a job reports an event. The arguments are the kind and the content of the
@@ -76,7 +77,7 @@ def do_job(
     try:
         say("done", as_json(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
-        say("failed", {"error": str(error)})
+        say("failed", fault_of(error, spec))
     except MemoryError:
         say(
             "failed",
@@ -337,6 +338,9 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
     assert isinstance(problem, SearchProblem)
     options = checked_fields(MissionOptions, spec.get("missions") or {}, folder)
+    command = " ".join(
+        [as_command(problem, seed=seed), "--missions=missions", *mission_words(options)]
+    )
     with tempfile.TemporaryDirectory() as place:
         inside, checked = Path(place, "missions"), Path(place, "check")
         say("progress", (0.1, "planning"))
@@ -347,6 +351,9 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         say("progress", (0.7, "checking missions"))
         result = made.check()
         result.write(checked)
+        found = {"missions": made.report(), "check": result.report(), "command": command}
+        asked = {"problem": spec["problem"], "missions": spec.get("missions") or {}, "seed": seed}
+        write_json(Path(place, MISSIONS_PAGE), as_json(asked | {"written": found}))
         stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
         name = folder.new_name(stem, ".missions.zip")
         with (
@@ -360,16 +367,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         picture = folder.new_name(f"{stem}-missions-figure", ".png")
         with atomic(folder.path(picture)) as temporary:
             temporary.write_bytes((inside / MAP).read_bytes())
-    command = " ".join(
-        [as_command(problem, seed=seed), "--missions=missions", *mission_words(options)]
-    )
-    return {
-        "file": name,
-        "map": picture,
-        "missions": made.report(),
-        "check": result.report(),
-        "command": command,
-    }
+    return {"file": name, "map": picture, **found}
 
 
 FIGURES = ("png", "svg")

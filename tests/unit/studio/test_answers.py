@@ -55,7 +55,7 @@ def test_particles_start_in_the_cells_that_were_painted(folder):
     assert (told["cells"], told["problem"]) == (5, None)
     told = vessels.map_(folder, {"problem": problem | {"particles": 6}, "cells": cells(CORRIDOR)})
     assert told["start"] is None
-    assert "particles" in told["problem"]
+    assert told["problem"]["field"] == "particles"
 
 
 def test_a_map_given_by_its_cells_is_not_shown_in_place_of_another(folder):

@@ -272,15 +272,15 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
 
 def test_wrong_values_are_said_with_their_field(studio):
     for name, value, said in (
-        ("particles", -1, "particles: expected a whole number from 1 to 268435456, got -1"),
-        ("particles", "x", "particles: expected a whole number from 1 to 268435456, got 'x'"),
+        ("particles", -1, "Expected a whole number from 1 to 268435456, got -1."),
+        ("particles", "x", "Expected a whole number from 1 to 268435456, got 'x'."),
         ("mpa", 1, "mpa: expected no such field"),
         ("map", "../x", "expected a name inside the folder"),
     ):
         body = json.dumps({"kind": "play", "spec": {"problem": SWARM | {name: value}}}).encode()
         assert said in refused(ask(studio, "POST", "/api/jobs", body), name)
     body = json.dumps({"problem": STEERING, "seed": 1}).encode()
-    assert "expected the kind swarm, got steering" in refused(
+    assert "Expected the kind swarm, got steering" in refused(
         ask(studio, "POST", "/api/ask/map", body), "another part"
     )
 

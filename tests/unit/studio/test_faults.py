@@ -35,7 +35,7 @@ def test_an_episode_that_a_full_disk_does_not_take_is_said_and_not_half_written(
     finally:
         worker.end()
     assert told[-1][0] == "failed"
-    assert "cannot write" in told[-1][1]["error"]
+    assert "Cannot write" in told[-1][1]["error"]
     assert list(tmp_path.iterdir()) == []
 
 

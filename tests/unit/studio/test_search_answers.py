@@ -16,7 +16,9 @@ from shoal.search import SearchProblem, open_region
 from shoal.search.planning.plan import plan_search
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search
+from shoal.studio.answers.welcome import open_
 from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem
 from shoal.studio.work import missions_zip
 
 PARTS = [[[-40, -30], [50, -35], [60, 20], [-35, 40]]]
@@ -145,6 +147,13 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
             *archive.namelist()
         }
     assert json.loads((folder.root / "out/check/check.json").read_text()) == done["check"]
+    page = open_(folder, {"file": done["file"]})
+    assert page["place"] == "search"
+    assert page["given"]["written"] == done
+    assert (page["given"]["missions"], page["given"]["seed"]) == ({"separation": "20,6"}, 2)
+    assert checked_problem(page["given"]["problem"], folder) == checked_problem(problem, folder)
+    figures = sorted(folder.root.glob("*-missions-figure*.png"))
+    assert [figure.name for figure in figures] == [done["map"]]  # written once
     assert done["check"]["errors"] == 0
     assert [one["altitude_m"] for one in foretold["starts"]] == [
         one["altitude_m"] for one in done["missions"]["starts"]

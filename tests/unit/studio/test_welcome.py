@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from importlib import resources
 from pathlib import Path
 
@@ -101,6 +102,31 @@ def test_what_no_page_opens_is_said_in_a_sentence(name, content, told, tmp_path)
         open_(Folder(tmp_path), {"file": name})
     with pytest.raises(InvalidInputError, match="no such file"):
         open_(Folder(tmp_path), {"file": f"missing-{name}"})
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        (None, "File is not a zip file"),
+        ({"missions/map.png": "x"}, "no item named 'studio.json'"),
+        ({"missions/map.png": "x", "studio.json": "{"}, "line 1"),
+        (
+            {"missions/map.png": "x", "studio.json": '{"problem": {}}'},
+            "missions with their problem",
+        ),
+    ],
+)
+def test_an_archive_without_the_studios_missions_is_refused(files, told, tmp_path):
+    path = tmp_path / "other.missions.zip"
+    if files is None:
+        path.write_text("no archive")
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, text in files.items():
+                archive.writestr(name, text)
+    with pytest.raises(InvalidInputError, match=told):
+        open_(Folder(tmp_path), {"file": "other.missions.zip"})
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_episode_of_the_folder_names_its_problem(tmp_path, monkeypatch):

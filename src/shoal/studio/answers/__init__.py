@@ -5,7 +5,6 @@ drags or moves a slider.
 from __future__ import annotations
 
 import os
-import re
 import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -31,6 +30,7 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
+from shoal.studio.words import fault_of
 
 
 def answer_all(connection: Connection, root: str) -> None:
@@ -50,8 +50,8 @@ def answer_all(connection: Connection, root: str) -> None:
 
 
 def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
-    """Answer one question: the text "answer" and the data for the page, or "error" or "broken" and
-    a sentence.
+    """Answer one question: the text "answer" and the data for the page, "error" and what `fault_of`
+    returns, or "broken" and a sentence.
 
     "broken" stands for an error of Shoal itself, which no question should cause.
     """
@@ -60,11 +60,14 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
             QUESTIONS[check_choice(what, what="question", choices=QUESTIONS)].answer(folder, about)
         )
     except ShoalError as error:
-        return "error", re.sub(r"^--(?=[a-z])", "", str(error))  # a form has fields, not options
+        return "error", fault_of(error, about)
     except MemoryError:
-        return "error", "the preview needs more memory than the studio allows"
+        return "error", fault_of(
+            ShoalError("the preview needs more memory than the studio allows"), {}
+        )
     except OSError as error:
-        return "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"
+        words = f"cannot read {error.filename or 'a file'}: {error.strerror or error}"
+        return "error", fault_of(ShoalError(words), {})
     except Exception as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         what = describe_error(error, most=300)

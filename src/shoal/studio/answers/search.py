@@ -23,6 +23,7 @@ from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_problem, checked_seed
+from shoal.studio.words import fault_of
 
 MOST_DRAWN = 200_000
 """Maximum total number of corners in the paths that a page draws."""
@@ -48,7 +49,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     try:
         made = plan_search(problem, seed=checked_seed(about))
     except ShoalError as error:
-        return answer | {"problem": str(error)}
+        return answer | {"problem": fault_of(error, about)}
     allocation = made.allocation
     tour = _Path(_tour(made), made.altitudes)
     robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
@@ -56,6 +57,12 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     drawn = corners <= MOST_DRAWN
     return answer | {
         "problem": None,
+        "chosen": {
+            "tour": made.tour.name,
+            "allocation": allocation.allocator,
+            "angle": f"{made.row_angle:.4g}",
+            "margin": f"{region.margin:.4g}",
+        },
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
         "angle": made.row_angle,

@@ -41,7 +41,9 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the outline of a workspace, and the starts and goals of the particles."""
+    """Return the outline of a workspace, the starts and goals of the particles, and what the
+    defaults of the form stand for (``chosen``).
+    """
     from shoal.views.steering.figures import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder, part="steering").opened()
@@ -55,6 +57,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "start": start.tolist(),
         "goal": goal.tolist(),
         "convex": hasattr(place, "vertices"),
+        "chosen": {"planner": problem.chosen_planner.name} if problem.planner == "auto" else {},
     }
 
 

@@ -25,13 +25,16 @@ from shoal.studio.answers.pictures import (
 )
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
+from shoal.studio.words import fault_of
 
 MOST_CELLS = 4_000_000
 """Maximum number of cells in a map that a page shows."""
 
 
 def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a map, and the start cells of the particles.
+    """Return the cells of a map, the start cells of the particles, and what the defaults of the
+    form stand for on this map (``chosen``). For the vessels of a photograph, ``box`` is where the map
+    is in the picture.
 
     If the page has painted cells over the map (``about["cells"]``), the particles start in the
     painted map.
@@ -55,17 +58,35 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "spacing": workspace.spacing,
         "free": base64_of(np.packbits(workspace.free.ravel()).tobytes()),
         "start": None,
+        "chosen": {},
+        "box": _box_in_photograph(problem),
         "problem": None,
     }
     try:
         from shoal.swarm.grid.board import trial_rng
 
         setup = problem.at_place(workspace).setup
+        if problem.policy == "auto":
+            answer["chosen"] = {"policy": setup.policy_name}
         start, _ = setup.draw_start(trial_rng(checked_seed(about), 0))
         answer["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
     except ShoalError as error:
-        answer["problem"] = str(error)
+        answer["problem"] = fault_of(error, about)
     return answer
+
+
+def _box_in_photograph(problem: Any) -> list[float] | None:
+    """Return the left, top, right and bottom edge of the map in its photograph, as shares of the
+    photograph's width and height, or None for a map of no photograph.
+    """
+    from shoal.swarm.maps.files import vessel_map
+
+    if not problem.vessels or not isinstance(problem.map, str):
+        return None
+    found = vessel_map(problem.map, **problem.reading)
+    height, width = found.mask.shape
+    sides = (width, height, width, height)
+    return [edge / side for edge, side in zip(found.picture_box, sides, strict=True)]
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -79,7 +100,8 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the vessels in a photograph as a picture, which has the size of the picture that
     `photograph` returns.
 
-    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels.
+    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels, and
+    where the map is in the photograph (``box``).
     """
     from shoal.swarm.maps.files import finder_of, vessels_in
 
@@ -94,6 +116,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             "confidence": vessels.confidence,
             "warning": vessels.warning,
             "bright": vessels.bright,
+            "box": _box_in_photograph(problem),
         }
     else:
         finder = finder_of(problem.map, **fields)

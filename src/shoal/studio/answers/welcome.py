@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
-from shoal.core.checks import check_choice, read_text, shortened
+from shoal.core.checks import check_choice, decode_text, parse_json, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.parts import read_problem
-from shoal.studio.folder import PICTURES, Folder, purpose_of
+from shoal.studio.folder import MISSIONS_PAGE, PICTURES, Folder, purpose_of
 
 EYE = "eye.png"
 _EYE_PIXELS = 500  # on each side: enough for its vessels, and quick to look through
+
+MOST_UNPACKED = 64_000_000
+"""Maximum size of a file in an archive of missions, in bytes."""
 
 _VESSELS, _STEERING, _SEARCH, _LAB = "vessels", "steering", "search", "lab"
 PLACES = {"swarm": _VESSELS, "steering": _STEERING, "search": _SEARCH}
@@ -93,11 +98,13 @@ def open_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         return _on(_LAB, tab="sweeps", store=name)
     if kind == "sweep":
         return _on(_LAB, tab="new", toml=read_text(path, what="sweep file"))
+    if kind == "missions":
+        return _of_missions(folder, name, path)
     if kind == "problem":
         return _of_json(name, read_problem(path))
     raise InvalidInputError(
-        f"{shortened(name)}: expected a picture, volume, map, region, workspace, problem, episode or"
-        f" sweep, got a file that no page opens"
+        f"{shortened(name)}: expected a picture, volume, map, region, workspace, problem, episode,"
+        f" sweep or missions, got a file that no page opens"
     )
 
 
@@ -120,6 +127,39 @@ def _of_json(name: str, data: Any) -> dict[str, Any]:
         f"{shortened(name)}: expected a problem with its kind ({', '.join(PLACES)}) or GeoJSON, got"
         f" {shortened(json.dumps(data))}"
     )
+
+
+def _of_missions(folder: Folder, name: str, path: Path) -> dict[str, Any]:
+    """Return the page of an archive of missions that the studio wrote. Write the map in it to the
+    folder, if it is not there.
+    """
+    from shoal.views.search.missions import MAP
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            inside = (MISSIONS_PAGE, f"missions/{MAP}")
+            if any(archive.getinfo(one).file_size > MOST_UNPACKED for one in inside):
+                raise InvalidInputError(
+                    f"{shortened(name)}: expected at most 64 MB a file, got more"
+                )
+            page, picture = map(archive.read, inside)
+    except (KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
+        raise InvalidInputError(
+            f"{shortened(name)}: expected missions that the studio wrote, got {error}"
+        ) from None
+    given = parse_json(decode_text(page, where=name), where=name)
+    written = given.get("written") if isinstance(given, dict) else None
+    if not isinstance(written, dict) or not isinstance(given.get("problem"), dict):
+        raise InvalidInputError(
+            f"{shortened(name)}: expected missions with their problem, got {shortened(given)}"
+        )
+    stem = name.rpartition("/")[2].partition(".")[0]
+    shown = f"{stem}-missions-figure.png"
+    if not folder.path(shown).is_file() or folder.path(shown).read_bytes() != picture:
+        shown = folder.new_name(f"{stem}-missions-figure", ".png")
+        with atomic(folder.path(shown)) as temporary:
+            temporary.write_bytes(picture)
+    return _on(_SEARCH, **given | {"written": written | {"file": name, "map": shown}})
 
 
 def _on(place: str, **given: Any) -> dict[str, Any]:

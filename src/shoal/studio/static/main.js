@@ -1,6 +1,7 @@
 /* The studio: places, theme, jobs, links to a state. */
 import { begin, cancelJob, ended, fileAddress, on, state } from "./shared/api.js";
-import { duration, el, guarded, told } from "./shared/page.js";
+import { showKeys } from "./shared/keys.js";
+import { duration, el, guarded, say, told } from "./shared/page.js";
 import { failure } from "./shared/share.js";
 import { lab } from "./places/lab.js";
 import { papers } from "./places/papers.js";
@@ -156,7 +157,53 @@ document.addEventListener("keydown", (event) => {
   commit(document.activeElement);
 });
 
+// ---- keys ----
+
+const writes = (field) => field.matches?.("input, select, textarea, [contenteditable]");
+
+document.addEventListener("keydown", (event) => {
+  if ($("sheet").open || event.altKey) return;
+  if ((event.ctrlKey || event.metaKey) && event.key === "Enter") {
+    event.preventDefault();
+    commitField();
+    opened.get(here)?.element.querySelector(".bottom .main:not([hidden], :disabled)")?.click();
+    return;
+  }
+  if (event.ctrlKey || event.metaKey || writes(event.target)) return;
+  const place = Object.keys(PLACES)[Number(event.key) - 1];
+  if (event.key === "?") showKeys();
+  else if (place) location.hash = place;
+  else return;
+  event.preventDefault();
+});
+$("keysButton").addEventListener("click", showKeys);
+
+/** What is typed counts, although its field still has the focus. */
+function commitField() {
+  const field = document.activeElement;
+  if (!writes(field)) return;
+  field.blur();
+  field.focus();
+}
+
 // ---- jobs ----
+
+/** Where the result of a job is looked at. */
+const placeOf = ({ kind, spec }) =>
+  ({ compare: "vessels", missions: "search", sweep: "lab", table: "lab", reproduce: "papers" })[
+    kind
+  ] ?? { swarm: "vessels", steering: "steering", search: "search" }[spec.problem?.kind];
+
+const running = new Set(); // jobs that were seen before they ended
+/** A job that ends while its page is not looked at says so. */
+function notify(job) {
+  if (!ended(job)) running.add(job.id);
+  else if (running.delete(job.id) && job.state === "done") {
+    const place = placeOf(job);
+    if (place && (place !== here || document.hidden))
+      say(`${WORDS[job.kind]} ${nameOf(job)} is done.`, { link: `#${place}` });
+  }
+}
 
 const WORDS = {
   play: "Episode",
@@ -199,26 +246,30 @@ function drawJobs() {
   );
 }
 
+function nameOf({ spec }) {
+  const { problem = {} } = spec;
+  const what =
+    problem.map ??
+    problem.workspace ??
+    problem.region ??
+    spec.episode ??
+    spec.name ??
+    spec.sweep ??
+    "";
+  return typeof what === "string" ? what : "";
+}
+
 function row(job) {
-  const { problem = {} } = job.spec,
-    what =
-      problem.map ??
-      problem.workspace ??
-      problem.region ??
-      job.spec.episode ??
-      job.spec.name ??
-      job.spec.sweep ??
-      "";
   const facts = [STATES[job.state], job.note, duration(job.left)].filter(Boolean).join(", ");
   return el(
-    "li.job",
+    `li.job.${job.state}`,
     {},
     el(
       "div",
       {},
       el("b", {}, WORDS[job.kind] ?? job.kind),
       " ",
-      el("span", {}, typeof what === "string" ? what : ""),
+      el("span", {}, nameOf(job)),
     ),
     el("p.soft", {}, job.state === "failed" ? failure(job) : facts),
     job.state === "running"
@@ -238,7 +289,8 @@ function row(job) {
 }
 
 let drawing = 0;
-on("job", () => {
+on("job", (job) => {
+  notify(job);
   drawing ||= requestAnimationFrame(() => {
     drawing = 0;
     drawJobs();

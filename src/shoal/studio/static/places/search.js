@@ -1,9 +1,9 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes,
    simulations, missions. */
 import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
-import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
+import { faultsOf, makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import { acceptDrops, confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
+import { acceptDrops, confirmed, el, guarded, number, refill, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -136,10 +136,18 @@ export function search({ remember }) {
     chosen = k;
     show();
   });
-  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => {
+  const { input: seedInput, element: seedRow, row: seedFault } = seedField("searchSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
+  /** The row of a field: of the region, the vehicle, the missions or the search. */
+  const rowOf = (name) => {
+    const [inside, field] = name.split(".");
+    const rows = { region: choice.row, seed: seedFault, vehicle: vehicle.file };
+    if (field) return { vehicle: vehicle.form, missions: missions.form }[inside].row(field);
+    return rows[name] ?? form.row(name);
+  };
+  const complain = faultsOf(warning, rowOf);
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
   const fields = () => ({
@@ -265,12 +273,13 @@ export function search({ remember }) {
         plan = { ...found, asked };
         fleet = null;
         complain(found.problem);
+        form.usual(found.chosen);
       }
     } catch (error) {
       // no plan of other settings over these
       plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] };
       fleet = null;
-      complain(error.message);
+      complain(error);
     }
     facts.classList.remove("loading");
     planned.is(of);
@@ -302,11 +311,6 @@ export function search({ remember }) {
     show();
   });
 
-  function complain(sentence) {
-    warning.hidden = !sentence;
-    warning.textContent = sentence ?? "";
-  }
-
   // ---- what is shown ----
 
   function show() {
@@ -333,7 +337,7 @@ export function search({ remember }) {
         ? written.file
         : "drawn"
       : (region ?? "");
-    facts.textContent = plan?.cells
+    const words = plan?.cells
       ? [
           plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
           `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
@@ -345,6 +349,7 @@ export function search({ remember }) {
           .filter(Boolean)
           .join(" · ")
       : "";
+    refill(facts, words);
     drawing.numbers.fill();
   }
 
@@ -430,6 +435,7 @@ export function search({ remember }) {
   }
 
   function over(point) {
+    drawing.over(point);
     where.textContent = !point
       ? ""
       : canvas.earth
@@ -528,7 +534,7 @@ export function search({ remember }) {
     set,
     open: () => stages.pick("simulate"),
     visible: () => !stages.panels[1].hidden,
-    said: () => warning.textContent,
+    said: () => complain.said,
     store,
   });
   const missions = missionsPanel({
@@ -616,6 +622,8 @@ export function search({ remember }) {
       if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
+      if (given?.written) missions.open(given.written);
+      if (given?.written) stages.pick("missions");
     },
     run: simulate.play,
   };

@@ -1,8 +1,9 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the
    Δ space beside it. */
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
-import { makeForm, seedField, seedIn } from "../shared/form.js";
+import { faultsOf, fieldRow, makeForm, seedField, seedIn } from "../shared/form.js";
 import { Store, dated, stepButtons } from "../shared/store.js";
+import { CROSSES, CROSSES_CLOSED, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
   confirmed,
@@ -13,6 +14,7 @@ import {
   panelId,
   percent,
   progressText,
+  refill,
   say,
   svg,
   tabId,
@@ -56,7 +58,6 @@ export function steering({ remember }) {
     seed = 0,
     place = null,
     corners = null,
-    chosen = "greedy",
     plans = {},
     waiting = 0;
 
@@ -79,12 +80,18 @@ export function steering({ remember }) {
     role: "img",
     "aria-label": "The Δ configuration space",
   });
+  const where = el("span.soft.where", {});
   const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }),
     reachWord = el("p.reached", {});
-  const { input: seedInput, element: seedRow } = seedField("steeringSeed", () => {
+  const { input: seedInput, element: seedRow, row: seedFault } = seedField("steeringSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
+
+  const complain = faultsOf(
+    warning,
+    (name) => ({ workspace: byName, seed: seedFault })[name] ?? form.row(name),
+  );
 
   const fields = () => ({ kind: "steering", ...problem });
   /** A ten-thousandth of the workspace: what a hand can place. */
@@ -129,6 +136,7 @@ export function steering({ remember }) {
     try {
       place = await ask("workspace", { problem: fields(), seed });
       complain(null);
+      form.usual(place.chosen);
       if (place.dimensions !== 2)
         throw new Error(
           "The studio draws workspaces in the plane only. For a workspace in space, use the command shoal steer.",
@@ -139,9 +147,10 @@ export function steering({ remember }) {
       place = null; // not another workspace under these settings
       plans = {};
       room.replaceChildren();
-      table.replaceChildren();
-      spaceBox.hidden = true;
-      complain(error.message);
+      space.replaceChildren();
+      refill(reachWord);
+      complain(error);
+      drawPlans();
     }
     delete room.dataset.aged;
   });
@@ -156,8 +165,10 @@ export function steering({ remember }) {
       performance.measure("shoal-greedy", { start: began });
       complain(null);
     } catch (error) {
-      plans = {};
-      complain(error.message);
+      // greedy follows the hand, whichever planner is set
+      const other = error.field === "planner" && planner() !== "greedy";
+      plans = other ? { greedy: { problem: error.error } } : {};
+      complain(other ? null : error);
     }
     drawRoom();
     drawPlans();
@@ -165,8 +176,16 @@ export function steering({ remember }) {
     waiting = setTimeout(after, SLOW_AFTER);
   });
 
-  function simple() {
-    return place?.convex && place.start.length === 2;
+  /** The planner of the form, or the one that its default stands for. */
+  const planner = () => problem.planner ?? place?.chosen.planner ?? "greedy";
+  const simple = () => place?.convex && place.start.length === 2;
+
+  /** The planners whose plans are shown, the form's among them; where there is no workspace, those
+   *  of the last one, without plans. */
+  let offers = PLANS;
+  function offered() {
+    if (place) offers = [...new Set([...(simple() ? PLANS : ["greedy"]), planner()])];
+    return offers;
   }
 
   /** What is asked for, and whether it is still what is set. */
@@ -186,23 +205,18 @@ export function steering({ remember }) {
       }));
     if (!same()) return;
     drawReach(reached);
-    for (const planner of simple() ? PLANS.slice(1) : []) {
+    for (const name of offered().filter((one) => one !== "greedy")) {
       if (!same()) return;
       const found = await ask("steer", {
-        problem: { time: 3, ...asked, planner },
+        problem: { time: 3, ...asked, planner: name },
         seed,
         slow: true,
-      }).catch((error) => ({ problem: error.message }));
-      if (same()) plans[planner] = found;
+      }).catch((error) => ({ problem: error.error }));
+      if (same()) plans[name] = found;
       drawPlans();
       drawRoom();
     }
   });
-
-  function complain(sentence) {
-    warning.hidden = !sentence;
-    warning.textContent = sentence ?? "";
-  }
 
   // ---- the workspace ----
 
@@ -268,6 +282,10 @@ export function steering({ remember }) {
     },
     fit: showAll,
     tap: (spot) => corners && addCorner(spotIn(spot)),
+    over(spot) {
+      const point = spot && frame && spotIn(spot);
+      where.textContent = point ? frame.back([point.x, point.y]).map(round).join(", ") : "";
+    },
   });
 
   function drawRoom() {
@@ -297,7 +315,7 @@ export function steering({ remember }) {
       );
       return;
     }
-    const plan = plans[chosen] ?? plans.greedy,
+    const plan = plans[planner()] ?? plans.greedy,
       radius = Math.max(2.6, (problem.particle_radius ?? 0) * frame.unit);
     room.replaceChildren(
       svg("path", {
@@ -315,7 +333,7 @@ export function steering({ remember }) {
         handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius })),
       ),
     );
-    if (focused) room.querySelector(`[data-handle="${focused}"]`)?.focus();
+    if (focused) room.querySelector(`[data-handle="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   /** A point that the hand moves, or the arrow keys. */
@@ -340,7 +358,7 @@ export function steering({ remember }) {
       if (event.button !== 0) return;
       event.preventDefault();
       event.stopPropagation();
-      group.focus();
+      group.focus({ preventScroll: true });
       drag(what, i, event);
     });
     group.addEventListener("keydown", (event) => {
@@ -415,7 +433,10 @@ export function steering({ remember }) {
       spot(goal, "goal p1"),
       spot(delta, "particle p0"),
     );
-    reachWord.replaceChildren(
+    refill(
+      reachWord,
+      el("span.key.begins", {}, "at the start"),
+      el("span.key.ends", {}, "at the goals"),
       ...sets.map((set) =>
         el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${percent(set.fraction)}`),
       ),
@@ -425,13 +446,13 @@ export function steering({ remember }) {
   // ---- plans ----
 
   function drawPlans() {
-    const shown = simple() ? PLANS : ["greedy"];
-    if (!plans[chosen]) chosen = plans.greedy ? chosen : "greedy";
     table.replaceChildren(
-      ...shown.map((name) => {
+      ...offered().map((name) => {
         const plan = plans[name];
         const note = !plan
-          ? "planning …"
+          ? complain.said
+            ? "no plan"
+            : "planning …"
           : (plan.problem ??
             (plan.status === "solved"
               ? `${plan.moves} moves, length ${number(plan.length)}`
@@ -441,11 +462,11 @@ export function steering({ remember }) {
           {
             type: "button",
             role: "radio",
-            "aria-checked": String(name === chosen),
-            disabled: !plan?.ways,
+            "aria-checked": String(name === planner()),
             onclick: () => {
-              chosen = name;
-              store.look({ chosen });
+              form.row("planner").write(name);
+              problem = { workspace: problem.workspace, ...form.values() };
+              keep();
               drawPlans();
               drawRoom();
             },
@@ -454,9 +475,11 @@ export function steering({ remember }) {
           el("span", {}, note),
         );
       }),
-      ...(plans.greedy?.bound
-        ? [el("p.soft", {}, `No plan is shorter than ${number(plans.greedy.bound)}.`)]
-        : []),
+      el(
+        "p.soft",
+        {},
+        plans.greedy?.bound ? `No plan is shorter than ${number(plans.greedy.bound)}.` : "",
+      ),
     );
   }
 
@@ -523,6 +546,12 @@ export function steering({ remember }) {
     id: "steeringWorkspace",
     onchange: guarded(() => typed.value && choose(typed.value.trim())),
   });
+  const byName = fieldRow(
+    "workspace",
+    "by name",
+    { id: "steeringWorkspace", element: typed },
+    schema.properties.workspace.description,
+  );
   const picked = el("input", {
     type: "file",
     accept: ".svg,.wkt,.geojson,.json",
@@ -553,6 +582,10 @@ export function steering({ remember }) {
   /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {
     const found = corners;
+    if (found.length > 2 && crosses(found, found[0], { closes: true })) {
+      complain(CROSSES_CLOSED);
+      return;
+    }
     store.fold((one) => !!one.corners);
     corners = null;
     showChoice();
@@ -574,6 +607,11 @@ export function steering({ remember }) {
       endSketch();
       return;
     }
+    if (crosses(corners, corner)) {
+      complain(CROSSES);
+      return;
+    }
+    complain(null);
     corners = [...corners, corner];
     keep();
     drawRoom();
@@ -601,13 +639,7 @@ export function steering({ remember }) {
       el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a file"),
       picked,
     ),
-    el(
-      "div.field",
-      {},
-      el("label", { htmlFor: "steeringWorkspace" }, "By name"),
-      typed,
-      el("p.help", {}, schema.properties.workspace.description),
-    ),
+    byName.element,
   );
 
   // ---- play ----
@@ -618,7 +650,7 @@ export function steering({ remember }) {
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Play");
 
   async function play() {
-    const given = planned(),
+    const given = fields(),
       at = store.text;
     shown = null;
     result.replaceChildren();
@@ -663,7 +695,7 @@ export function steering({ remember }) {
   const spaceBox = el(
     "figure.delta",
     {},
-    el("figcaption", {}, "Δ space: particle 2, seen from particle 1"),
+    el("figcaption", {}, "Δ space: where particle 2 is, seen from particle 1"),
     space,
     reachWord,
   );
@@ -681,7 +713,7 @@ export function steering({ remember }) {
         el(
           "figure.workspace",
           {},
-          el("figcaption", {}, "Workspace: drag particles and goals"),
+          el("figcaption", {}, "Workspace: drag particles and goals", where),
           room,
         ),
         spaceBox,
@@ -758,7 +790,7 @@ export function steering({ remember }) {
             onclick: guarded(() =>
               !panels.play.hidden && shown && played.fresh
                 ? showCopiesOf(shown.file)
-                : showCopies(planned(), seed),
+                : showCopies(fields(), seed),
             ),
           },
           "As Python …",
@@ -771,8 +803,7 @@ export function steering({ remember }) {
     /** As it was before a reload. */
     async revive(saved) {
       begun = true;
-      const { tab = "plan", file, at, chosen: plan } = saved.view;
-      if (plan) chosen = plan;
+      const { tab = "plan", file, at } = saved.view;
       store.revive(saved);
       stages.pick(tab);
       if (file) await guarded(showEpisode)(file, null, at);
@@ -784,10 +815,4 @@ export function steering({ remember }) {
       put(given?.problem?.workspace ? given : { problem, seed });
     },
   };
-
-  /** The problem with the planner that is shown. */
-  function planned() {
-    const given = fields();
-    return given.planner || !plans[chosen] ? given : { ...given, planner: chosen };
-  }
 }

@@ -1,7 +1,7 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
 import { ask, newest, state, upload } from "../shared/api.js";
-import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { acceptDrops, confirmed, el, guarded, number, say, shapeText, tabbed } from "../shared/page.js";
+import { faultsOf, makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
+import { acceptDrops, confirmed, el, guarded, number, refill, say, shapeText, tabbed } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { showCopies, showCopiesOf } from "../shared/share.js";
 import { Store, dated } from "../shared/store.js";
@@ -9,6 +9,7 @@ import { chooser } from "./vessels/chooser.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
+import { photographBelow } from "./vessels/layers.js";
 import { paintedFile } from "./vessels/painted.js";
 import { photographs } from "./vessels/photograph.js";
 import { running } from "./vessels/run.js";
@@ -69,16 +70,31 @@ export function vessels({ remember }) {
       painted = { shape: map.shape, free: pack(map.free) };
       redo();
     } else load();
+  }, over);
+  const layers = photographBelow({
+    changed: (below) => {
+      editor.below = below;
+      editor.paint();
+      runs.setBelow();
+      showLayers();
+    },
+    look: (changes) => store.look(changes),
   });
   const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}),
     facts = el("p.facts", {}),
+    where = el("p.soft.where", {}),
     warning = el("p.warning", { role: "status", hidden: true });
-  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => {
+  const { input: seedInput, element: seedRow, row: seedFault } = seedField("vesselsSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
+
+  const complain = faultsOf(
+    warning,
+    (name) => ({ map: maps.row, seed: seedFault })[name] ?? form.row(name),
+  );
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };
@@ -197,6 +213,21 @@ export function vessels({ remember }) {
 
   // ---- the map ----
 
+  /** What is under the pointer: a cell of the map, and where it is. */
+  function over(cell) {
+    const [rows, columns] = editor.size,
+      inside = cell && cell.every((x, axis) => x >= 0 && x < [rows, columns][axis]);
+    if (!inside) where.textContent = "";
+    else if (editor.photograph)
+      where.textContent = `pixel ${cell.map((x, axis) => Math.floor((x * photograph.sides[axis]) / [rows, columns][axis])).join(", ")}`;
+    else {
+      const metric = map.spacing
+        ? `, ${cell.map((x, axis) => number((x + 0.5) * map.spacing.at(axis - 2), 4)).join(", ")} mm`
+        : "";
+      where.textContent = `row ${cell[0]}, column ${cell[1]}${metric}`;
+    }
+  }
+
   const load = newest(async () => {
     const of = store.text;
     facts.classList.add("loading");
@@ -208,8 +239,8 @@ export function vessels({ remember }) {
       if (!editor.photograph) editor.setMap(null);
       volumeFrame.element.hidden = true;
       editor.element.hidden = false;
-      facts.textContent = "";
-      complain(error.message);
+      refill(facts);
+      complain(error);
     }
     facts.classList.remove("loading");
     mapped.is(of);
@@ -226,8 +257,11 @@ export function vessels({ remember }) {
     map = { ...answer, free: unpack(painted?.free ?? answer.free, cells) };
     map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
     complain(answer.problem);
+    form.usual(answer.chosen);
     showSource();
     showFacts();
+    if (!answer.box) layers.set(null);
+    else layers.set({ image: (await photograph.read()).image, box: answer.box });
     editor.element.hidden = tools.hidden = volume;
     volumeFrame.element.hidden = !volume;
     if (!volume) editor.setMap(map);
@@ -261,30 +295,34 @@ export function vessels({ remember }) {
 
   function showFacts() {
     const start = map.start?.length ?? 0;
-    facts.textContent = `${shapeText(map.shape)}, ${number(map.cells, 9)} free cells, ${number(start, 9)} particles${map.spacing ? `, ${map.spacing[0]} mm a cell` : ""}`;
-  }
-
-  function complain(sentence) {
-    warning.hidden = !sentence;
-    warning.textContent = sentence ?? "";
+    refill(
+      facts,
+      `${shapeText(map.shape)}, ${number(map.cells, 9)} free cells, ${number(start, 9)} particles${map.spacing ? `, ${map.spacing[0]} mm a cell` : ""}`,
+    );
   }
 
   let view = "cells";
+  /** The photograph below is a matter of the cells and of the player. */
+  function showLayers() {
+    const { tab = "map" } = store.view;
+    layers.element.hidden = !layers.known || !(tab === "run" || (tab === "map" && view === "cells"));
+  }
   const photograph = photographs({
     editor,
     fields,
     complain,
     visible: () => view === "photo",
+    placed: (found) => layers.set(found),
     said: (words) => {
-      facts.textContent = words;
+      refill(facts, words);
     },
   });
   const overlay = newest(async () => {
     if (view !== "photo") setView("photo");
     try {
-      await photograph();
+      await photograph.show();
     } catch (error) {
-      complain(error.message);
+      complain(error);
     }
   });
 
@@ -316,6 +354,7 @@ export function vessels({ remember }) {
       button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))),
     );
     tools.hidden = name === "photo";
+    showLayers();
     editor.element.hidden = false;
     volumeFrame.element.hidden = true;
   }
@@ -374,7 +413,12 @@ export function vessels({ remember }) {
     look: (changes) => store.look(changes),
     view: () => store.view,
   };
-  const runs = running({ store, problem: ready, open: () => stages.pick("run") });
+  const runs = running({
+    store,
+    problem: ready,
+    open: () => stages.pick("run"),
+    below: () => layers.below(),
+  });
   const races = driving(context),
     comparisons = comparison(context);
   const stages = tabbed(
@@ -386,7 +430,7 @@ export function vessels({ remember }) {
         el("div.stageHead", {}, views, tools),
         editor.element,
         volumeFrame.element,
-        el("div.underStage", {}, source, facts),
+        el("div.underStage", {}, source, facts, where),
       ],
       ["run", "Run", ...runs.children],
       ["race", "Drive", races.element],
@@ -396,6 +440,7 @@ export function vessels({ remember }) {
       chosen: (name) => {
         if (name === "map") editor.resize();
         store.look({ tab: name });
+        showLayers();
       },
     },
   );
@@ -405,7 +450,7 @@ export function vessels({ remember }) {
   const element = el(
     "div.place",
     {},
-    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
+    el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, layers.element), warning, stages.panels),
     el("section.panel-side", { "aria-label": "Settings" }, maps.element, form.element),
     el(
       "footer.bottom",
@@ -437,6 +482,7 @@ export function vessels({ remember }) {
     async revive(saved) {
       begun = true;
       const { tab = "map", file: shown, at } = saved.view;
+      layers.revive(saved.view.below);
       setView(
         JSON.parse(saved.text).problem.vessels && !JSON.parse(saved.text).cells ? "photo" : "cells",
       );

@@ -36,7 +36,7 @@ export function welcome({ remember }) {
   }) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() },
     el("b", {}, "Open a file"),
-    el("span.soft", {}, "or drop it here: a photograph, a volume, a map, a region, a workspace, a problem, an episode or a sweep"));
+    el("span.soft", {}, "or drop it here: a photograph, a volume, a map, a region, a workspace, a problem, an episode, a sweep or missions"));
 
   const element = el("div.welcome", {},
     el("div.lead", {}, el("h2", {}, "Bodies that explore a space together"),

@@ -1,12 +1,20 @@
 /* Talking with the server: questions, jobs, files, and the socket that tells of them. */
 
+import { capital } from "./page.js";
+
 export const state = { start: null, jobs: new Map(), files: [], counts: {} };
 const listeners = { job: new Set(), files: new Set() };
 const watchers = new Map(); // job number: what is called with each piece, and with the job
 let socket = null, patience = 500;
 
-/** An answer that is a sentence about what is wrong. */
-export class Refused extends Error {}
+/** An answer that says what is wrong, in `error` and at which `field`; as a message of its own, it
+ *  names the field. */
+export class Refused extends Error {
+  constructor({ error, field = null, label = null }) {
+    super(label ? `${capital(label)}: ${error}` : error);
+    Object.assign(this, { error, field });
+  }
+}
 
 export async function request(method, path, body) {
   const json = body !== undefined && !(body instanceof Blob);
@@ -18,11 +26,13 @@ export async function request(method, path, body) {
       body: json ? JSON.stringify(body) : body,
     });
   } catch {
-    throw new Refused("The studio does not answer. Is the command shoal studio still running?");
+    throw new Refused({
+      error: "The studio does not answer. Is the command shoal studio still running?",
+    });
   }
   if (!answer.ok) {
-    const { error } = await answer.json().catch(() => ({}));
-    throw new Refused(error || `The studio refused the request (status ${answer.status}).`);
+    const fault = await answer.json().catch(() => ({}));
+    throw new Refused({ error: `The studio refused the request (status ${answer.status}).`, ...fault });
   }
   return answer.json();
 }
@@ -44,7 +54,7 @@ export const onlyParts = (files) => files.every((file) => PARTS.test(file.name))
 /** Put files into the folder that were brought together, and return the name of the one to open: the
  *  first whose name fits, with the other parts of its Shapefile. */
 export async function uploadTogether(files, fits = /./) {
-  if (onlyParts(files)) throw new Refused("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
+  if (onlyParts(files)) throw new Refused({ error: "A Shapefile needs its .shp file: drop all files of the Shapefile together." });
   const shape = files.find((file) => /\.shp$/i.test(file.name));
   const name = await upload(shape ?? files.find((file) => fits.test(file.name)));
   for (const part of shape ? files.filter((file) => PARTS.test(file.name)) : []) {

@@ -1,5 +1,5 @@
 /* Forms made from the schema of a problem: no field is written here. */
-import { el, told } from "./page.js";
+import { capital, el, told } from "./page.js";
 
 /** Names that mean nothing without options after a colon. */
 export const NEED_OPTIONS = ["manual", "offline"];
@@ -22,6 +22,102 @@ export function sayUnknown(schema, problem) {
     );
 }
 
+const SHORT = 46; // characters: what stands in one line under a field
+
+/** The row of a field: its label, its control, one line of help, more of it behind an i, and what
+ *  is wrong with its value. `label` is what is said about it elsewhere, too. */
+export function fieldRow(name, label, control, description, { unit = "", inline = false } = {}) {
+  const { id, element } = control,
+    input = element.id === id ? element : element.querySelector(`#${id}`);
+  const long = description.length > SHORT,
+    [first] = (long && description.match(/^.*?[.;](?=\s|$)/)) || [description];
+  const help = el("p.help.short", { id: `${id}-help` }, first.replace(/;$/, "")),
+    more = el("p.help", { id: `${id}-more`, hidden: true }, description),
+    fault = el("p.fault", { id: `${id}-fault`, hidden: true });
+  const info = el(
+    "button.info",
+    {
+      type: "button",
+      "aria-label": "Explanation",
+      "aria-describedby": `label-${id}`,
+      "aria-expanded": "false",
+      "aria-controls": more.id,
+      onclick: () => {
+        more.hidden = !more.hidden;
+        help.hidden = !more.hidden || !fault.hidden;
+        info.setAttribute("aria-expanded", String(!more.hidden));
+      },
+    },
+    "i",
+  );
+  input.setAttribute("aria-describedby", help.id);
+  const row = el(
+    `div.field${inline ? ".inline" : ""}`,
+    { "data-field": name },
+    el(
+      "div.label",
+      {},
+      el("label", { id: `label-${id}`, htmlFor: id }, label, unit ? el("span.unit", {}, unit) : []),
+      long ? info : [],
+    ),
+    element,
+    fault,
+    help,
+    more,
+  );
+  return {
+    element: row,
+    label,
+    input,
+    /** Say what is wrong with the value, in the place of the help; null: nothing. */
+    fault(sentence) {
+      fault.textContent = sentence ?? "";
+      fault.hidden = !sentence;
+      help.hidden = !!sentence || !more.hidden;
+      input.setAttribute("aria-describedby", sentence ? fault.id : help.id);
+      if (sentence) input.setAttribute("aria-invalid", "true");
+      else input.removeAttribute("aria-invalid");
+    },
+  };
+}
+
+function goTo({ input }) {
+  const section = input.closest("details");
+  if (section) section.open = true;
+  input.focus();
+  input.scrollIntoView({ block: "center" });
+}
+
+/** What the server finds wrong stands at its field; `banner` says it over the stage, with a way
+ *  there. `rowOf(name)` is the row of a field, if the page has one. */
+export function faultsOf(banner, rowOf) {
+  let row = null;
+  /** `fault` is an error or an answer of the server; null: nothing is wrong. */
+  function complain(fault) {
+    row?.fault(null);
+    complain.said = fault?.error ?? null;
+    const sentence = fault?.error ?? fault?.message ?? fault ?? "";
+    row = (fault?.field && rowOf(fault.field)) || null;
+    row?.fault(sentence);
+    banner.hidden = !sentence;
+    const there = row;
+    banner.replaceChildren(
+      ...(there
+        ? [
+            el(
+              "button.there",
+              { type: "button", onclick: () => goTo(there) },
+              `${capital(there.label)}:`,
+            ),
+            " ",
+          ]
+        : []),
+      sentence,
+    );
+  }
+  return complain;
+}
+
 /** A seed as it is typed; those above 53 bits stay text, so that none of their digits are lost. */
 export const seedIn = (input) =>
   input.validity.badInput
@@ -33,10 +129,24 @@ export const seedIn = (input) =>
 /** The field of a place's seed beside its word; `id` is the field's. */
 export const seedField = (id, onchange) => {
   const input = el("input.short", { type: "number", min: 0, value: 0, id, onchange });
-  return { input, element: el("span.seed", {}, el("label", { htmlFor: id }, "Seed"), input) };
+  const row = {
+    input,
+    label: "seed",
+    element: el("span.seed", {}, el("label", { htmlFor: id }, "Seed"), input),
+    // the foot of the page has no room for a sentence: it stands over the stage
+    fault: (sentence) =>
+      sentence ? input.setAttribute("aria-invalid", "true") : input.removeAttribute("aria-invalid"),
+  };
+  return { input, element: row.element, row };
 };
 
 let made = 0;
+const FOUND = "as it is found";
+
+/** What an empty field does, as its placeholder: what the server chose for it, or `else_`. */
+const placeholder = (input, else_) => (words) => {
+  input.placeholder = words ? `auto: ${words}` : else_;
+};
 
 /** Where sliders are worth having: fields between two bounds; a place may name narrower ends for
  *  the hand. */
@@ -85,7 +195,7 @@ export function written(value) {
 function control(name, field, ends, changed, understood) {
   const id = `field-${name}-${++made}`,
     kind = kindOf(field),
-    about = { id, "aria-describedby": `${id}-help` };
+    about = { id };
   if (field.names && !field.several) return named(field, about, changed);
   if (field.enum || (kind === "boolean" && nullable(field))) {
     const values = field.enum ?? [true, false];
@@ -93,7 +203,7 @@ function control(name, field, ends, changed, understood) {
     const select = el(
       "select",
       { ...about, onchange: changed },
-      nullable(field) ? el("option", { value: "" }, "as it is found") : [],
+      nullable(field) ? el("option", { value: "" }, FOUND) : [],
       words.map((word, i) => el("option", { value: String(values[i]) }, word)),
     );
     return {
@@ -104,6 +214,9 @@ function control(name, field, ends, changed, understood) {
       write: (value) => {
         select.value =
           value === null || value === undefined ? String(field.default ?? "") : String(value);
+      },
+      usual(words) {
+        if (nullable(field)) select.options[0].textContent = words ? `auto: ${words}` : FOUND;
       },
     };
   }
@@ -149,6 +262,7 @@ function control(name, field, ends, changed, understood) {
     write: (value) => {
       input.value = field.repeated ? [value ?? []].flat().join("; ") : written(value);
     },
+    usual: placeholder(input, input.placeholder),
   };
 }
 
@@ -170,6 +284,7 @@ function numeric(field, about, kind, changed) {
     write: (value) => {
       input.value = value ?? (nullable(field) ? "" : (field.default ?? ""));
     },
+    usual: placeholder(input, input.placeholder),
   };
 }
 
@@ -213,14 +328,24 @@ function slider(field, about, ends, changed) {
 function named(field, about, changed) {
   const select = el(
     "select",
-    { ...about, onchange: changed },
+    {
+      ...about,
+      onchange: () => {
+        options.value = "";
+        showOptions();
+        changed();
+      },
+    },
     field.names.map((name) => el("option", { value: name }, name)),
   );
+  const showOptions = () => {
+    options.hidden = select.value === "auto";
+  };
   const options = el("input", {
     type: "text",
     autocomplete: "off",
     spellcheck: false,
-    placeholder: "options, such as ties=row-major",
+    placeholder: "its options, if it has any",
     "aria-label": `Options of the ${field.title}`,
     onchange: changed,
   });
@@ -234,6 +359,11 @@ function named(field, about, changed) {
       if (!field.names.includes(name)) select.append(el("option", { value: name }, name));
       select.value = name;
       options.value = rest.join(":");
+      showOptions();
+    },
+    usual(words) {
+      const auto = [...select.options].find((one) => one.value === "auto");
+      if (auto) auto.textContent = words ? `auto: ${words}` : "auto";
     },
   };
 }
@@ -268,19 +398,13 @@ export function makeForm(
     const one = control(name, field, ends[name], () => changed(values(), name), understood);
     controls.set(name, one);
     one.write(undefined);
-    const label = el(
-      "label",
-      { htmlFor: one.id },
-      field.title,
-      field.unit ? el("span.unit", {}, field.unit) : [],
-    );
-    return el(
-      `div.field${one.inline ? ".inline" : ""}`,
-      { "data-field": name },
-      label,
-      one.element,
-      el("p.help", { id: `${one.id}-help` }, field.description),
-    );
+    const { unit } = field,
+      { element: row, ...told } = fieldRow(name, field.title, one, field.description, {
+        unit,
+        inline: one.inline,
+      });
+    Object.assign(one, told);
+    return row;
   }
 
   function values() {
@@ -304,6 +428,10 @@ export function makeForm(
       for (const [name, one] of controls) one.write(given[name]);
     },
     row: (name) => controls.get(name),
+    /** Show what fields at their defaults do: `chosen` has words for some of them. */
+    usual(chosen = {}) {
+      for (const [name, one] of controls) one.usual?.(chosen[name]);
+    },
     show(names, on) {
       for (const name of names) {
         const found = parts

@@ -26,9 +26,20 @@ export function svg(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** Show other children. Without any, those that were there keep their room, unseen, so that nothing
+ *  below or beside them moves. */
+export function refill(element, ...children) {
+  const filled = children.flat().some((child) => child !== "");
+  element.style.visibility = filled ? "" : "hidden";
+  if (filled) element.replaceChildren(...children.flat());
+}
+
+/** A label as it begins a line. */
+export const capital = (label) => label.charAt(0).toUpperCase() + label.slice(1);
+
 /** Say something for a while; a problem stays until it is closed. */
-export function say(sentence, { problem = false } = {}) {
-  const note = el(problem ? "p.note.bad" : "p.note", {}, el("span", {}, sentence));
+export function say(sentence, { problem = false, link = null } = {}) {
+  const note = el(problem ? "p.note.bad" : "p.note", {}, el("span", {}, sentence), link ? el("a", { href: link }, "Show it") : []);
   const close = () => note.remove();
   note.append(el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"));
   document.getElementById("notes").append(note);

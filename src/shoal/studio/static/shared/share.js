@@ -1,5 +1,5 @@
 /* Taking it along: a problem as Python, command and file; an episode as figure, film, page and file. */
-import { ask, ended, fileAddress, run } from "./api.js";
+import { Refused, ask, ended, fileAddress, run } from "./api.js";
 import { el, guarded, openSheet, say, tabs, told } from "./page.js";
 
 const WAYS = [["python", "As Python"], ["command", "As command"], ["file", "As file"]];
@@ -116,7 +116,8 @@ export function exportsOf(kind, spec, formats, more = [], words = "Export") {
   return el("div.exports", { role: "group", "aria-label": words }, el("span.soft", {}, words), buttons, more);
 }
 
-export const failure = (job) => job.result?.error ?? `The job was ${job.state}.`;
+/** Why a job has no result, in words. */
+export const failure = (job) => (job.result?.error ? new Refused(job.result).message : `The job was ${job.state}.`);
 
 /** Hand a file of the folder to the browser, and say where it is. */
 function give(file) {

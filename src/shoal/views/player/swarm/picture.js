@@ -12,6 +12,7 @@ const ShoalPicture = (() => {
   const GRID_FROM = 18; // ... and from which cells get hairlines between them, CSS pixels
   const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels,
   const AT_LEAST = 4; // ... unless that would not allow to zoom so many times
+  const THROUGH_OPEN = 0.25; // how much of the photograph shows through free cells, of what shows through others
   const SNAP_LOSS = 0.9; // whole-pixel cells are used if the picture keeps this share of its size
 
   /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked across. */
@@ -42,7 +43,7 @@ const ShoalPicture = (() => {
     return { lines, length, size, gap: clamp(Math.floor(room), GAP, GAP + across) };
   }
 
-  const packColour = ([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
+  const packColour = ([r, g, b], alpha = 1) => ((Math.round(255 * alpha) << 24) | (b << 16) | (g << 8) | r) >>> 0;
   const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
   const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
 
@@ -62,9 +63,18 @@ const ShoalPicture = (() => {
     /** Colours as [r, g, b]: unknown, frontier, free, obstacle, particle, shared, wrong, label. */
     setPalette(palette) {
       this.palette = palette;
-      this.packed = this.timeline.shades(palette).map(packColour);
-      this.painted = -1;
       this.discs = new Map();
+      this.setBelow(this.below);
+    }
+
+    /** Show a photograph under the map, or none (null): `box` is where the map is in it, in shares of
+     *  its sides, and `share` how much of it shows through what is not open to particles. */
+    setBelow(below) {
+      const through = below && this.layout?.lines === 1 ? below.share : 0, { unknown, obstacle } = this.palette;
+      this.below = below;
+      this.packed = this.timeline.shades(this.palette).map((shade) =>
+        packColour(shade, 1 - (shade === unknown || shade === obstacle ? through : THROUGH_OPEN * through)));
+      this.painted = -1;
     }
 
     /** `rem` is the page's text size in CSS pixels. */
@@ -161,12 +171,27 @@ const ShoalPicture = (() => {
       if (this.painted !== n) this.paint(n, many ? swarm : null);
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.imageSmoothingEnabled = size < 1; // else thin walls would drop out
+      const below = layout.lines === 1 ? this.below : null;
+      if (below) this.drawBelow(below);
       pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
       if (size >= GRID_FROM * this.ratio) this.drawGrid();
       if (this.gutter && this.zoom === 1) this.drawLabels();
       const points = this.timeline.pointsAt?.(n);
       if (points && this.layout.lines === 1) this.drawPoints(points);
       else if (!many) this.drawParticles(swarm, slide);
+    }
+
+    /** Draw the photograph under the map, which has a rim of one cell. */
+    drawBelow({ image, box: [left, top, right, bottom] }) {
+      const { pen, world, size } = this;
+      const wide = ((world.cols - 2) * size) / (right - left), high = ((world.rows - 2) * size) / (bottom - top);
+      pen.save();
+      pen.beginPath();
+      pen.rect(this.left + size, this.top + size, (world.cols - 2) * size, (world.rows - 2) * size);
+      pen.clip();
+      pen.imageSmoothingEnabled = true;
+      pen.drawImage(image, this.left + size - left * wide, this.top + size - top * high, wide, high);
+      pen.restore();
     }
 
     /** Draw particles where they truly were, wherever in a cell. */
@@ -186,7 +211,7 @@ const ShoalPicture = (() => {
         words[y[cell] * layout.width + x[cell]] = packed[timeline.shadeOf(cell, n)];
       }
       if (swarm) {
-        const [alone, shared] = [this.palette.particle, this.palette.shared].map(packColour), merged = this.world.rule === "merge";
+        const [alone, shared] = [this.palette.particle, this.palette.shared].map((colour) => packColour(colour)), merged = this.world.rule === "merge";
         for (const cell of swarm.pos) words[y[cell] * layout.width + x[cell]] = merged && swarm.count[cell] > 1 ? shared : alone;
       }
       this.imagePen.putImageData(this.pixels, 0, 0);

@@ -23,6 +23,7 @@ export class MetricCanvas {
       size: [1, 1],
       bounds: null,
       moved: false,
+      drag: null, // what may take a drag for itself, as hands() has it
     });
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
@@ -151,7 +152,7 @@ export class MetricCanvas {
     this.marks = marks;
     for (const mark of marks) this.place(mark);
     this.above.replaceChildren(...marks.map((mark) => mark.element));
-    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus();
+    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   drawGraticule() {
@@ -240,6 +241,7 @@ export class MetricCanvas {
       pan: (right, down) => this.pan(right, down),
       fit: () => this.fit(),
       tap: (spot, event) => this.tap(this.back(spot), event),
+      take: (spot) => this.drag?.(this.back(spot), (moved) => this.back(moved)) ?? null,
       over: (spot) => this.over(spot && this.back(spot)),
     });
   }
@@ -274,7 +276,7 @@ export function handle(
     if (event.button !== 0) return;
     event.preventDefault();
     event.stopPropagation();
-    element.focus();
+    element.focus({ preventScroll: true });
     const plane = canvas.plane;
     let gone = false;
     const first = (moved) => {

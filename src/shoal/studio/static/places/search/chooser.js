@@ -1,9 +1,8 @@
 /* Where the region comes from: files that are dropped or in the folder, a name, or a drawing. */
 import { leftOut, on, state } from "../../shared/api.js";
+import { fieldRow } from "../../shared/form.js";
 import { el, guarded, olderFiles } from "../../shared/page.js";
 
-const BY_NAME =
-  "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres.";
 const FORMATS = "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV";
 
 /** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing
@@ -30,9 +29,10 @@ export function chooser({ choose, bring, blank, loosen, region }) {
     autocomplete: "off",
     id: "searchRegion",
     placeholder: "square:400",
-    "aria-describedby": "searchRegionHelp",
     onchange: guarded(() => typed.value && choose(typed.value.trim())),
   });
+  const { description } = state.start.schemas.search.properties.region;
+  const row = fieldRow("region", "by name", { id: "searchRegion", element: typed }, description);
   const drop = el(
     "button.drop",
     { type: "button", onclick: () => picked.click() },
@@ -61,24 +61,20 @@ export function chooser({ choose, bring, blank, loosen, region }) {
   list();
 
   return {
+    row,
     show,
     element: el(
       "section.chooser",
       { "aria-label": "Region" },
       drop,
       picked,
+      el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"),
+      choices,
+      row.element,
       el(
         "div.pair",
         {},
-        el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"),
-        choices,
         el("button.second", { type: "button", onclick: guarded(blank) }, "Draw a region"),
-      ),
-      el(
-        "div.pair",
-        {},
-        el("label.unseen", { htmlFor: "searchRegion" }, "By name"),
-        typed,
         el(
           "button.second",
           {
@@ -89,7 +85,6 @@ export function chooser({ choose, bring, blank, loosen, region }) {
           "Edit its corners",
         ),
       ),
-      el("p.help", { id: "searchRegionHelp" }, BY_NAME),
     ),
   };
 }

@@ -1,6 +1,20 @@
 /* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers.
    */
-import { el, guarded, svg, symbol } from "../../shared/page.js";
+import {
+  CROSSES,
+  CROSSES_CLOSED,
+  area,
+  bearing,
+  centreOf,
+  circle,
+  crosses,
+  distance,
+  perimeter,
+  rectangle,
+  snapped,
+  turned,
+} from "../../shared/geometry.js";
+import { capital, el, guarded, number, svg, symbol } from "../../shared/page.js";
 import { stepButtons } from "../../shared/store.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
@@ -9,10 +23,20 @@ const LOOK = "look",
   PART = "parts",
   ZONE = "zones",
   LAUNCH = "launch";
+const SHAPE_HINTS = {
+  rectangle: "Drag from one corner to the opposite one.",
+  circle: "Drag from the middle to the rim.",
+};
 const WORDS = { parts: "Region", zones: "No-go zone" };
+const SHAPES = { corners: null, rectangle, circle };
+const NEAR = 10; // pixels within which a corner snaps
+const LEVER = 44; // pixels from the middle of a shape to what turns it
 const MOST_HANDLES = 300;
 const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
 const rounded = (point) => point.map((x) => Math.round(x * 1000) / 1000);
+const metres = (length) =>
+  length >= 1000 ? `${number(length / 1000)} km` : `${number(length)} m`;
+const surface = (size) => (size >= 1e4 ? `${number(size / 1e4)} ha` : `${number(size)} m²`);
 const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("") + "Z";
 
 export class Drawing {
@@ -20,7 +44,8 @@ export class Drawing {
    *  and with `corner` for an outline
    *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
   constructor(canvas, { changed, launched, store }) {
-    Object.assign(this, { canvas, changed, launched, tool: LOOK });
+    Object.assign(this, { canvas, changed, launched, tool: LOOK, shape: "corners", held: "" });
+    canvas.drag = (point, back) => this.drag(point, back);
     this.load(null);
     this.layer = svg("g", { class: "drawn" });
     this.toolbar = this.makeToolbar(store);
@@ -64,20 +89,95 @@ export class Drawing {
   tap(point) {
     if (this.tool === LAUNCH) this.launched(rounded(point));
     if (this.tool !== PART && this.tool !== ZONE) return;
+    if (SHAPES[this.shape]) return;
     this.draft ??= { kind: this.tool, points: [] };
     const first = this.draft.points[0],
       near = 12 / this.canvas.scale;
     if (this.draft.points.length > 2 && Math.hypot(point[0] - first[0], point[1] - first[1]) < near)
       this.close();
+    else if (crosses(this.draft.points, point)) this.refuse(CROSSES);
     else {
-      this.draft.points.push(rounded(point));
+      this.draft.points.push(rounded(this.snap(point)));
       this.changed({ corner: true });
     }
+  }
+
+  /** A drag over the canvas draws a rectangle or a circle, if one of them is chosen. */
+  drag(from, back) {
+    const make = SHAPES[this.shape];
+    if (!make || (this.tool !== PART && this.tool !== ZONE)) return null;
+    const kind = this.tool,
+      start = this.snap(from);
+    let ring = null;
+    return {
+      move: (spot) => {
+        ring = make(start, this.snap(back(spot))).map(rounded);
+        this.layer.append(this.sketched);
+        this.sketched.setAttribute("class", `draft ${kind}`);
+        this.sketched.setAttribute("d", path(ring));
+        const [a, , c] = ring;
+        const sides =
+          this.shape === "circle"
+            ? `radius ${metres(distance(start, a))}`
+            : `${metres(Math.abs(c[0] - a[0]))} × ${metres(Math.abs(c[1] - a[1]))}`;
+        this.measure(`${sides}, area ${surface(area(ring))}`);
+      },
+      end: () => {
+        this.sketched.remove();
+        if (!ring || area(ring) < (4 / this.canvas.scale) ** 2) return this.measure("");
+        this.told[kind].push(ring);
+        this.pick(LOOK);
+        return this.changed({ closed: true });
+      },
+      cancel: () => this.sketched.remove(),
+    };
+  }
+
+  /** A corner or side of the other outlines that is near, else the point itself. */
+  snap(point, own = null) {
+    const others = [...this.told.parts, ...this.told.zones].filter((ring) => ring !== own);
+    return snapped(point, others, NEAR / this.canvas.scale);
+  }
+
+  measure(words) {
+    this.measured.textContent = words;
+    this.guide.hidden = !words && !this.hint.textContent;
+  }
+
+  /** The next side follows the pointer: how long it is, where it goes, and the area so far. */
+  over(point) {
+    const points = this.draft?.points ?? [];
+    this.sketched.remove();
+    if (!points.length || !point) return;
+    const next = this.snap(point),
+      last = points.at(-1),
+      ring = [...points, next];
+    this.sketched.setAttribute("class", `draft ${this.draft.kind} next`);
+    this.sketched.setAttribute("d", `M${last.join(" ")}L${next.join(" ")}`);
+    this.layer.append(this.sketched);
+    this.measure(
+      [
+        `side ${metres(distance(last, next))} at ${Math.round(bearing(last, next))}°`,
+        ring.length > 2 ? `around ${metres(perimeter(ring))}, area ${surface(area(ring))}` : "",
+      ]
+        .filter(Boolean)
+        .join(", "),
+    );
+  }
+
+  /** Say why the hand's corner is not taken, until the next one is. */
+  refuse(sentence) {
+    this.hint.textContent = sentence;
+    this.guide.classList.add("refuses");
   }
 
   /** Close the outline: to take it back is one step, however many corners it has. */
   close() {
     const { kind, points } = this.draft ?? { points: [] };
+    if (points.length > 2 && crosses(points, points[0], { closes: true })) {
+      this.refuse(CROSSES_CLOSED);
+      return;
+    }
     if (points.length > 2) this.told[kind].push(points);
     this.draft = null;
     this.pick(LOOK);
@@ -111,28 +211,95 @@ export class Drawing {
         ? [svg("path", { class: `draft ${this.draft.kind}`, d: path(draft).slice(0, -1) })]
         : []),
     );
+    this.guide.classList.remove("refuses");
     this.hint.textContent =
       this.tool === PART || this.tool === ZONE
         ? draft.length > 2
           ? "To close the outline, click its first corner or Close."
-          : "Click the corners of the outline, one after another."
+          : SHAPES[this.shape]
+            ? SHAPE_HINTS[this.shape]
+            : "Click the corners of the outline, one after another."
         : this.tool === LAUNCH
           ? "Click where robots set out."
           : "";
     if (!this.hint.textContent && this.points.length > MOST_HANDLES)
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
+    this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
+    this.measured.textContent = "";
     this.guide.hidden = !this.hint.textContent;
     const corners =
       this.points.length <= MOST_HANDLES
         ? [PART, ZONE].flatMap((kind) =>
-            this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k)),
+            this.told[kind].flatMap((ring, k) => [
+              ...this.cornersOf(kind, ring, k),
+              ...this.wholeOf(kind, ring, k),
+            ]),
           )
         : [];
     return [
       ...corners,
       ...draft.map((point) => ({ point, element: svg("circle", { class: "corner draft", r: 5 }) })),
     ];
+  }
+
+  /** What moves and turns an outline as a whole. */
+  wholeOf(kind, ring, k) {
+    if (this.draft || this.tool !== LOOK) return [];
+    const name = `${WORDS[kind]} ${k + 1}`,
+      key = `${kind}${k}`,
+      centre = centreOf(ring);
+    let last = centre;
+    const all = handle(
+      this.canvas,
+      `${key}-all`,
+      centre,
+      `${name}, all of it. Arrow keys move it, Delete removes it.`,
+      svg("path", { class: `whole ${kind}`, d: "M-8 0H8M0 -8V8M-3 -5L0 -8L3 -5M-3 5L0 8L3 5M-5 -3L-8 0L-5 3M5 -3L8 0L5 3" }),
+      {
+        ...this.moving((told, to) => {
+          const by = to.map((x, axis) => x - last[axis]);
+          told[kind][k] = told[kind][k].map((point) =>
+            rounded(point.map((x, axis) => x + by[axis])),
+          );
+          last = to;
+        }),
+        remove: () => this.edit((told) => told[kind].splice(k, 1)),
+      },
+    );
+    all.element.addEventListener("focus", () => this.hold(key));
+    if (this.held !== key) return [all];
+    const reach = LEVER / this.canvas.scale,
+      tip = [centre[0] + reach, centre[1]];
+    let angle = 0;
+    const lever = handle(
+      this.canvas,
+      `${key}-turn`,
+      tip,
+      `${name}: turn it. Up and down arrow keys turn it.`,
+      [
+        svg("path", { class: "lever", d: `M${-LEVER + 12} 0H-9` }),
+        svg("path", { class: `whole ${kind}`, d: "M6 -3A7 7 0 1 0 7 2M7 -7V-2H2" }),
+      ],
+      {
+        move: (to) => {
+          const now = Math.atan2(to[1] - centre[1], to[0] - centre[0]);
+          this.told[kind][k] = turned(this.told[kind][k], centre, now - angle).map(rounded);
+          angle = now;
+          this.changed({ drawnOnly: true });
+          this.measure(`turned by ${Math.round((now * 180) / Math.PI)}°`);
+        },
+        done: () => this.changed(),
+      },
+    );
+    return [all, lever];
+  }
+
+  /** The outline whose lever is shown. */
+  hold(key) {
+    if (this.held === key) return;
+    this.held = key;
+    this.changed({ drawnOnly: true });
   }
 
   cornersOf(kind, ring, k) {
@@ -146,8 +313,8 @@ export class Drawing {
         svg("circle", { class: `corner ${kind}`, r: 5 }),
         {
           ...this.moving((told, to) => {
-            told[kind][k][i] = to;
-          }),
+            told[kind][k][i] = rounded(this.snap(to, told[kind][k]));
+          }, kind, k),
           remove: () =>
             this.edit((told) => {
               if (ring.length > 3) told[kind][k].splice(i, 1);
@@ -172,21 +339,23 @@ export class Drawing {
               {
                 quiet: true,
                 ...this.moving((told, to) => {
-                  told[kind][k].splice(i + 1, added ? 1 : 0, to);
+                  told[kind][k].splice(i + 1, added ? 1 : 0, rounded(this.snap(to, told[kind][k])));
                   added = true;
-                }),
+                }, kind, k),
               },
             );
           });
     return [...sides, ...corners];
   }
 
-  /** What a drag does: shown at once, told at its end. */
-  moving(change) {
+  /** What a drag does: shown at once, told at its end; with the measures of the outline. */
+  moving(change, kind = null, k = 0) {
     return {
       move: (to) => {
         change(this.told, rounded(to));
         this.changed({ drawnOnly: true });
+        const ring = kind && this.told[kind][k];
+        if (ring) this.measure(`around ${metres(perimeter(ring))}, area ${surface(area(ring))}`);
       },
       done: () => this.changed(),
     };
@@ -233,6 +402,25 @@ export class Drawing {
       "Close",
     );
     this.hint = el("span.soft.hint", { role: "status" });
+    this.measured = el("span.measured", {});
+    this.sketched = svg("path", {});
+    const shapes = Object.keys(SHAPES).map((shape) =>
+      el(
+        "button",
+        {
+          type: "button",
+          "aria-pressed": String(shape === this.shape),
+          onclick: () => {
+            this.shape = shape;
+            for (const button of shapes)
+              button.setAttribute("aria-pressed", String(button.textContent.toLowerCase() === shape));
+            this.show();
+          },
+        },
+        capital(shape),
+      ),
+    );
+    this.shaping = el("div.segmented", { role: "group", "aria-label": "Draw by", hidden: true }, shapes);
     this.canvas.element.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && this.draft) this.close();
       else if (event.key === "Escape" && this.draft) this.drop();
@@ -242,7 +430,14 @@ export class Drawing {
     });
     this.numbers = byNumbers(this);
     // on the canvas, whose size must not change under the hand
-    this.guide = el("div.guide", { hidden: true }, this.hint, this.closing);
+    this.guide = el(
+      "div.guide",
+      { hidden: true },
+      this.shaping,
+      this.hint,
+      this.measured,
+      this.closing,
+    );
     this.canvas.element.append(this.guide);
     return el(
       "div.toolbar",

@@ -1,5 +1,5 @@
 /* The robots of a plan, one line each: how long, how far, which sorties. */
-import { el, number } from "../../shared/page.js";
+import { el, number, refill } from "../../shared/page.js";
 import { lasting } from "./simulate.js";
 
 const MOST_ROBOTS = 200; // in the list
@@ -12,19 +12,18 @@ const distance = (metres) =>
       ? `${number(metres / 1000, 3)} km`
       : `${number(metres, 3)} m`;
 
-function wayOf({ stops, seconds, length, turns }) {
-  if (!stops) return "in reserve";
-  return joined(
-    [lasting(seconds), distance(length), turns === null ? "" : `${turns} turns`],
-    " · ",
-  );
+function wayOf({ stops, seconds, length }) {
+  return stops ? joined([lasting(seconds), distance(length)], " · ") : "in reserve";
 }
 
-function sortiesOf(flights) {
-  if (!flights.length) return "";
+/** The second line: turns, and sorties, as soon as they are known. */
+function flightsOf({ stops, turns }, flights) {
+  const words = stops && turns !== null ? `${turns} turns` : "";
+  if (!flights.length) return words;
   const [first] = flights;
   return joined(
     [
+      words,
       flights.length > 1 ? `${flights.length} sorties` : "",
       `at ${number(first.altitude_m)} m`,
       first.start_s ? `after ${lasting(first.start_s)}` : "",
@@ -53,13 +52,13 @@ export function fleetList(choose) {
             },
             el("b.no", {}, String(k + 1)),
             el("span", {}, wayOf(robot)),
-            el("span.soft", {}, sortiesOf(flights.filter((one) => one.robot === k + 1))),
+            el("span.soft", {}, flightsOf(robot, flights.filter((one) => one.robot === k + 1))),
           ),
         ),
       );
       const others = robots.length - MOST_ROBOTS;
       if (others > 0) rows.push(el("li.soft", {}, `and ${number(others, 9)} more robots`));
-      element.replaceChildren(...rows);
+      refill(element, rows);
     },
   };
 }

@@ -181,6 +181,8 @@ export function missionsPanel({ ready, current, changed, store }) {
   return {
     form,
     refresh: () => dates.refresh(),
+    /** Missions that were written before, of the settings that are set. */
+    open: (found) => take(found, current()),
     revive() {
       const { missions } = store.view;
       if (missions) take(missions.found, missions.of);

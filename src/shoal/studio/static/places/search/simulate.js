@@ -173,7 +173,7 @@ export function simulation({ ready, question, fields, set, open, visible, said, 
         el(
           "p.warning",
           {},
-          `The film shows the search before the change: the settings cannot be simulated${said() === error.message ? "" : `, ${error.message}`}.`,
+          `The film shows the search before the change: the settings cannot be simulated${said() === error.error ? "" : `, ${error.message}`}.`,
         ),
       );
       return;

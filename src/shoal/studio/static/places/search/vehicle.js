@@ -1,6 +1,6 @@
 /* What searches: a preset or a file, and what differs from it. */
 import { on, state } from "../../shared/api.js";
-import { makeForm } from "../../shared/form.js";
+import { fieldRow, makeForm } from "../../shared/form.js";
 import { el } from "../../shared/page.js";
 
 const SECTIONS = [
@@ -46,18 +46,13 @@ export function vehicleForm(changed) {
         changed("file");
       },
     });
-  const before = el(
-    "div.field",
-    {},
-    el("label", { htmlFor: "vehicleFile" }, "From a file"),
-    files,
-    el(
-      "p.help",
-      {},
-      "A .toml or .json file in the folder. The settings below replace fields of the file.",
-    ),
+  const before = fieldRow(
+    "file",
+    "from a file",
+    { id: "vehicleFile", element: files },
+    "A .toml or .json file in the folder. The settings below replace fields of the file.",
   );
-  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], {
+  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before.element] }, ...SECTIONS.slice(1)], {
     label: "Settings of the vehicle",
     changed: (_, name) => {
       if (name === "preset") usual();
@@ -95,6 +90,8 @@ export function vehicleForm(changed) {
   usual();
   return {
     element: form.element,
+    form,
+    file: before,
     value() {
       const { preset, ...others } = form.values(),
         changes = Object.entries(others).map(([name, value]) => `${name}=${value}`);

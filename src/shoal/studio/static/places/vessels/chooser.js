@@ -1,7 +1,10 @@
 /* Where the map comes from: a file that is dropped or in the folder, or a generated map. */
 import { leftOut, on, state } from "../../shared/api.js";
+import { fieldRow } from "../../shared/form.js";
 import { el, guarded, olderFiles } from "../../shared/page.js";
 
+const BY_NAME =
+  "A generated map, such as vessels:1000:7. Its kind comes first, then its size and, if it is random, its number.";
 const NO_MAPS = /^papers\/|-figure(-\d+)?\.png$/;
 
 /** `choose(name)` takes a map, `bring(file)` a file of the user's. */
@@ -38,7 +41,7 @@ export function chooser({ choose, bring }) {
     type: "text",
     spellcheck: false,
     autocomplete: "off",
-    "aria-label": "Name of a generated map, such as vessels:1000:7",
+    id: "vesselsMap",
     onchange: guarded(() => generated.value && choose(generated.value.trim())),
   });
   const drop = el(
@@ -47,6 +50,8 @@ export function chooser({ choose, bring }) {
     el("b", {}, "Drop a picture or volume here"),
     el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"),
   );
+
+  const row = fieldRow("map", "by name", { id: "vesselsMap", element: generated }, BY_NAME);
 
   function list() {
     const maps = state.files.filter((file) => file.kind === "map" && !NO_MAPS.test(file.name));
@@ -62,6 +67,7 @@ export function chooser({ choose, bring }) {
   list();
 
   return {
+    row,
     element: el(
       "section.chooser",
       { "aria-label": "Map" },
@@ -74,7 +80,7 @@ export function chooser({ choose, bring }) {
         choices,
         kinds,
       ),
-      el("div.pair", {}, el("span.soft", {}, "Generated"), generated),
+      row.element,
     ),
     /** Show which one is chosen. */
     show(name) {

@@ -34,12 +34,54 @@ export function packedCells(cells) {
 
 const colourOf = (name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const THROUGH_OPEN = 0.25; // how much of a photograph shows through free cells, of what shows through walls
+const OVERLAY = 0.85; // how much of the vessels' colour covers the photograph
+const ON_DARK = "#fff6a0",
+  ON_BRIGHT = "#10247a";
+/** Relative luminance of a colour, as WCAG 2 defines it. */
+function luminance(colour) {
+  const [r, g, b] = colour.map((x) =>
+    x <= 10 ? x / 255 / 12.92 : ((x / 255 + 0.055) / 1.055) ** 2.4,
+  );
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
+/** The colour for vessels that differs most in lightness from what is around them in the
+ *  photograph, whatever hue an eye sees. */
+function contrasting(photograph, mask) {
+  const small = document.createElement("canvas"),
+    side = 96;
+  small.width = small.height = side;
+  const pen = small.getContext("2d", { willReadFrequently: true });
+  pen.drawImage(mask, 0, 0, side, side);
+  const found = pen.getImageData(0, 0, side, side).data;
+  pen.drawImage(photograph, 0, 0, side, side);
+  const { data } = pen.getImageData(0, 0, side, side);
+  let sum = 0,
+    count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    if (found[i + 3]) {
+      sum += luminance([data[i], data[i + 1], data[i + 2]]);
+      count += 1;
+    }
+  }
+  const there = count ? sum / count : 0,
+    apart = (hex) => {
+      const [low, high] = [there, luminance(rgb(hex))].sort((a, b) => a - b);
+      return (high + 0.05) / (low + 0.05);
+    };
+  return apart(ON_DARK) >= apart(ON_BRIGHT) ? ON_DARK : ON_BRIGHT;
+}
+
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
 
 export class Editor {
-  /** `edited(what)` is called after each stroke: "map", "inlet", or null if it changed nothing. */
-  constructor(edited) {
+  /** `edited(what)` is called after each stroke: "map", "inlet", or null if it changed nothing;
+   *  `over(place)` as the pointer moves, with a place in the picture, in shares of its sides, or
+   *  null. */
+  constructor(edited, over = () => {}) {
     this.edited = edited;
+    this.over = over;
     this.canvas = el("canvas", {
       tabIndex: 0,
       role: "img",
@@ -49,6 +91,7 @@ export class Editor {
     this.pen = this.canvas.getContext("2d");
     this.image = document.createElement("canvas");
     this.overlay = null;
+    this.below = null; // a photograph under the cells: { image, box, share }
     this.photograph = null;
     this.map = null; // { shape, free, start }
     this.inlet = new Set();
@@ -92,7 +135,7 @@ export class Editor {
     made.height = mask.naturalHeight;
     pen.drawImage(mask, 0, 0);
     pen.globalCompositeOperation = "source-in";
-    pen.fillStyle = "#40ff60";
+    pen.fillStyle = contrasting(this.photograph, mask);
     pen.fillRect(0, 0, made.width, made.height);
     return made;
   }
@@ -147,9 +190,11 @@ export class Editor {
     this.image.height = rows;
     const pixels = pen.createImageData(columns, rows),
       words = new Uint32Array(pixels.data.buffer);
-    const packed = ([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
+    const through = this.below?.share ?? 0;
+    const packed = ([r, g, b], share = THROUGH_OPEN * through) =>
+      ((Math.round(255 * (1 - share)) << 24) | (b << 16) | (g << 8) | r) >>> 0;
     const free = packed(rgb(colourOf("free"))),
-      wall = packed(rgb(colourOf("obstacle"))),
+      wall = packed(rgb(colourOf("obstacle")), through),
       inlet = packed(rgb(colourOf("frontier")));
     this.map.free.forEach((bit, i) => {
       words[i] = bit ? free : wall;
@@ -176,13 +221,25 @@ export class Editor {
       pen.imageSmoothingEnabled = true;
       pen.drawImage(this.photograph, left, top, columns * scale, rows * scale);
       if (this.overlay) {
-        pen.globalAlpha = 0.55;
+        pen.globalAlpha = OVERLAY;
         pen.drawImage(this.overlay, left, top, columns * scale, rows * scale);
         pen.globalAlpha = 1;
       }
       return;
     }
     if (!this.map) return;
+    if (this.below) {
+      const { image, box } = this.below,
+        wide = (columns * scale) / (box[2] - box[0]),
+        high = (rows * scale) / (box[3] - box[1]);
+      pen.save();
+      pen.beginPath();
+      pen.rect(left, top, columns * scale, rows * scale);
+      pen.clip();
+      pen.imageSmoothingEnabled = true;
+      pen.drawImage(image, left - box[0] * wide, top - box[1] * high, wide, high);
+      pen.restore();
+    }
     pen.imageSmoothingEnabled = scale < 1;
     pen.drawImage(this.image, left, top, columns * scale, rows * scale);
     pen.fillStyle = colourOf("particle");
@@ -274,6 +331,7 @@ export class Editor {
       fit: () => this.fit(),
       over: (spot) => {
         this.cursor = spot && this.cellAt(spot);
+        this.over(spot && this.cursor);
         this.redraw();
       },
       take: (spot) => (this.paints ? this.strokeFrom(this.cellAt(spot)) : null),

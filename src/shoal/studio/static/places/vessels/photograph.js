@@ -11,9 +11,10 @@ async function imageOf(text, kind) {
   return image;
 }
 
-/** Returns a function that shows it; `fields()` is the problem, `visible()` whether the photograph
- *  is still looked at, `said(sentence)` and `complain(sentence)` show words. */
-export function photographs({ editor, fields, visible, said, complain }) {
+/** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the photograph
+ *  is still looked at, `said(sentence)` and `complain(sentence)` show words, and `placed({ image, box })` hears
+ *  where the map is in the photograph. */
+export function photographs({ editor, fields, visible, said, complain, placed }) {
   let exact = 0,
     photograph = null;
 
@@ -25,17 +26,26 @@ export function photographs({ editor, fields, visible, said, complain }) {
     if (asked.map !== fields().map || !visible()) return;
     editor.setPhotograph(photograph.image, mask);
     performance.measure("shoal-overlay", { start: began });
-    if (surely) complain(found.warning);
+    if (surely) {
+      complain(found.warning);
+      placed({ image: photograph.image, box: found.box });
+    }
     const confidence = surely ? `, confidence ${number(found.confidence, 2)} of 1` : "";
     said(`${percent(found.share)} of the pixels are vessel${confidence}`);
   }
 
-  return async () => {
+  /** The photograph of the form, read once. */
+  async function read() {
     const file = fields().map;
     if (photograph?.file !== file) {
-      const { picture } = await ask("photograph", { file });
-      photograph = { file, image: await imageOf(picture, "jpeg") };
+      const { picture, width, height } = await ask("photograph", { file });
+      photograph = { file, image: await imageOf(picture, "jpeg"), width, height };
     }
+    return photograph;
+  }
+
+  async function show() {
+    await read();
     if (editor.photograph !== photograph.image) {
       editor.setPhotograph(photograph.image, null);
       said("looking for vessels …");
@@ -46,5 +56,14 @@ export function photographs({ editor, fields, visible, said, complain }) {
       guarded(() => find(true)),
       REST,
     );
+  }
+
+  return {
+    read,
+    show,
+    /** Its height and width in pixels. */
+    get sides() {
+      return [photograph.height, photograph.width];
+    },
   };
 }

@@ -13,7 +13,7 @@ const ALL = "all of them";
 const OF_LAB = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`;
 
 /** `problem()` gives the problem with painted cells in a file; `open()` shows this panel. */
-export function running({ store, problem, open }) {
+export function running({ store, problem, open, below }) {
   const frame = new PlayerFrame("swarm", { title: "The player of the episode" });
   const word = el("p.soft", { role: "status" }),
     result = el("div.result", {});
@@ -38,6 +38,7 @@ export function running({ store, problem, open }) {
     () => store.text,
     frame.element,
     (fresh) => {
+      setBelow();
       const began = "The settings have changed since this run began.";
       if (!shown) result.replaceChildren(...(fresh ? [] : [el("p.soft", {}, began)]));
       else {
@@ -50,6 +51,14 @@ export function running({ store, problem, open }) {
       }
     },
   );
+
+  /** The photograph under the player, if what is played is of the settings that are set. */
+  function setBelow() {
+    const { player } = frame;
+    if (!player?.picture || !player.picture.setBelow) return; // a volume
+    player.picture.setBelow(dates.fresh ? below() : null);
+    player.redraw();
+  }
 
   function showResult(file, sentence, at) {
     shown = { file, sentence };
@@ -85,6 +94,7 @@ export function running({ store, problem, open }) {
     };
     const begin = async (data) => {
       inside = await frame.open({ ...data, live: true, playing: true });
+      setBelow();
       performance.measure("shoal-first-frame", { start: asked });
       waiting.forEach(take);
       waiting = [];
@@ -181,6 +191,7 @@ export function running({ store, problem, open }) {
     bar,
     children: [el("div.stageHead", {}, result, episodes), frame.element, empty],
     refresh: () => dates.refresh(),
+    setBelow,
     show: guarded(show),
     /** The file of the episode on the stage, if it is of the settings that are set. */
     get current() {
