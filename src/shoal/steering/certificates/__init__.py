@@ -30,6 +30,8 @@ CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
+FOR_WIDER = 0.2
+"""Largest share of the time of a search at round walls for plans, before the search for a bound."""
 FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
@@ -154,6 +156,10 @@ def certify(
     orders: Sequence[tuple[int, ...]] = (
         list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
     )
+    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
+    begun = told = clock()
+    if episode and has_proof(problem) and not by_moves:
+        episode = _planned_wider(episode, orders, FOR_WIDER * seconds)
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
     away = min(float(np.abs(end - start).max()) for end in ends) > problem.tolerance
@@ -165,7 +171,6 @@ def certify(
     if not searches:
         bounds = {"shortest": other, "shortest paths": geodesic_bound(problem, start, goal)}
         return _with_bound(episode, bounds, None, least_moves)
-    begun = told = clock()
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
     while (now := clock()) - begun < for_length:
@@ -207,7 +212,6 @@ def certify(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
     order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
-    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
     if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
@@ -400,6 +404,33 @@ def improved(
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
                 plans += plan_chain(task, first, chain, query)
     return _with_shortest(episode, task, order, plans)
+
+
+def _planned_wider(
+    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], seconds: float
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan of a wider search of the planner `Shortest` for
+    chains, where walls are too many for a search for a bound to make plans of its own.
+    """
+    from shoal.jit import working_time
+    from shoal.steering.planners.chains import MANY
+    from shoal.steering.planners.improvement import improved_chains
+    from shoal.steering.planners.task import plan_chain
+
+    place = episode.problem.place
+    if not (place.kind == "disk" or (place.kind == "polygon" and len(place.vertices) > MANY)):
+        return episode
+    deadline = working_time() + seconds
+    for order in orders:
+        task = replace(_task(episode, order, episode.seed), deadline=deadline)
+        plans = [
+            plan
+            for first, query in task.departures()
+            for chain in improved_chains(query, wide=True)
+            for plan in plan_chain(task, first, chain, query)
+        ]
+        episode = _with_shortest(episode, task, order, plans)
+    return episode
 
 
 def _planned_again(
