@@ -415,6 +415,7 @@ def _planned_wider(
     from shoal.jit import working_time
     from shoal.steering.planners.chains import MANY
     from shoal.steering.planners.improvement import improved_chains
+    from shoal.steering.planners.shortest import greedy_seeds
     from shoal.steering.planners.task import plan_chain
 
     place = episode.problem.place
@@ -426,7 +427,7 @@ def _planned_wider(
         plans = [
             plan
             for first, query in task.departures()
-            for chain in improved_chains(query, wide=True)
+            for chain in improved_chains(query, greedy_seeds(query, task), wide=True)
             for plan in plan_chain(task, first, chain, query)
         ]
         episode = _with_shortest(episode, task, order, plans)

@@ -367,9 +367,9 @@ def improved_chains(
     pool = ChainPool(query, thorough, WIDE_WIDTH if wide else WIDTH)
     for chain in seeds:
         pool.add_seed(chain)
-    disk = round_query(query)
-    for chain in [] if disk is None else improved_chains(disk, thorough=thorough, wide=wide):
-        pool.add_seed(restore_sides(query, disk, chain))
+    if (disk := round_query(query)) is not None:
+        for chain in improved_chains(disk, thorough=thorough, wide=wide):
+            pool.add_seed(restore_sides(query, disk, chain))
     for cycles in CYCLES:
         for chain in chains_of(
             query, cycles, inf if pool.best is None else NEARLY * pool.best.length
