@@ -367,10 +367,18 @@ def improved_chains(
     pool = ChainPool(query, thorough, WIDE_WIDTH if wide else WIDTH)
     for chain in seeds:
         pool.add_seed(chain)
-    if (disk := round_query(query)) is not None:
-        for chain in improved_chains(disk, thorough=thorough, wide=wide):
-            pool.add_seed(restore_sides(query, disk, chain))
-    for cycles in CYCLES:
+    from_disk = (
+        []
+        if (disk := round_query(query)) is None
+        else [
+            restore_sides(query, disk, chain)
+            for chain in improved_chains(disk, thorough=thorough, wide=wide)
+        ]
+    )
+    for chain in from_disk:
+        pool.add_seed(chain)
+    # those of a disk were never longer than those of a few sides
+    for cycles in () if from_disk else CYCLES:
         for chain in chains_of(
             query, cycles, inf if pool.best is None else NEARLY * pool.best.length
         ):
