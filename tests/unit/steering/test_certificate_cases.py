@@ -96,7 +96,12 @@ def is_case(pattern, contacts, count, runs):
             for end in range(begin, len(contacts) + 1):
                 part = contacts[begin:end]
                 if isinstance(item, HoldGap):
-                    reached |= {end} if _is_gap(item, part, count) else set()
+                    # beside a run that has all contacts of its particle up to the gap
+                    again = part and (
+                        (before and before.whole[1] and part[0][0] == before.particle)
+                        or (after and after.whole[0] and part[-1][0] == after.particle)
+                    )
+                    reached |= {end} if _is_gap(item, part, count) and not again else set()
                 elif _is_hold(item, part, count):
                     whole = not (
                         (after == HoldGap() and _same(part[-1], [*contacts, (2, 2)][end], runs))

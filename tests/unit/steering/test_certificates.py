@@ -12,9 +12,19 @@ import pytest
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
-from shoal.steering import SteeringProblem, certify, check_certificate, cylinder, polygon
+from shoal.steering import (
+    SteeringProblem,
+    certify,
+    check_certificate,
+    cylinder,
+    disk,
+    polygon,
+    prism,
+    regular_polygon,
+)
 from shoal.steering.certificates import _with_bound, check_certificate_of
 from shoal.steering.certificates.check import _BITS, _angle, _RoundWalls
+from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.run import run
 
 pytest.importorskip("clarabel")
@@ -167,6 +177,100 @@ def test_wrong_certificates_of_disks_are_refused(round_certificate, name):
     assert not check_certificate(proof)
 
 
+@pytest.fixture(scope="module")
+def disk_certificate():
+    """Return a certificate of the same starts and goals in a disk within the square."""
+    place = disk(0.5, center=(0.5, 0.5))
+    return certify(run(SteeringProblem(place, START, GOAL)), seconds=0.02)
+
+
+def _of_disk(proof, other):
+    """Replace the proof by that for the disk, and keep the square as the stated workspace."""
+    proof.update(
+        {name: value for name, value in other.items() if name not in proof or name in SWAPPED}
+    )
+
+
+SWAPPED = ("trees", "lower_bound", "limit", "unit", "runs")
+PLANTED = {
+    # each proof is right, but one of another problem than the stated one
+    "disk": _of_disk,
+    "radius alone": lambda proof, other: proof.update(radius=0.5),
+    "height": lambda proof, other: proof.update(height=1.0),
+    "rings": lambda proof, other: proof.update(rings=[proof["corners"]]),
+    "directions": lambda proof, other: proof.update(directions=other["directions"]),
+    "runs": lambda proof, other: proof.update(runs=True),
+    # windows: the same tree for walls, starts or a tolerance that are not those of the problem
+    "wall moved": lambda proof, other: proof["corners"].__setitem__(1, [0.99, 0.0]),
+    "corner cut": lambda proof, other: proof["corners"].insert(1, [0.999, 0.0]),
+    "walls turned": lambda proof, other: proof["corners"].append(proof["corners"].pop(0)),
+    "starts changed over": lambda proof, other: proof["start"].reverse(),
+    "goals changed over": lambda proof, other: proof["goal"].reverse(),
+    "backwards": lambda proof, other: proof.update(start=proof["goal"], goal=proof["start"]),
+    "tolerance": lambda proof, other: proof.update(tolerance=0.0),
+    "goals for both": lambda proof, other: proof.update(interchangeable=True),
+    "three points": lambda proof, other: proof["start"].append([0.5, 0.5]),
+    # bounds: just above what is proven, by one unit of the last place or by its limit
+    "last place": lambda proof, other: proof.update(lower_bound=2 * proof["limit"]),
+    "limit": lambda proof, other: proof.update(
+        limit=proof["limit"] * 0.9, lower_bound=proof["lower_bound"]
+    ),
+    "unit": lambda proof, other: proof.update(unit=2 * proof["unit"]),
+    "negative unit": lambda proof, other: proof.update(unit=-proof["unit"]),
+    "kind": lambda proof, other: proof.update(kind="plan"),
+    # the tree: a case twice in place of another, and a proof for one order in place of two
+    "case twice": lambda proof, other: proof["trees"][0]["proof"].__setitem__(
+        -1, copy.deepcopy(proof["trees"][0]["proof"][-2])
+    ),
+    "order twice": lambda proof, other: proof["trees"].append(proof["trees"][0]),
+    "side": lambda proof, other: _first(proof, "choices").update(side="last"),
+    "choice for the other": lambda proof, other: _first(proof, "choices")["choices"][0].__setitem__(
+        0, 1 - _first(proof, "choices")["choices"][0][0]
+    ),
+    "place": lambda proof, other: _first(proof, "choices").update(place=1),
+    "no place": lambda proof, other: _first(proof, "choices").update(place=-1),
+    "negative number": lambda proof, other: _leaves(proof)[0]["slacks"].append([-1, 1.0]),
+    "infinite": lambda proof, other: _leaves(proof)[0].update(
+        norms=[[float("inf"), 0.0] for _ in _leaves(proof)[0]["norms"]]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_planted_certificate_is_refused(certificate, disk_certificate, name):
+    problem = SteeringProblem("square", START, GOAL)
+    proof = copy.deepcopy(certificate.proof)
+    PLANTED[name](proof, disk_certificate.proof)
+    assert proof != certificate.proof
+    assert not check_certificate_of(problem, proof)
+
+
+def test_no_random_damage_raises_a_bound(certificate):
+    """A damaged proof may still be one, but never of a bound above the plan."""
+    rng = np.random.default_rng(0)
+    length, accepted = certificate.episode.length, 0
+    problem = SteeringProblem("square", START, GOAL)
+    for _ in range(16):
+        proof = copy.deepcopy(certificate.proof)
+        nodes = proof["trees"][0]["proof"]
+        node = nodes[rng.integers(len(nodes))]
+        name = str(rng.choice(list(node)))
+        if isinstance(node[name], list) and node[name]:
+            one = int(rng.integers(len(node[name])))
+            if rng.integers(2):
+                node[name].pop(one)
+            else:
+                node[name].append(node[name][one])
+        else:
+            node[name] = int(rng.integers(-2, 9))
+        if rng.integers(2):
+            proof["lower_bound"] = length * float(rng.uniform(0.9, 1.1))
+        if check_certificate_of(problem, proof):
+            accepted += 1
+            assert proof["lower_bound"] <= length
+    assert accepted
+
+
 def test_antipodes_have_a_bound_from_the_law_of_growth():
     start, goal = [(-0.48, 0.02), (0.47, 0)], [(0.46, 0.03), (-0.48, -0.01)]
     episode = run(SteeringProblem("disk", start, goal))
@@ -271,6 +375,57 @@ def test_command(tmp_path, capsys):
     code, text = shown("square", "--check", path, "--json")
     assert (code, json.loads(text)["valid"]) == (1, False)
     assert shown(*words, "--check", path, "--certify", "1")[0] == 2
+
+
+RING = {
+    "type": "region",
+    "outline": [[0, 0], [3, 0], [3, 3], [0, 3]],
+    "obstacles": [[[1, 1], [2, 1], [2, 2], [1, 2]]],
+}
+THREE = [(0.2, 0.3), (0.5, 0.35), (0.7, 0.7)]
+SPATIAL = [(-0.2, 0, 0.3), (0.1, 0.1, 0.5)], [(0.2, 0, 0.3), (0.1, -0.2, 0.5)]
+KINDS = {
+    "ring": (RING, [(0.5, 0.5), (0.6, 0.9)], [(0.4, 1.5), (0.5, 1.9)], {}, "certificate"),
+    "cylinder": (cylinder(0.5, 1.0), *SPATIAL, {}, "shortest"),
+    "tube": (cylinder(0.5, 1.0, open_ends=True), *SPATIAL, {}, "shortest"),
+    "prism": (prism(regular_polygon(4), 1.0), *SPATIAL, {}, "certificate"),
+    "three": ("square", THREE, np.array(THREE) + 0.1, {}, "shortest paths"),
+    "three, any": ("square", THREE, THREE[::-1], {"interchangeable": True}, "shortest"),
+    "radius": ("square", START, GOAL, {"particle_radius": 0.02}, "shortest"),
+    "at the goal": ("square", START, START, {}, "certificate"),
+    # a translation by the tolerance: the search for a bound has no hold of which to make a plan
+    "near the goal": (
+        "square", START, [(0.2011, 0.3), (0.5, 0.3505)], {"tolerance": 0.001}, "shortest"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_each_kind_of_problem_has_a_gap(name):
+    place, start, goal, fields, bound = KINDS[name]
+    episode = run(SteeringProblem(place, start, goal, **fields))
+    assert episode
+    found = certify(episode, seconds=0.3)
+    assert found.gap is not None
+    assert found.bound == bound
+    assert 0 <= found.lower_bound <= found.episode.length
+
+
+@pytest.mark.parametrize("name", ["square", "disk"])
+def test_random_moves_of_three_particles_are_not_shorter_than_their_bound(name):
+    rng, nearest = np.random.default_rng(2), np.inf
+    for _ in range(30):
+        start = rng.uniform(-0.3, 0.3, size=(3, 2)) + (0.5 if name == "square" else 0)
+        moves = rng.normal(size=(rng.integers(1, 5), 2)) * rng.choice([0.1, 0.5])
+        length = float(np.linalg.norm(moves, axis=1).sum())
+        goal = SteeringProblem(name, start, start).world(gain=0.0).play(start, moves)[-1]
+        for any_goal in (False, True):
+            goals = goal[rng.permutation(3)] if any_goal else goal
+            problem = SteeringProblem(name, start, goals, interchangeable=any_goal)
+            least = geodesic_bound(problem, start, goals)
+            assert least <= length * (1 + 1e-9)
+            nearest = min(nearest, length / max(least, 1e-9))
+    assert nearest < 1.01
 
 
 def test_noise_has_no_certificate():

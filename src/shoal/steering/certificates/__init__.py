@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import count, permutations
+from itertools import count
 from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,8 @@ CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
+FOR_WIDER = 0.2
+"""Largest share of the time of a search at round walls for plans, before the search for a bound."""
 FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
@@ -151,13 +153,15 @@ def certify(
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
-    orders: Sequence[tuple[int, ...]] = (
-        list(permutations(range(2))) if problem.interchangeable else [(0, 1)]
-    )
+    # with more particles, there is no proof
+    orders: Sequence[tuple[int, ...]] = [(0, 1), (1, 0)] if problem.interchangeable else [(0, 1)]
+    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
+    begun = told = clock()
+    if episode and has_proof(problem) and not by_moves:
+        episode = _planned_wider(episode, orders, FOR_WIDER * seconds)
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
-    away = min(float(np.abs(end - start).max()) for end in ends) > problem.tolerance
-    least_moves = int(away)
+    least_moves = int(_is_away(problem, start, goal))
     searches, more = (
         _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
     )
@@ -165,7 +169,6 @@ def certify(
     if not searches:
         bounds = {"shortest": other, "shortest paths": geodesic_bound(problem, start, goal)}
         return _with_bound(episode, bounds, None, least_moves)
-    begun = told = clock()
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
     while (now := clock()) - begun < for_length:
@@ -207,7 +210,6 @@ def certify(
             f"the search made a wrong certificate; please report it: {checked.message}"
         )
     order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
-    by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     if place.kind == "polygon" and not by_moves:
         episode = _shortened(episode, order, search.shortest)
     if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
@@ -240,6 +242,16 @@ def _with_bound(
             " please report it"
         )
     return Certificate(replace(episode, lower_bound=least), least, proof, least_moves, name)
+
+
+def _is_away(problem: SteeringProblem, start: Points, goal: Points) -> bool:
+    """Return whether some particle must move."""
+    from scipy.optimize import linear_sum_assignment
+
+    away = np.abs(goal[None] - start[:, None]).max(axis=2) > problem.tolerance
+    if problem.interchangeable:
+        return bool(away[linear_sum_assignment(away)].any())
+    return bool(away.diagonal().any())
 
 
 def check_certifiable(problem: SteeringProblem, seconds: float) -> None:
@@ -376,6 +388,8 @@ def _shortened(
 
     walls = len(episode.problem.place.vertices)
     holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
+    if not holds:  # a translation, which is shorter only by the tolerance of the goals
+        return episode
     return improved(episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds])
 
 
@@ -400,6 +414,34 @@ def improved(
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
                 plans += plan_chain(task, first, chain, query)
     return _with_shortest(episode, task, order, plans)
+
+
+def _planned_wider(
+    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], seconds: float
+) -> SteeringEpisode:
+    """Return an episode with the shortest plan of a wider search of the planner `Shortest` for
+    chains, where walls are too many for a search for a bound to make plans of its own.
+    """
+    from shoal.jit import working_time
+    from shoal.steering.planners.chains import MANY
+    from shoal.steering.planners.improvement import improved_chains
+    from shoal.steering.planners.shortest import greedy_seeds
+    from shoal.steering.planners.task import plan_chain
+
+    place = episode.problem.place
+    if not (place.kind == "disk" or (place.kind == "polygon" and len(place.vertices) > MANY)):
+        return episode
+    deadline = working_time() + seconds
+    for order in orders:
+        task = replace(_task(episode, order, episode.seed), deadline=deadline)
+        plans = [
+            plan
+            for first, query in task.departures()
+            for chain in improved_chains(query, greedy_seeds(query, task), wide=True)
+            for plan in plan_chain(task, first, chain, query)
+        ]
+        episode = _with_shortest(episode, task, order, plans)
+    return episode
 
 
 def _planned_again(

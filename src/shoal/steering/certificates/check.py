@@ -23,7 +23,11 @@ WallArc = tuple[int, int, int]  # first wall, wall after the last, particle
 
 
 class _Hold(NamedTuple):
-    """Contacts of one particle; the ranges are those of their first, last, least and most walls."""
+    """Contacts of one particle; the ranges are those of their first, last, least and most walls.
+
+    ``whole`` says for the gap before and the gap after a run whether the next contact in it is one
+    of the other particle.
+    """
 
     particle: int
     first: Pair
@@ -31,6 +35,7 @@ class _Hold(NamedTuple):
     least: Pair
     most: Pair
     order: int = 0
+    whole: tuple[bool, bool] = (False, False)
 
 
 # An item of a pattern is a hold, or a gap: a list of its arcs, or None for all contacts.
@@ -276,7 +281,7 @@ class _Task:
         holds = []
         for particle, begin, end in node["choices"]:
             _arc((begin, end, particle))
-            holds.append(self._hold(particle, (begin, end), backwards=backwards))
+            holds.append(self._hold(particle, (begin, end), item, backwards=backwards))
         covered = [
             self._mask(arc, 0) | self._mask(arc, 1)
             for arc in [*known, *((*given[1:], given[0]) for given in node["choices"])]
@@ -306,18 +311,26 @@ class _Task:
             )
         ]
 
-    def _hold(self, particle: int, between: Pair, *, backwards: bool) -> _Hold:
-        """Return the hold that begins (or ends) with a range of walls."""
-        whole = between
-        if self.runs:  # numbers of all walls, from half a turn before the range
+    def _hold(self, particle: int, between: Pair, gap: Item, *, backwards: bool) -> _Hold:
+        """Return the hold of a gap that begins (or ends) with a range of walls.
+
+        A run has all contacts of its particle up to the first contact of the other one, or up to
+        the end of the gap; all are with the arcs of the gap.
+        """
+        if not self.runs:
+            if between[1] - between[0] != 1:
+                raise _WrongError("a hold that is no run has several walls")
+            return _Hold(particle, between, between, between, between)
+        arcs = [arc for arc in gap if arc[2] == particle] if isinstance(gap, list) else []
+        if len(arcs) == 1:
+            every = arcs[0][:2]
+        else:  # numbers of all walls, from half a turn before the range
             first = (between[0] + between[1]) // 2 - self.walls.count // 2
-            whole = first, first + self.walls.count
-            if not whole[0] <= between[0] < between[1] <= whole[1]:
-                raise _WrongError("a range is more than a turn")
-        elif between[1] - between[0] != 1:
-            raise _WrongError("a hold that is no run has several walls")
-        begins, ends = (whole, between) if backwards else (between, whole)
-        return _Hold(particle, begins, ends, whole, whole)
+            every = first, first + self.walls.count
+        if not every[0] <= between[0] < between[1] <= every[1]:
+            raise _WrongError("a range is more than a turn, or more than its arc")
+        begins, ends = (every, between) if backwards else (between, every)
+        return _Hold(particle, begins, ends, every, every, 0, (backwards, not backwards))
 
     def _mask(self, arc: WallArc, particle: int) -> int:
         """Return the walls of an arc of a particle as bits, those of particle 1 after all of 0."""
@@ -345,12 +358,12 @@ class _Task:
         if known or neighbour is None:
             return needed
         if self.runs:
-            if gap is None:  # the neighbour has all contacts of its particle
+            if neighbour.whole[not backwards]:
                 needed &= ~self._mask((0, count, neighbour.particle), neighbour.particle)
             return needed
         for wall in range(count):
             for particle in (0, 1):
-                hold = self._hold(particle, (wall, wall + 1), backwards=backwards)
+                hold = self._hold(particle, (wall, wall + 1), gap, backwards=backwards)
                 pair = (hold, neighbour) if backwards else (neighbour, hold)
                 if self.opposite(*pair) or self.repeats(*pair):
                     needed &= ~self._mask((wall, wall + 1, particle), particle)
@@ -680,7 +693,7 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
         inner = [(max(one, low), min(other, high)) for one, other in ranges]
         if all(one < other for one, other in inner):
             first_, last, least, most = inner
-            found.append(_Hold(hold.particle, first_, last, least, most, hold.order))
+            found.append(_Hold(hold.particle, first_, last, least, most, hold.order, hold.whole))
     return found
 
 

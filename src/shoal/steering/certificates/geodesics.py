@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from itertools import combinations, permutations
 from math import inf
 from typing import Any
@@ -21,7 +23,9 @@ def geodesic_bound(problem: SteeringProblem, start: Points, goal: Points) -> flo
 
     A plan is at least as long as the path of each particle. Without sliding, a plan of two
     particles is at least as long as half of the sum of their paths and of the change of their
-    difference, because an input that does not move one of them changes the difference.
+    difference, because an input that does not move one of them changes the difference. A plan is
+    one for each two of its particles, so in a convex workspace it is at least as long as the bound
+    of the planner `Shortest` for them.
     """
     space = problem.world().free_space
     paths = geodesics(space, start, goal)
@@ -32,9 +36,33 @@ def geodesic_bound(problem: SteeringProblem, start: Points, goal: Points) -> flo
     )
     if problem.interchangeable and len(start) > _MOST:
         return max(float(paths.min(axis=1).max()) - problem.tolerance, 0.0)
-    return max(
-        min(_bound(problem, start, goal[list(o)], paths[range(len(o)), o]) for o in orders), 0.0
-    )
+    pairs = _pair_bounds(problem, start, goal) if isinstance(space, ConvexWorkspace) else None
+    found = []
+    for o in orders:
+        least = _bound(problem, start, goal[list(o)], paths[range(len(o)), o])
+        if pairs is not None:
+            for one, other in combinations(range(len(o)), 2):
+                least = max(least, pairs(one, other, o[one], o[other]))
+        found.append(least)
+    return max(min(found), 0.0)
+
+
+def _pair_bounds(
+    problem: SteeringProblem, start: Points, goal: Points
+) -> Callable[[int, int, int, int], float]:
+    """Return a function with the bound for two particles, by their numbers and those of their
+    goals.
+    """
+    from shoal.steering.planners.task import SteeringTask
+
+    world = problem.world(gain=0.0)
+
+    @cache
+    def bound(one: int, other: int, first: int, second: int) -> float:
+        ends = start[[one, other]], goal[[first, second]]
+        return SteeringTask(world, *ends, problem.tolerance, problem.max_moves, 0).lower_bound()
+
+    return bound
 
 
 def _bound(

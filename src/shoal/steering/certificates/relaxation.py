@@ -49,6 +49,9 @@ class Hold(NamedTuple):
     ``first`` and ``last`` are ranges of the walls of the first and of the last contact, ``least``
     and ``most`` of the walls with the lowest and the highest number. ``order`` is 1 if the contact
     with the lowest number comes before that with the highest, -1 if after it, 0 if unknown.
+
+    ``whole`` says for both sides whether the run has all contacts of its particle up to the gap
+    there, so that the first contact of this gap is one of the other particle.
     """
 
     particle: int
@@ -57,6 +60,7 @@ class Hold(NamedTuple):
     least: Range
     most: Range
     order: int = 0
+    whole: tuple[bool, bool] = (False, False)
 
     def range(self, name: str) -> Range:
         """Return the range of a contact by its name."""
@@ -216,16 +220,23 @@ class Walls(Protocol):
         """Return normals (n, 2) and offsets (n,) of the flat walls."""
         ...
 
-    def hold(self, particle: int, between: Range, *, right: bool) -> Hold:
+    def hold(
+        self, particle: int, between: Range, *, right: bool, gap: Iterable[WallArc] | None = None
+    ) -> Hold:
         """Return the hold that begins (or, from the right, ends) with a range of walls. If it is a
-        run, it may have all walls, from half a turn before the middle of the range on.
+        run, it may have all walls of its particle in the gap.
+
+        These are the only arc of its particle, or all walls, from half a turn before the middle of
+        the range on.
         """
-        whole = between
+        every = between
         if self.runs:
+            arcs = [arc for arc in gap or () if arc.particle == particle]
             first = (between[0] + between[1]) // 2 - self.count // 2
-            whole = first, first + self.count
-        begins, ends = (whole, between) if right else (between, whole)
-        return Hold(particle, begins, ends, whole, whole)
+            every = arcs[0][:2] if len(arcs) == 1 else (first, first + self.count)
+        begins, ends = (every, between) if right else (between, every)
+        whole = (right, not right) if self.runs else (False, False)
+        return Hold(particle, begins, ends, every, every, 0, whole)
 
     def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
         """Return the inward unit normal of the wall of an arc nearest a point, and the distance."""
@@ -401,14 +412,16 @@ class Relaxation:
         settings.verbose, settings.presolve_enable = False, False
         settings.chordal_decomposition_enable, settings.max_threads = False, 1
         self._settings = settings
+        # of a narrow run around its first or last contact
+        self.margin = max(self.walls.count // (4 * NARROW), 1)
         self._distances: dict[tuple[Range, int, bool], float] = {}
 
     def follows(self, first: Hold, second: Hold, *, every: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
         of the particles.
 
-        If ``every``, one of them is beside a gap of all contacts, and so has all contacts up to it
-        that it may have.
+        If ``every``, one of them is beside a gap that contained the other, and has all contacts up
+        to it that it may have.
         """
         count = self.walls.count
         if self.walls.runs:
@@ -539,7 +552,7 @@ class Relaxation:
         """Return the contact of a run to divide, and where, so that in the end the run either stays
         within about a sixteenth of a turn or certainly travels; None if it does.
         """
-        margin = max(self.walls.count // (4 * NARROW), 1)
+        margin = self.margin
         near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
         if near[1] - near[0] > 2 * margin:
             return ("first" if near is hold.first else "last"), (near[0] + near[1]) // 2
@@ -860,10 +873,12 @@ def gap_branching(
     choices = []
     for arc in every:
         for rest in _without(arc, excluded, walls.count):
-            hold = walls.hold(arc.particle, rest, right=right)
+            hold = walls.hold(arc.particle, rest, right=right, gap=gap.holds)
             if not known and isinstance(neighbour, Hold):
                 pair = (hold, neighbour) if right else (neighbour, hold)
-                if not relaxation.follows(*pair, every=gap.holds is None):
+                # the neighbour has all contacts up to the gap that it may have
+                every_one = neighbour.whole[not right] if walls.runs else gap.holds is None
+                if not relaxation.follows(*pair, every=every_one):
                     continue
             choices.append(hold)
     return GapBranching(place, known, right, tuple(choices))
@@ -882,7 +897,7 @@ def use_branchings(
         WallArc(*part, particle) for part in walls.base for particle in (0, 1)
     )
     for arc in sorted(every) if len(every) > 1 else []:
-        hold = walls.hold(arc.particle, arc[:2], right=right)
+        hold = walls.hold(arc.particle, arc[:2], right=right, gap=gap.holds)
         yield GapBranching(place, every - {arc}, right, (hold,))
 
 
@@ -941,5 +956,5 @@ def halves(hold: Hold, how: HoldBranching) -> list[Hold]:
         ]
         if all(one < other for one, other in ranges):
             begins, ends, least, most = ranges
-            found.append(Hold(hold.particle, begins, ends, least, most, hold.order))
+            found.append(Hold(hold.particle, begins, ends, least, most, hold.order, hold.whole))
     return found

@@ -11,7 +11,6 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.relaxation import (
-    NARROW,
     Bound,
     Branching,
     GapBranching,
@@ -217,7 +216,7 @@ def _branching(
     near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
     known = frozenset(near[:2])
     widest = max((arc.end - arc.first for arc in known), default=0)
-    if len(known) < 2 or (relaxation.walls.runs and widest > relaxation.walls.count // NARROW):
+    if len(known) < 2 or (relaxation.walls.runs and widest > 4 * relaxation.margin):
         known = frozenset()
     # few holds in turn, again and again, become one gap
     for count in () if relaxation.walls.runs else (4, 3):

@@ -14,6 +14,8 @@ from shoal.steering.certificates.check_routes import route_values
 
 _SIZES = ("lower_bound", "unit", "limit", "tolerance", "radius", "height")
 _PLACES = ("center", "corners", "rings", "start", "goal", "directions")
+_WORKSPACES = ({"corners"}, {"corners", "height"}, {"center", "radius", "directions"}, {"rings"})
+"""Fields of the workspaces. With those of two, a proof for one could be taken for the other's."""
 _MOST_NUMBERS = 100_000  # of the problem that a certificate states
 
 
@@ -33,6 +35,9 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
     try:
         _check_numbers([certificate[name] for name in _SIZES if name in certificate], deepest=1)
         _check_numbers([certificate[name] for name in _PLACES if name in certificate], deepest=4)
+        stated = set[str]().union(*_WORKSPACES) & set(certificate)
+        if stated not in _WORKSPACES:
+            raise _WrongError(f"expected the fields of one workspace, got {sorted(stated)}")
         bound = Fraction(certificate["lower_bound"])
         by_routes = "rings" in certificate or "height" in certificate
         orders = [tree["order"] for tree in certificate["trees"]]

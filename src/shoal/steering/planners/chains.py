@@ -20,7 +20,7 @@ from shoal.jit import working_time
 from shoal.steering.kernels.chain import ChainKind, new_work, shorten_chain
 from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.workspaces.convex import Points
-from shoal.steering.workspaces.walls import NormalizedWalls, with_few_sides
+from shoal.steering.workspaces.walls import NormalizedWalls, with_few_sides, with_round_wall
 
 _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
@@ -478,9 +478,17 @@ def reduce_sides(query: ChainQuery) -> ChainQuery:
     return query if found is None else replace(query, walls=found)
 
 
+def round_query(query: ChainQuery) -> ChainQuery | None:
+    """Return a copy of the query in a disk around the polygon, or None if the polygon has at most
+    `MANY` sides or is not nearly round.
+    """
+    found = with_round_wall(query.walls) if query.walls.sides > MANY else None
+    return None if found is None else replace(query, walls=found)
+
+
 def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved from the walls of the query ``few`` to the nearest
-    walls of the whole polygon.
+    """Return a chain whose contacts have moved from the walls of the query ``few``, a polygon with
+    fewer sides or a disk, to the nearest walls of the whole polygon.
 
     The attribute ``length`` of the result is a copy of the length of ``chain``, not the exact
     length after the contacts have moved.
@@ -489,7 +497,7 @@ def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     sides, on = walls.sides, chain.walls.copy()
     unknowns = chain.unknowns.copy()
     for m, contact in enumerate(chain.contacts(few.walls)):
-        if chain.walls[m] >= few.walls.sides:
+        if few.walls.sides <= chain.walls[m] < len(few.walls.normals):  # an end cap
             on[m] += sides - few.walls.sides
             continue
         outward = -(walls.normals[:sides, :2] @ contact[:2]) / -walls.offsets[:sides]

@@ -27,6 +27,8 @@ from shoal.steering.planners.chains import (
     Chain,
     ChainQuery,
     refine_chain,
+    restore_sides,
+    round_query,
     slide_contacts,
 )
 from shoal.steering.workspaces.convex import Points
@@ -41,6 +43,8 @@ MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
 TRIES = 90  # number of changed chains
+# with more time, for example that of a certificate: on some disks, plans are 2 % shorter
+WIDE_WIDTH, WIDE_TRIES = 16, 400
 # of them before chains of three cycles: with the clearance, a changed chain of two cycles may give a
 # plan 12 % shorter (test_the_clearance_does_not_make_plans_needlessly_longer, 5 sides)
 EARLY = 30
@@ -63,6 +67,7 @@ class ChainPool:
 
     query: ChainQuery
     fine: bool = True  # whether changed chains that are nearly the shortest are refined
+    width: int = WIDTH
     chains: list[Chain] = field(default_factory=list)
     _known: set[tuple[object, ...]] = field(default_factory=set)
     # keep a reference, so that the id is not used again
@@ -82,7 +87,7 @@ class ChainPool:
         if not self.chains:
             return inf
         return min(
-            self.chains[-1].length if len(self.chains) >= WIDTH else inf,
+            self.chains[-1].length if len(self.chains) >= self.width else inf,
             SLACK * self.chains[0].length,
         )
 
@@ -103,7 +108,7 @@ class ChainPool:
             other for other in self.chains if other not in alike or other.length < chain.length
         ] + [chain]
         self.chains.sort(key=lambda chain: chain.length * (1 + _WORTH * chain.cycles))
-        del self.chains[WIDTH:]
+        del self.chains[self.width :]
         return True
 
     def add_seed(self, chain: Chain) -> None:
@@ -342,7 +347,7 @@ def _new_contacts(
 
 
 def improved_chains(
-    query: ChainQuery, seeds: Iterable[Chain] = (), *, thorough: bool = True
+    query: ChainQuery, seeds: Iterable[Chain] = (), *, thorough: bool = True, wide: bool = False
 ) -> list[Chain]:
     """Return the shortest chains that the search finds, with any number of cycles, sorted by
     length; the list may be empty.
@@ -356,11 +361,24 @@ def improved_chains(
     thorough : bool
         Whether all kinds of four cycles are tried, too, where there are few walls, and whether nearly
         shortest chains are refined before they are compared.
+    wide : bool
+        Whether more chains are changed, which takes about four times as long.
     """
-    pool = ChainPool(query, thorough)
+    pool = ChainPool(query, thorough, WIDE_WIDTH if wide else WIDTH)
     for chain in seeds:
         pool.add_seed(chain)
-    for cycles in CYCLES:
+    from_disk = (
+        []
+        if (disk := round_query(query)) is None
+        else [
+            restore_sides(query, disk, chain)
+            for chain in improved_chains(disk, thorough=thorough, wide=wide)
+        ]
+    )
+    for chain in from_disk:
+        pool.add_seed(chain)
+    # those of a disk were never longer than those of a few sides
+    for cycles in () if from_disk else CYCLES:
         for chain in chains_of(
             query, cycles, inf if pool.best is None else NEARLY * pool.best.length
         ):
@@ -372,7 +390,7 @@ def improved_chains(
     if few and pool.best is not None:
         for chain in chains_of(query, CYCLES[-1] + 1, pool.best.length):
             pool.add(chain)
-    pool.improve(TRIES)
+    pool.improve(WIDE_TRIES if wide else TRIES)
     shortest: dict[int, Chain] = {}  # the shortest chain of each number of cycles
     for chain in sorted(pool.chains, key=lambda chain: chain.length):
         shortest.setdefault(chain.cycles, chain)

@@ -158,7 +158,7 @@ class Shortest:
         # the shortest chains may drive out all those whose plans stand disturbances
         for thorough in (True, False):
             for first, query in task.departures():
-                for chain in improved_chains(query, _greedy_seeds(query, task), thorough=thorough):
+                for chain in improved_chains(query, greedy_seeds(query, task), thorough=thorough):
                     plans += plan_chain(task, first, chain, query)
             if task.late or any(task.is_sure(plan) for plan in plans[1:] if plan is not None):
                 break
@@ -167,7 +167,7 @@ class Shortest:
         return choose(task, plans)
 
 
-def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
+def greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
     """Return a list with the chain of the planner `greedy`, or an empty list if `greedy` finds no
     chain.
     """

@@ -180,6 +180,22 @@ def _with_frames(
     )
 
 
+_ROUND = 0.95  # least ratio of the distances of sides and corners of a polygon that is nearly round
+
+
+@lru_cache(maxsize=64)
+def with_round_wall(walls: NormalizedWalls) -> NormalizedWalls | None:
+    """Return a disk around a polygon, or None if the polygon is not nearly round."""
+    if walls.dimensions != 2 or not walls.sides:
+        return None
+    radius = float(np.hypot(*walls.corners.T).max())
+    if -walls.offsets.max() < _ROUND * radius:
+        return None
+    nothing = np.zeros((0, 2))
+    circle = np.array([0.0, 0.0, radius])
+    return _with_frames(nothing, nothing, np.zeros(0), circle, 0.0, walls.scale, walls.origin, None)
+
+
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
     """Return the walls of a polygon or prism with at most ``count`` of its sides, or None if the
