@@ -6,7 +6,11 @@ import json
 
 import pytest
 
+from shoal import InvalidInputError
 from shoal.cli import run
+from shoal.studio.answers.lab import new_sweep
+from shoal.studio.folder import Folder
+from shoal.studio.work import run_missing_trials
 
 SWEEP = """name = "a"
 trials = 2
@@ -97,3 +101,29 @@ def test_targets_that_were_missed_are_counted(capsys):
     assert json.loads(capsys.readouterr().out)["targets"] == {"there": 3, "found": 1}
     assert run([*told, "--detection", "0.2"]) == 0
     assert "1 of 3 found" in capsys.readouterr().out
+
+
+def test_a_sweep_of_the_studio_keeps_the_files_of_others(tmp_path):
+    folder, mine = Folder(tmp_path), "# my notes\n" + SWEEP
+    (tmp_path / "a.toml").write_text(mine)
+    other = SWEEP.replace('"a"', '"b"')
+    with pytest.raises(InvalidInputError, match=r"store: expected one whose file a\.toml is free"):
+        run_missing_trials(folder, {"toml": other, "store": "a.sqlite"}, lambda *_: None)
+    assert (tmp_path / "a.toml").read_text() == mine
+    with pytest.raises(InvalidInputError, match="sweep: expected b, got 'c'"):
+        run_missing_trials(folder, {"toml": other, "sweep": "c"}, lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {"sweep": {"name": "x", "problem": 5}},
+        {"sweep": {"name": "x", "problem": {"kind": "line"}, "axes": [1]}},
+        {"toml": SWEEP.replace("[1, 2]", "[2024-01-01]")},
+        {"toml": SWEEP.replace("[1, 2]", "[nan]")},
+    ],
+)
+def test_a_draft_of_a_sweep_is_answered_whatever_is_typed(tmp_path, about):
+    answer = new_sweep(Folder(tmp_path), about)
+    assert "expected" in answer["error"]
+    json.dumps(answer, allow_nan=False)

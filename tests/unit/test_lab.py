@@ -7,6 +7,7 @@ import pytest
 from tests.swarm_runs import run, run_trials
 
 from shoal import InvalidInputError, open_map
+from shoal.lab import Store, Sweep, run_sweep
 
 PROBLEMS = [
     {"policy": "closest-frontier"},
@@ -80,3 +81,15 @@ def test_a_local_policy_runs_alone_and_is_refused_in_processes():
     assert len(run_trials(workspace, trials=3, workers=1, policy=local, particles=3)) == 3
     with pytest.raises(InvalidInputError, match="other processes can import"):
         run_trials(workspace, trials=3, workers=2, policy=local, particles=3)
+
+
+def test_only_some_points_of_a_sweep_run(tmp_path):
+    sweep = Sweep("a", {"kind": "line", "cells": 9}, {"particles": [1, 2]}, trials=3)
+    path = tmp_path / "a.sqlite"
+    status = run_sweep(sweep, path, workers=0, only={"particles": (2,)})
+    assert (status.done, status.total) == (3, 6)
+    with Store(path) as store:
+        assert {row[0] for row in store.rows("a")} == {2}
+    assert run_sweep(sweep, path, workers=0).done == 6
+    with pytest.raises(InvalidInputError, match="workers: expected a whole number, 0 or more"):
+        run_sweep(sweep, path, workers=-1)  # although nothing is left to do
