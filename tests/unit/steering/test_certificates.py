@@ -390,7 +390,6 @@ KINDS = {
     "tube": (cylinder(0.5, 1.0, open_ends=True), *SPATIAL, {}, "shortest"),
     "prism": (prism(regular_polygon(4), 1.0), *SPATIAL, {}, "certificate"),
     "three": ("square", THREE, np.array(THREE) + 0.1, {}, "shortest paths"),
-    "three, any": ("square", THREE, THREE[::-1], {"interchangeable": True}, "shortest"),
     "radius": ("square", START, GOAL, {"particle_radius": 0.02}, "shortest"),
     "at the goal": ("square", START, START, {}, "certificate"),
     # a translation by the tolerance: the search for a bound has no hold of which to make a plan

@@ -30,7 +30,7 @@ CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
-FOR_WIDER = 0.2
+FOR_WIDER = 0.5
 """Largest share of the time of a search at round walls for plans, before the search for a bound."""
 FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
@@ -55,7 +55,7 @@ class Certificate:
         No plan has fewer moves. The proof is part of ``proof``; without it, this is at most 1.
     bound : str
         What ``lower_bound`` is: "certificate", proven by ``proof``; "shortest", the bound of the
-        planner `Shortest`, if it is greater or there is no proof; or "shortest paths" of single
+        planner `Shortest`, if it is greater or there is no proof; or "shortest paths" of one or two
         particles.
     """
 
@@ -90,7 +90,7 @@ class Certificate:
         source = {
             "certificate": "a proof that was checked",
             "shortest": "the bound of the planner shortest",
-            "shortest paths": "the shortest paths of single particles",
+            "shortest paths": "the shortest paths of one or two particles",
         }[self.bound]
         less = ""
         if self.proof is not None and self.bound != "certificate":

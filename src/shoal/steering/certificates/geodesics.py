@@ -1,4 +1,4 @@
-"""Lower bounds for any workspace and any number of particles, by shortest paths of single ones."""
+"""Lower bounds for any workspace and any number of particles, by shortest paths of one or two."""
 
 from __future__ import annotations
 
