@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from tests.browser.studio import Form, Studio, run_and_load, tab, written_by
 from tests.browser.waiting import until
 
@@ -202,7 +202,7 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     # each plan that comes draws the points anew
-    until(page, "document.querySelectorAll('.plan:not([disabled])').length === 3")
+    expect(page.locator(".plan", has_text="moves, length")).to_have_count(3)
     page.get_by_role("button", name="Goal 1 at").scroll_into_view_if_needed()
     box = page.get_by_role("button", name="Goal 1 at").bounding_box()
     assert box is not None

@@ -209,6 +209,7 @@ export function search({ remember }) {
     missions.form.write(options);
     launch.forget();
     drawing.load(told);
+    canvas.show(drawing.points); // before its plan is there
     if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null))
       guarded(() => underlay.load(under))();
     choice.show();

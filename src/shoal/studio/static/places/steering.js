@@ -695,7 +695,7 @@ export function steering({ remember }) {
   const spaceBox = el(
     "figure.delta",
     {},
-    el("figcaption", {}, "Δ space: where particle 2 is, seen from particle 1"),
+    el("figcaption", {}, "Δ space: particle 2, seen from particle 1"),
     space,
     reachWord,
   );

@@ -109,6 +109,7 @@ export class Drawing {
     const kind = this.tool,
       start = this.snap(from);
     let ring = null;
+    this.sketching = true;
     return {
       move: (spot) => {
         ring = make(start, this.snap(back(spot))).map(rounded);
@@ -123,13 +124,17 @@ export class Drawing {
         this.measure(`${sides}, area ${surface(area(ring))}`);
       },
       end: () => {
+        this.sketching = false;
         this.sketched.remove();
         if (!ring || area(ring) < (4 / this.canvas.scale) ** 2) return this.measure("");
         this.told[kind].push(ring);
         this.pick(LOOK);
         return this.changed({ closed: true });
       },
-      cancel: () => this.sketched.remove(),
+      cancel: () => {
+        this.sketching = false;
+        this.sketched.remove();
+      },
     };
   }
 
@@ -226,8 +231,10 @@ export class Drawing {
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
     this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
-    this.measured.textContent = "";
-    this.guide.hidden = !this.hint.textContent;
+    // a plan that comes does not take the shape out of the hand
+    if (this.sketching) this.layer.append(this.sketched);
+    else this.measured.textContent = "";
+    this.guide.hidden = !this.hint.textContent && !this.measured.textContent;
     const corners =
       this.points.length <= MOST_HANDLES
         ? [PART, ZONE].flatMap((kind) =>
