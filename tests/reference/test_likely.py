@@ -107,7 +107,7 @@ def test_the_latency_of_an_order_is_the_sum_over_its_cells(seed, monkeypatch):
 
 def greedily_searched_at(tour_cost, starts, rates):
     """Return when each cell is searched if robots go on to the cell with the largest probability
-    over the time that it takes and the cube of the way without turns.
+    over the time that it takes and, if turns cost nothing, the cube of the way.
     """
     n, m = len(tour_cost), len(starts)
     points, weights = tour_cost.points, tour_cost.odds + _UNLIKELY / n
@@ -119,8 +119,7 @@ def greedily_searched_at(tour_cost, starts, rates):
             ways = [1.0 + float(np.linalg.norm(points[k] - points[starts[robot]])) for k in left]
         else:
             ways = [1.0 + tour_cost.way(here[robot], k) for k in left.tolist()]
-        price = 0.0 if here[robot] is None else tour_cost.turn_cost
-        near = np.maximum(np.array(ways) - price, 1.0)
+        near = np.ones(len(left)) if tour_cost.turn_cost else np.array(ways)
         chosen = int(np.argmax(weights[left] / (ways * near**3)))
         here[robot] = int(left[chosen])
         ready[robot] += ways[chosen]

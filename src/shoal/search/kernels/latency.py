@@ -605,9 +605,9 @@ def _ends_in_time(routes, ends):
 @in_place_kernel
 def _go_on_greedily(blocks, routes):
     """Make new routes: whenever a robot is ready, it goes on to the block with the largest
-    probability over the time that the block takes with the way to it, and over the cube of the
-    way without the cost of leaving the tour: routes that rather stay near leave no small gaps, which
-    would be far away later.
+    probability over the time that the block takes with the way to it. If leaving the tour costs
+    nothing, the probability is divided by the cube of the way, too: routes that rather stay near
+    leave no small gaps, which would be far away later.
 
     No block has more than its probability over the least time that it takes: what cannot be better
     than the best so far is not tried.
@@ -656,10 +656,9 @@ def _more_likely(blocks, routes, r, ready, block, chosen, most):
     place of a route, with the number by which they are compared.
     """
     i = routes.counts[r]
-    price = blocks.leaving if i else 0.0
     for item in range(2 * block, 2 * block + 2):
         way = _arrival(blocks, routes, r, i, item) - ready
-        near = max(way - price, STEP)
+        near = 1.0 if blocks.leaving > 0 else way
         rate = blocks.weights[block] / ((way + blocks.times[block]) * near * near * near)
         if rate > most or (rate == most and item < chosen):
             chosen, most = item, rate

@@ -834,9 +834,12 @@ def _in_likely_order(
     keeps the limit beside the plain plan.
 
     Where a robot leaves the tour, vehicles need more time for their turns than the cost in cells
-    tells: what they need more is then counted for each such break of the tour.
+    tells: what they need more is then counted for each such break of the tour, as long as the plan
+    does not keep the limit, or finds the target earlier for it.
     """
     limit, price = problem.at_most, 0.0
+    best: SearchPlan | None = None
+    earliest = inf
     least = plan.allocation.makespan / plain.allocation.makespan
     for _ in range(_TRIES):
         cost = replace(plan.tour_cost, at_most=max(limit / least, 1e-9), break_cost=price)
@@ -846,13 +849,21 @@ def _in_likely_order(
         if seconds <= limit * plain.planned_seconds * (1 + 1e-9) and (
             not refused or plain.refusal is not None
         ):
-            return trial
+            if not trial.flies:
+                return trial
+            time = _expected_time(trial, problem)
+            if time >= earliest:
+                break
+            best, earliest = trial, time
         # what the time by cells leaves out, for each break of the tour
         beyond = seconds / plain.planned_seconds
         beyond -= trial.allocation.makespan / plain.allocation.makespan
         breaks = max(len(work) for work in trial.allocation.work)
-        price += max(beyond * plain.allocation.makespan / breaks, _DEARER * (price + 1.0))
-    return None
+        dearer = beyond * plain.allocation.makespan / breaks
+        if best is not None and dearer <= _DEARER * price:
+            break
+        price += max(dearer, _DEARER * (price + 1.0))
+    return best
 
 
 def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> SearchPlan | None:
