@@ -91,6 +91,13 @@ def play(parts: list[str]) -> None:
             code = run([*words, "--json"])
         if code > 1:  # some tasks are not completed
             raise SystemExit(f"shoal {command}: exit code {code}")
+    if "steering" in parts:
+        from shoal.steering import SteeringProblem
+        from shoal.steering.driving import steer_rig
+        from shoal.steering.simulation import Apparatus
+
+        problem = SteeringProblem("square", [(0.2, 0.3), (0.5, 0.35)], [(0.6, 0.2), (0.7, 0.4)])
+        steer_rig(problem, Apparatus(problem.replaced(friction=2.0), problem.start, seed=1))
     if "swarm" in parts:
         play_batch()
     if "steering" in parts:

@@ -934,6 +934,7 @@ def test_commands(tmp_path, monkeypatch, capsys):
         "sweep": "corridors",
         "measure": "moves",
         "points": 4,
+        "left_out": 0,
         "out": "moves.svg",
     }
     assert "elect-particle" in Path("moves.svg").read_text()

@@ -240,6 +240,7 @@ def run_suite(
     ----------
     suite : Suite
     policies : iterable of str
+        Names of policies. Without a name, what is missing of the policies in the store runs.
     store : path
         Path of the store file, which is created if it does not exist.
     workers, on_progress
@@ -276,7 +277,7 @@ def run_suite(
         store,
         workers=workers,
         extend=True,
-        only={suite.policy: wanted},
+        only={suite.policy: wanted} if wanted else None,
         on_progress=on_progress,
     )
 

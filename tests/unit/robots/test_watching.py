@@ -153,7 +153,7 @@ def test_the_studio_watches_and_lets_go(task, air):
     open_radio(air.radio).close()  # the address is free again
     word, sentence = answer(folder, "watch", {**about, "radio": "udp:1"})
     assert word == "error"
-    assert "radio: expected" in sentence
+    assert "radio: expected" in sentence["error"]
 
 
 def test_with_a_prior_a_watch_tells_the_probability_of_success(tmp_path):

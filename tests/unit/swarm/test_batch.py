@@ -331,7 +331,7 @@ def ended_batch():
                 r" ended"
             ),
         ),
-        (lambda batch: batch.reset(seed=-1), "seed: expected a whole number, 0 or more, got -1"),
+        (lambda batch: batch.reset(seed=-1), "seed: expected a whole number from 0 to"),
         (lambda batch: batch.reset(seed=[1, 2]), "seed: expected 3 seeds, one per world, got 2"),
         (lambda batch: batch.reset(maps=1), "maps: expected 0 to 0, got 1 for world 0"),
         (
