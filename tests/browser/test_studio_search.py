@@ -436,9 +436,13 @@ def test_a_ring_keeps_its_commas(page, studio):
 
 def spot_of(page: Page, mark: str) -> tuple[float, float]:
     """The middle of a handle, in pixels of the page."""
-    x, y = page.locator(f"[data-mark={mark}] .touch").evaluate(
-        "(touch) => { const box = touch.getBoundingClientRect();"
-        " return [box.x + box.width / 2, box.y + box.height / 2]; }"
+    page.locator(f"[data-mark='{mark}']").wait_for()
+    # found and measured in one task: a plan that comes replaces all handles
+    x, y = page.evaluate(
+        "(mark) => { const touch = document.querySelector(`[data-mark='${mark}'] .touch`);"
+        " const box = touch.getBoundingClientRect();"
+        " return [box.x + box.width / 2, box.y + box.height / 2]; }",
+        mark,
     )
     return x, y
 

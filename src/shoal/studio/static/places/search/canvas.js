@@ -283,7 +283,9 @@ export function handle(
       gone = true;
       move(canvas.back(canvas.spotOf(moved)));
     };
-    const stop = () => {
+    const stop = (ended) => {
+      // where it is let go counts, whatever moves were told before
+      if (gone && ended.type === "pointerup") first(ended);
       plane.removeEventListener("pointermove", first);
       for (const kind of ["pointerup", "pointercancel"]) plane.removeEventListener(kind, stop);
       if (gone) done();

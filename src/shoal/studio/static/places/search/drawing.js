@@ -233,7 +233,7 @@ export class Drawing {
     this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
     // a plan that comes does not take the shape out of the hand
     if (this.sketching) this.layer.append(this.sketched);
-    else this.measured.textContent = "";
+    else if (!draft.length) this.measured.textContent = "";
     this.guide.hidden = !this.hint.textContent && !this.measured.textContent;
     const corners =
       this.points.length <= MOST_HANDLES
