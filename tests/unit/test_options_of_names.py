@@ -130,19 +130,16 @@ def own_things(tmp_path, monkeypatch):
 )
 def test_options_reach_what_is_named(words, field, name, made, own_things, tmp_path, capsys):
     if field != "task":  # of commands it is their name
-        assert (
-            command(
-                [
-                    *words,
-                    f"--{field}",
-                    f"own_things:{name}",
-                    "--out",
-                    str(tmp_path / "out"),
-                    "--json",
-                ]
-            )
-            == UNFINISHED.get(words, 0)
-        )
+        assert command(
+            [
+                *words,
+                f"--{field}",
+                f"own_things:{name}",
+                "--out",
+                str(tmp_path / "out"),
+                "--json",
+            ]
+        ) == UNFINISHED.get(words, 0)
         assert own_things.seen[0] == made
         json.loads(capsys.readouterr().out)
     fields = {
