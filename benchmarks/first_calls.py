@@ -92,12 +92,15 @@ def play(parts: list[str]) -> None:
         if code > 1:  # some tasks are not completed
             raise SystemExit(f"shoal {command}: exit code {code}")
     if "steering" in parts:
+        from shoal.rigs.physics import PlantProperties
+        from shoal.rigs.steering_plant import SteeringPlant
         from shoal.steering import SteeringProblem
         from shoal.steering.driving import steer_rig
-        from shoal.steering.simulation import Apparatus
 
-        problem = SteeringProblem("square", [(0.2, 0.3), (0.5, 0.35)], [(0.6, 0.2), (0.7, 0.4)])
-        steer_rig(problem, Apparatus(problem.replaced(friction=2.0), problem.start, seed=1))
+        start, goal = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
+        problem = SteeringProblem("square", start, goal, friction_at_least=1.0, max_moves=5)
+        about = PlantProperties.of("exact", friction=1.0)
+        steer_rig(problem, SteeringPlant(problem.place, start, about, np.random.default_rng(1)))
     if "swarm" in parts:
         play_batch()
     if "steering" in parts:
