@@ -641,8 +641,9 @@ def test_struct_packets_over_tcp(tmp_path):
     line = Server()
 
     def take(controller, data):
-        controller.log += [data[at : at + 6] for at in range(0, len(data), 6)]
-        return b"\xaa" + data[2:4]
+        packets = [data[at : at + 6] for at in range(0, len(data), 6)]  # perhaps two at once
+        controller.log += packets
+        return b"".join(b"\xaa" + packet[2:4] for packet in packets)
 
     device = {
         "packets": "struct",
