@@ -29,17 +29,18 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
     return target
 
 
-_inputs: set[Path] = set()
+_inputs: set[Path] = set()  # of the commands that run, resolved
 
 
 @contextmanager
 def keep_inputs(paths: Iterable[str | os.PathLike[str]]) -> Iterator[None]:
     """Let no write inside the ``with`` block replace one of some files by other content."""
-    _inputs.update(Path(path).resolve() for path in paths)
+    kept = {Path(path).resolve() for path in paths} - _inputs
+    _inputs.update(kept)
     try:
         yield
     finally:
-        _inputs.clear()
+        _inputs.difference_update(kept)
 
 
 def _is_input(path: Path) -> bool:

@@ -24,7 +24,7 @@ FORMS = ("image", "flat")
 
 OBSERVATIONS = ("planes", "window", "compact", *FORMS)
 CENTERS = ("particles", "frontier")
-WIDEST = 2**12 - 1  # cells of an observation window, as many as the largest maps need
+WIDEST = 2**12 - 1  # cells along the side of an observation window, whose planes then take 64 MiB
 
 
 class OptionError(InvalidInputError, gymnasium.error.Error):

@@ -233,7 +233,8 @@ def run_suite(
 ) -> SweepStatus:
     """Run policies on all problems of a suite, and write the results to a store of sweeps.
 
-    The store keeps the results of other policies, and none of their trials run. A run that was stopped continues with the missing
+    The store keeps the results of other policies, and none of their trials run. A run that was
+    stopped continues with the missing
     trials.
 
     Parameters
