@@ -25,5 +25,5 @@ from .starting import check_fleet as check_fleet
 from .starting import start_missions as start_missions
 from .starting import watch_fleet as watch_fleet
 from .uploading import Delivery as Delivery
-from .uploading import stations as stations
+from .uploading import open_stations as open_stations
 from .uploading import upload_missions as upload_missions

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from shoal.core.files import write_json, write_text
 from shoal.robots.mavlink import AUTOPILOTS
-from shoal.robots.rehearsal import Rehearsal, Rehearsed
+from shoal.robots.rehearsal import Rehearsal, RehearsalResult
 from shoal.robots.settings import safe_parameters
 
 NAME = "rehearsal"
@@ -29,7 +29,9 @@ class _Section(NamedTuple):
     points: Sequence[str] = ()
 
 
-def write_checklist(rehearsal: Rehearsal, runs: Sequence[Rehearsed], folder: Path) -> list[Path]:
+def write_checklist(
+    rehearsal: Rehearsal, runs: Sequence[RehearsalResult], folder: Path
+) -> list[Path]:
     """Write ``rehearsal.json``, ``rehearsal.md`` and ``rehearsal.html``, and return their paths."""
     title = f"Rehearsal of {rehearsal.task.path.parent.name}"
     sections = _sections(rehearsal, runs)
@@ -40,7 +42,7 @@ def write_checklist(rehearsal: Rehearsal, runs: Sequence[Rehearsed], folder: Pat
     return paths
 
 
-def report_of(rehearsal: Rehearsal, runs: Sequence[Rehearsed]) -> dict[str, object]:
+def report_of(rehearsal: Rehearsal, runs: Sequence[RehearsalResult]) -> dict[str, object]:
     """Return a rehearsal as a mapping for JSON.
 
     The key "covered_fraction" is the smallest of all runs, and "passed" tells whether nothing was
@@ -58,7 +60,7 @@ def report_of(rehearsal: Rehearsal, runs: Sequence[Rehearsed]) -> dict[str, obje
     }
 
 
-def _sections(rehearsal: Rehearsal, runs: Sequence[Rehearsed]) -> list[_Section]:
+def _sections(rehearsal: Rehearsal, runs: Sequence[RehearsalResult]) -> list[_Section]:
     return [
         *(_run_section(run) for run in runs),
         _settings_section(rehearsal),
@@ -66,10 +68,11 @@ def _sections(rehearsal: Rehearsal, runs: Sequence[Rehearsed]) -> list[_Section]
     ]
 
 
-def _run_section(run: Rehearsed) -> _Section:
+def _run_section(run: RehearsalResult) -> _Section:
     record = run.record
     happened = "; ".join(
-        f"{one['what']} robot {one['robot']} after {one['time_s']:.0f} s" for one in run.happened
+        f"{happening['what']} robot {happening['robot']} after {happening['time_s']:.0f} s"
+        for happening in run.happened
     )
     near = record.approach
     horizontal, vertical = record.required_m
@@ -81,11 +84,11 @@ def _run_section(run: Rehearsed) -> _Section:
             f" {horizontal:g} m, or {vertical:g} m in height"
         )
     rows: list[list[object]] = [["robot", "ended as", "battery left", "fault", "messages lost"]]
-    for one in run.robots:
-        total = one["heard"]
-        share = f"{100 * one['lost'] / total:.0f} % of {total}" if total else "none heard"
-        left = f"{100 * record.battery[one['robot']]:.0f} %"
-        rows.append([one["robot"], one["status"], left, one["fault"] or "-", share])
+    for robot in run.robots:
+        total = robot["heard"]
+        share = f"{100 * robot['lost'] / total:.0f} % of {total}" if total else "none heard"
+        charge = f"{100 * record.battery[robot['robot']]:.0f} %"
+        rows.append([robot["robot"], robot["status"], charge, robot["fault"] or "-", share])
     return _Section(
         f"Run: {run.name}",
         [
@@ -104,12 +107,14 @@ def _run_section(run: Rehearsed) -> _Section:
 def _settings_section(rehearsal: Rehearsal) -> _Section:
     """Return a table of the parameters of each autopilot, as the rehearsal had them."""
     task = rehearsal.task
-    number = {name.lower(): value for value, name in AUTOPILOTS.items()}[rehearsal.autopilot]
-    tables = [safe_parameters(number, task.kind, task.height(one)) for one in rehearsal.numbers]
-    rows: list[list[object]] = [["parameter", *(f"robot {one}" for one in rehearsal.numbers)]]
+    autopilot = {name.lower(): value for value, name in AUTOPILOTS.items()}[rehearsal.autopilot]
+    tables = [
+        safe_parameters(autopilot, task.kind, task.height(number)) for number in rehearsal.numbers
+    ]
+    rows: list[list[object]] = [["parameter", *(f"robot {number}" for number in rehearsal.numbers)]]
     rows += [[name, *(f"{table[name]:g}" for table in tables)] for name in tables[0]]
     return _Section(
-        f"Parameters of the autopilots ({AUTOPILOTS[number]})",
+        f"Parameters of the autopilots ({AUTOPILOTS[autopilot]})",
         [
             (
                 "The rehearsal had these values. Before each take-off, the program of a robot reads"
@@ -151,17 +156,17 @@ def _before_section(rehearsal: Rehearsal) -> _Section:
 
 def _markdown(title: str, sections: Sequence[_Section]) -> str:
     lines = [f"# {title}", ""]
-    for one in sections:
-        lines += [f"## {one.title}", ""]
-        for paragraph in one.paragraphs:
+    for section in sections:
+        lines += [f"## {section.title}", ""]
+        for paragraph in section.paragraphs:
             lines += [paragraph, ""]
-        for number, row in enumerate(one.table):
+        for number, row in enumerate(section.table):
             lines.append("| " + " | ".join(str(value).replace("|", "\\|") for value in row) + " |")
             if number == 0:
                 lines.append("|" + " --- |" * len(row))
-        lines += [""] * bool(one.table)
-        lines += [f"- [ ] {point}" for point in one.points]
-        lines += [""] * bool(one.points)
+        lines += [""] * bool(section.table)
+        lines += [f"- [ ] {point}" for point in section.points]
+        lines += [""] * bool(section.points)
     return "\n".join(lines)
 
 
@@ -171,17 +176,20 @@ def _html(title: str, sections: Sequence[_Section]) -> str:
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{escape(title)}</h1>",
     ]
-    for one in sections:
-        parts.append(f"<h2>{escape(one.title)}</h2>")
-        parts += [f"<p>{escape(paragraph)}</p>" for paragraph in one.paragraphs]
-        if one.table:
-            head, *rows = ([escape(str(value)) for value in row] for row in one.table)
+    for section in sections:
+        parts.append(f"<h2>{escape(section.title)}</h2>")
+        parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
+        if section.table:
+            head, *rows = ([escape(str(value)) for value in row] for row in section.table)
             parts.append("<table><tr>" + "".join(f"<th>{value}</th>" for value in head) + "</tr>")
             parts += [
                 "<tr>" + "".join(f"<td>{value}</td>" for value in row) + "</tr>" for row in rows
             ]
             parts.append("</table>")
-        if one.points:
-            parts += ["<ul>", *(f"<li class='check'>{escape(point)}</li>" for point in one.points)]
+        if section.points:
+            parts += [
+                "<ul>",
+                *(f"<li class='check'>{escape(point)}</li>" for point in section.points),
+            ]
             parts.append("</ul>")
     return "\n".join([*parts, "</body></html>\n"])

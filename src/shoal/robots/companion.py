@@ -70,10 +70,13 @@ class CompanionResult:
     def report(self) -> dict[str, Any]:
         """Return the result as a mapping for JSON."""
         names = ("sent", "heard", "lost", "refused")
-        told = {name: value for name, value in vars(self).items() if name != "counts"}
+        fields = {name: value for name, value in vars(self).items() if name != "counts"}
         messages = dict(zip(names, self.counts, strict=True))
-        messages |= {"refused_by_reason": told.pop("refused"), "broken_frames": told.pop("broken")}
-        return told | {"messages": messages}
+        messages |= {
+            "refused_by_reason": fields.pop("refused"),
+            "broken_frames": fields.pop("broken"),
+        }
+        return fields | {"messages": messages}
 
 
 def journal_path(folder: Path, number: int) -> Path:
@@ -92,13 +95,13 @@ def beacon_bytes(scenario: Scenario, most: int) -> int:
             zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1
         )
     ]
-    told = heartbeats[: 1 + max(RELAYED, ceil((robots - 1) / 4))]
-    searched = tuple((one.robot, 0b11 << one.start) for one in heartbeats)
+    repeated = heartbeats[: 1 + max(RELAYED, ceil((robots - 1) / 4))]
+    searched = tuple((heartbeat.robot, 0b11 << heartbeat.start) for heartbeat in heartbeats)
     sender = Sender(1, b"a key", most)
-    return len(sender.messages(Beacon(1, tuple(told), searched), 0)) * most
+    return len(sender.messages(Beacon(1, tuple(repeated), searched), 0)) * most
 
 
-def _in_time_for(scenario: Scenario, radio: Radio, speed: float) -> Scenario:
+def _limit_beacons(scenario: Scenario, radio: Radio, speed: float) -> Scenario:
     """Return a scenario whose robots send no more than the radio can. All robots of a search have
     the same kind of radio.
     """
@@ -145,7 +148,7 @@ class Companion:
     ) -> None:
         live = task.live(number, loss=loss)
         live = replace(live, speed=live.speed * speed_up)
-        live = replace(live, scenario=_in_time_for(live.scenario, radio, live.speed))
+        live = replace(live, scenario=_limit_beacons(live.scenario, radio, live.speed))
         self._clock = clock
         self.task, self.vehicle, self._journal = task, vehicle, journal
         # The computer's time of day may jump when it finds the right one. It counts once, at the
@@ -202,12 +205,12 @@ class Companion:
     def status_text(self) -> str:
         """What the robot does, and its messages so far, in one line."""
         robot, messenger = self.agent.robot, self.agent.messenger
-        known = reduce(or_, robot.searched.values(), 0).bit_count()
+        searched = reduce(or_, robot.searched.values(), 0).bit_count()
         sent, heard, lost, refused = messenger.counts
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(messenger.refused.items()))
         broken = f"; {self.broken} frames beyond repair" if self.broken else ""
         return (
-            f"{robot.status}, knows {known} of {len(self.task.cells)} cells as searched,"
+            f"{robot.status}, knows {searched} of {len(self.task.cells)} cells as searched,"
             f" {robot.mine.bit_count()} by itself; messages: {sent} sent, {heard} heard, {lost} lost,"
             f" {refused} refused{f' ({why})' if why else ''}{broken}"
         )
@@ -234,7 +237,7 @@ class Companion:
                 self.vehicle.secure()
             self.agent.fault = "interrupted by the operator"
             self.agent.report("fault", reason=self.agent.fault)
-        landed = self.vehicle is None or self.vehicle.rest(_LANDING)
+        landed = self.vehicle is None or self.vehicle.bring_home(_LANDING)
         if landed and self.vehicle is not None:
             self.agent.report("landed")
         fault = self.agent.fault or ("" if self.vehicle is None else self.vehicle.fault)

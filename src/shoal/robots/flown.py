@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class FlownMission:
     """What one robot has flown.
 
     Parameters
@@ -95,46 +95,48 @@ class FlownCheck:
 
     Parameters
     ----------
-    flown : tuple of Flown
+    flown : tuple of FlownMission
     coverage : AreaCoverage or None
         What was seen of the region, or None without a region or a footprint.
     region : SearchRegion or None
     approach : MissionApproach or None
         The nearest approach of two vehicles in flight; its time counts from the first take-off.
     notes : tuple of str
-    rest : shapely geometry or None
-        The uncovered rest without thin and small parts, in metres.
+    uncovered : shapely geometry or None
+        What is uncovered without thin and small parts, in metres.
     """
 
-    flown: tuple[Flown, ...]
+    flown: tuple[FlownMission, ...]
     coverage: AreaCoverage | None
     region: SearchRegion | None
     approach: MissionApproach | None
     notes: tuple[str, ...]
-    rest: Any
+    uncovered: Any
 
     def report(self) -> dict[str, Any]:
         """Return the result as a mapping for JSON."""
         seen, region = self.coverage, self.region
         frame = None if region is None else region.frame
         return {
-            "robots": [one.report() for one in self.flown],
+            "robots": [flight.report() for flight in self.flown],
             "region": None if region is None else region.name,
             "covered_fraction": None if seen is None else seen.covered_fraction,
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
-            "rest_m2": None if self.rest is None else float(self.rest.area),
+            "rest_m2": None if self.uncovered is None else float(self.uncovered.area),
             "nearest_approach": None if self.approach is None else self.approach.report(frame),
             "notes": list(self.notes),
         }
 
-    def write_rest(self, path: str | Path) -> bool:
+    def write_uncovered(self, path: str | Path) -> bool:
         """Write the rest as a region file for ``shoal search``; return whether there is any."""
         import shapely
 
-        if self.rest is None or self.rest.is_empty or self.region is None:
+        if self.uncovered is None or self.uncovered.is_empty or self.region is None:
             return False
         frame = self.region.frame
-        shape = self.rest if frame is None else shapely.transform(self.rest, frame.to_degrees)
+        shape = (
+            self.uncovered if frame is None else shapely.transform(self.uncovered, frame.to_degrees)
+        )
         feature = {
             "type": "Feature",
             "properties": {"name": f"rest of {self.region.name}"},
@@ -181,24 +183,28 @@ def check_flown(
         )
     frame = LocalFrame(*pairs[0][0].home) if region is None else region.frame
     assert frame is not None
-    sides = {mission.robot: _side(options, mission) for mission, _ in pairs}
-    flown = tuple(_flown(mission, track, frame, sides[mission.robot]) for mission, track in pairs)
-    coverage, rest = None, None
+    sides = {mission.robot: _footprint_side(options, mission) for mission, _ in pairs}
+    flown = tuple(
+        _match_flight(mission, track, frame, sides[mission.robot]) for mission, track in pairs
+    )
+    coverage, uncovered = None, None
     if region is not None and options is not None and options.sides is not None:
-        stretches = [part for one in flown for part in one.stretches]
-        widths = [sides[one.mission.robot] for one in flown for _ in one.stretches]
-        region, coverage, rest = _seen(region, options, stretches, widths, angle, flown, frame)
+        stretches = [part for flight in flown for part in flight.stretches]
+        widths = [sides[flight.mission.robot] for flight in flown for _ in flight.stretches]
+        region, coverage, uncovered = _check_coverage(
+            region, options, stretches, widths, angle, flown, frame
+        )
     vertical = np.inf
     if options is not None and options.kept_apart is not None:
         vertical = options.kept_apart.vertical
-    approach, notes = _nearest(flown, vertical)
-    return FlownCheck(flown, coverage, region, approach, tuple(notes), rest)
+    approach, notes = _nearest_approach(flown, vertical)
+    return FlownCheck(flown, coverage, region, approach, tuple(notes), uncovered)
 
 
 _USUAL_SIDE = 10.0  # metres: how near to its path a vehicle must be, if no footprint is known
 
 
-def _side(options: CheckOptions | None, mission: Mission) -> float:
+def _footprint_side(options: CheckOptions | None, mission: Mission) -> float:
     sides = None if options is None else options.sides
     if sides is None:
         return _USUAL_SIDE
@@ -211,10 +217,10 @@ def _side(options: CheckOptions | None, mission: Mission) -> float:
     return sides
 
 
-def _flown(mission: Mission, track: Track, frame: LocalFrame, side: float) -> Flown:
+def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float) -> FlownMission:
     path = frame.to_metres(mission.waypoints[mission.searched])
     points = frame.to_metres(track.places)
-    stretches, searched, farthest = _follow(path, points, track.times, side, mission.speed)
+    stretches, searched, farthest = _follow_path(path, points, track.times, side, mission.speed)
     if mission.kind == "rover":
         moving = np.hypot(*(points - points[0]).T) > _LEFT
     else:
@@ -231,10 +237,10 @@ def _flown(mission: Mission, track: Track, frame: LocalFrame, side: float) -> Fl
                 np.column_stack([points[first:last], ups[first:last]]),
             )
     planned = float(step_lengths(path).sum())
-    return Flown(mission, track, stretches, searched, planned, farthest, aloft, begin)
+    return FlownMission(mission, track, stretches, searched, planned, farthest, aloft, begin)
 
 
-def _follow(
+def _follow_path(
     path: Floats, points: Floats, times: Floats, side: float, speed: float
 ) -> tuple[list[Floats], float, float]:
     """Return the parts of a track that follow a path forwards, how far on the path the track came,
@@ -253,28 +259,28 @@ def _follow(
     stretches: list[list[Floats]] = []
     before: float | None = None  # time of the last position that followed the path
     for point, now in zip(points, times.tolist(), strict=True):
-        here = shapely.Point(point)
+        position = shapely.Point(point)
         if progress is None:
-            left = float(np.hypot(*(point - path[0])))
-            if left > side / 2 or left < nearest:
-                nearest = left  # on its way out, the camera takes no images
+            end_distance = float(np.hypot(*(point - path[0])))
+            if end_distance > side / 2 or end_distance < nearest:
+                nearest = end_distance  # on its way out, the camera takes no images
                 begin = point
                 continue
             progress, reached_at, before, nearest = 0.0, now, now, np.inf
             stretches.append([begin])
         ahead = side + _FASTEST * speed * (now - reached_at)
-        window = _part(line, max(0.0, progress - side), min(total, progress + ahead))
-        distance = float(window.distance(here))
+        window = _subline(line, max(0.0, progress - side), min(total, progress + ahead))
+        distance = float(window.distance(position))
         if distance > side:
             before = None
             continue
-        at = max(0.0, progress - side) + (float(window.project(here)) if total else 0.0)
+        at = max(0.0, progress - side) + (float(window.project(position)) if total else 0.0)
         progress = max(at, progress)
         if total - progress < _END:
-            left = float(np.hypot(*(point - path[-1])))
-            if left > nearest:
+            end_distance = float(np.hypot(*(point - path[-1])))
+            if end_distance > nearest:
                 break  # the search is over: what follows is the way home
-            nearest = left
+            nearest = end_distance
         reached_at = now
         searched, farthest = max(searched, progress), max(farthest, distance)
         if before is None or now - before > GAP:
@@ -289,19 +295,19 @@ def _follow(
     )
 
 
-def _part(line: Any, begin: float, end: float) -> Any:
+def _subline(line: Any, begin: float, end: float) -> Any:
     from shapely.ops import substring
 
     return substring(line, begin, end) if line.length else line
 
 
-def _seen(
+def _check_coverage(
     region: SearchRegion,
     options: CheckOptions,
     stretches: list[Floats],
     widths: list[float],
     angle: float | str | None,
-    flown: Sequence[Flown],
+    flown: Sequence[FlownMission],
     frame: LocalFrame,
 ) -> tuple[SearchRegion, AreaCoverage, Any]:
     """Return the region that can be seen, what was seen of it, and the rest."""
@@ -310,7 +316,9 @@ def _seen(
     footprint, vehicle = options.sides, options.chosen_vehicle
     least = float(np.min(np.array(footprint, dtype=np.float64)))
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
-    planned = [frame.to_metres(one.mission.waypoints[one.mission.searched]) for one in flown]
+    planned = [
+        frame.to_metres(flight.mission.waypoints[flight.mission.searched]) for flight in flown
+    ]
     facing = options.angle if options.angle is not None else angle
     angle, image = facing_of(facing, image, planned)
     region = visible_region(region, least, angle)
@@ -332,35 +340,39 @@ def _seen(
     return region, coverage, shapely.MultiPolygon(parts)
 
 
-def _nearest(flown: Sequence[Flown], vertical: float) -> tuple[MissionApproach | None, list[str]]:
+def _nearest_approach(
+    flown: Sequence[FlownMission], vertical: float
+) -> tuple[MissionApproach | None, list[str]]:
     """Return the nearest approach of two vehicles in flight, and notes."""
-    aloft = [one for one in flown if one.aloft is not None]
+    aloft = [flight for flight in flown if flight.aloft is not None]
     notes = [
-        f"robot {one.mission.robot}: its log shows no flight" for one in flown if one.aloft is None
+        f"robot {flight.mission.robot}: its log shows no flight"
+        for flight in flown
+        if flight.aloft is None
     ]
-    if len(aloft) > 1 and not all(one.track.absolute for one in aloft):
-        one_log = len({one.track.file for one in aloft}) == 1
+    if len(aloft) > 1 and not all(flight.track.absolute for flight in aloft):
+        one_log = len({flight.track.file for flight in aloft}) == 1
         if not one_log:
             notes.append("the nearest approach is not known, because a log has no time of day")
             return None, notes
     best: MissionApproach | None = None
-    begin = min((one.begin for one in aloft), default=0.0)
-    for one, other in combinations(aloft, 2):
-        if one.mission.robot == other.mission.robot:
+    begin = min((flight.begin for flight in aloft), default=0.0)
+    for flight, other in combinations(aloft, 2):
+        if flight.mission.robot == other.mission.robot:
             continue
-        assert one.aloft is not None
+        assert flight.aloft is not None
         assert other.aloft is not None
-        later = other.begin - one.begin
-        if not -other.aloft.duration <= later <= one.aloft.duration:
+        later = other.begin - flight.begin
+        if not -other.aloft.duration <= later <= flight.aloft.duration:
             continue
-        met = nearest_approach(one.aloft, other.aloft, vertical=vertical, later=later)
+        met = nearest_approach(flight.aloft, other.aloft, vertical=vertical, later=later)
         if met is not None and (best is None or met.horizontal < best.horizontal):
             best = MissionApproach(
-                (one.mission.robot, other.mission.robot),
-                (one.mission.sortie, other.mission.sortie),
+                (flight.mission.robot, other.mission.robot),
+                (flight.mission.sortie, other.mission.sortie),
                 met.horizontal,
                 met.vertical,
-                one.begin - begin + met.times[0],
+                flight.begin - begin + met.times[0],
                 met.places[0],
             )
     return best, notes
@@ -412,7 +424,7 @@ def assign_tracks(
                     f"{track.file}: expected a robot of the missions"
                     f" ({', '.join(map(str, sorted(missions)))}), got robot {robot}"
                 )
-            if any(one.robot == robot for one, _ in pairs):
+            if any(mission.robot == robot for mission, _ in pairs):
                 raise InvalidInputError(
                     f"{track.file}: expected one track for each robot, got robot {robot} again"
                 )

@@ -117,12 +117,12 @@ class GuidedVehicle:
         self.on_ground: bool | None = None
         self._position_at, self._fix_lost_at = -math.inf, math.inf
         self._leg: Leg | None = None
-        self._allowed: list[NDArray[np.float64]] = []  # corners that are still ahead
-        self._way: list[NDArray[np.float64]] = []  # those of them before the halt
+        self._leg_waypoints: list[NDArray[np.float64]] = []  # still ahead, to the end of the leg
+        self._waypoints: list[NDArray[np.float64]] = []  # those of them before the halt
         self._target: NDArray[np.float64] | None = None
         self.takes_turns = True
         self._turn: float | None = None  # time from which on it may take off
-        self._said: set[str] = set()
+        self._announced: set[str] = set()
         self._silent = False
         self._next_setpoint = self._next_command = -math.inf
         # where it enters the region from a launch point outside
@@ -163,7 +163,7 @@ class GuidedVehicle:
         if self.position is None:
             faults.append("expected a position (GLOBAL_POSITION_INT), got none")
         if self.battery is not None and self.battery <= self.task.limits.battery:
-            faults.append(f"expected a battery above {self._least}, got {self._left}")
+            faults.append(f"expected a battery above {self._reserve_text}, got {self._charge_text}")
         if not faults:
             self._take_over()
         return faults
@@ -174,7 +174,8 @@ class GuidedVehicle:
         if not self._aloft:
             return
         if self._mode == modes.GUIDED:
-            self.phase, self._target = FLIGHT, np.array([*self._here()[:2], self.height])
+            self.phase = FLIGHT
+            self._target = np.array([*self._current_position()[:2], self.height])
         elif self._mode in (modes.RETURN, modes.LAND):
             self.phase = RETURN
 
@@ -184,7 +185,11 @@ class GuidedVehicle:
         assert self.vehicle is not None
         if not self.vehicle.armed:
             return False
-        return self.task.kind == "rover" or self._here()[2] > _ALOFT or self.on_ground is False
+        return (
+            self.task.kind == "rover"
+            or self._current_position()[2] > _ALOFT
+            or self.on_ground is False
+        )
 
     def _find(self) -> HeardVehicle:
         """Return the vehicle, when all that speak on the link have been heard."""
@@ -195,23 +200,24 @@ class GuidedVehicle:
             station.listen(station.now() + 0.1)
             if self._candidates() and settled is None:
                 settled = station.now() + station.limits.settle
-        found = self._candidates()
-        if not found:
+        candidates = self._candidates()
+        if not candidates:
             who = f"system {self._system}" if self._system is not None else "an autopilot"
             raise LinkError(
                 f"vehicle: expected a heartbeat of {who} on {station.link.name} within"
                 f" {station.limits.find_within:g} s, got none"
             )
-        if len(found) > 1:
+        if len(candidates) > 1:
             raise LinkError(
                 f"vehicle: expected one autopilot on {station.link.name}, got systems"
-                f" {', '.join(str(one.system) for one in found)}: name one with --system"
+                f" {', '.join(str(vehicle.system) for vehicle in candidates)}: name one with"
+                " --system"
             )
-        return found[0]
+        return candidates[0]
 
     def _candidates(self) -> list[HeardVehicle]:
         heard = self.station.vehicles
-        return [one for one in heard.values() if self._system in (None, one.system)]
+        return [vehicle for vehicle in heard.values() if self._system in (None, vehicle.system)]
 
     def read_parameters(
         self, names: Iterable[str], needed: Collection[str] = ()
@@ -258,11 +264,11 @@ class GuidedVehicle:
         while self.station.now() < until:
             self.station.listen(until)
         return [
-            f"failsafe: expected no other station with the system id {other}, got one: with its"
+            f"failsafe: expected no other station with the system id {system}, got one: with its"
             f" heartbeats, the autopilot would not notice that this companion is lost. Give one of"
             " them another system id"
-            for other in self._stations
-            if other in self.station.stations
+            for system in self._stations
+            if system in self.station.stations
         ]
 
     def _check_items(self) -> list[str]:
@@ -330,23 +336,26 @@ class GuidedVehicle:
         """Begin a leg: along the corners of a path that stays inside the region."""
         self._leg = leg
         if leg.home:
-            path = self._path(self._here()[:2], self.task.plan.places[self.number - 1])
-            self._way = self._allowed = [self._raised(corner) for corner in path[1:]]
+            path = self._path(self._current_position()[:2], self.task.plan.places[self.number - 1])
+            self._waypoints = self._leg_waypoints = [self._at_height(corner) for corner in path[1:]]
             return
         if self.phase == RETURN:  # the autopilot brings it down first
             self._say_once("returns before it searches on")
-        self._allowed = self._corners(leg)
-        self._way = _shortened(self._here(), self._allowed, self.size)
-        if self._way and math.dist(self._here()[:2], self._way[-1][:2]) <= self.near:
-            self._way = []  # it stands one cell before the end, as near as it comes
+        self._leg_waypoints = self._plan_waypoints(leg)
+        self._waypoints = _shorten_path(self._current_position(), self._leg_waypoints, self.size)
+        if (
+            self._waypoints
+            and math.dist(self._current_position()[:2], self._waypoints[-1][:2]) <= self.near
+        ):
+            self._waypoints = []  # it stands one cell before the end, as near as it comes
 
-    def _corners(self, leg: Leg) -> list[NDArray[np.float64]]:
-        cells, here = self.task.cells, self._here()
+    def _plan_waypoints(self, leg: Leg) -> list[NDArray[np.float64]]:
+        cells, position = self.task.cells, self._current_position()
         if leg.through:
-            return [self._raised(cells[cell]) for cell in leg.through]
+            return [self._at_height(cells[cell]) for cell in leg.through]
         goal = cells[leg.cell]
-        way = self._path(here[:2], goal[:2])
-        return [self._raised(np.array([*corner, *goal[2:]])) for corner in way[1:]]
+        path = self._path(position[:2], goal[:2])
+        return [self._at_height(np.array([*corner, *goal[2:]])) for corner in path[1:]]
 
     def _path(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a path that stays inside the region, float64, shape (k, 2); from outside, as after
@@ -363,21 +372,21 @@ class GuidedVehicle:
             entry = cells[int(np.linalg.norm(cells - start, axis=1).argmin())]
             return np.vstack([start, plan.leg(entry, end)])
 
-    def _raised(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _at_height(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a point with this robot's height. In layers, robots are apart in each of them."""
         up = self.height
         if len(point) > 2:
             up = float(point[2]) + self.height - self.task.height(1)
         return np.array([point[0], point[1], up])
 
-    def _here(self) -> NDArray[np.float64]:
+    def _current_position(self) -> NDArray[np.float64]:
         if self.position is not None:
             return self.position
-        return self._raised(self.task.cells[self.task.scenario.starts[self.number - 1]])
+        return self._at_height(self.task.cells[self.task.scenario.starts[self.number - 1]])
 
     def enter(self) -> None:
         """Go on to the end of the leg."""
-        self._way = self._allowed
+        self._waypoints = self._leg_waypoints
 
     def step(self, time: float) -> bool:
         """Listen to the autopilot, and send it what is due."""
@@ -397,13 +406,16 @@ class GuidedVehicle:
         return self._has_arrived()
 
     def _fly(self) -> bool:
-        here = self._here()
-        while len(self._way) > 1 and self._is_at(here, self._way[0]):
-            self._allowed, self._way = self._allowed[1:], self._way[1:]
-        if self._way:
-            self._target = self._way[0]
+        position = self._current_position()
+        while len(self._waypoints) > 1 and self._is_at(position, self._waypoints[0]):
+            self._leg_waypoints = self._leg_waypoints[1:]
+            self._waypoints = self._waypoints[1:]
+        if self._waypoints:
+            self._target = self._waypoints[0]
         self._send_setpoint()
-        return self._leg is not None and (not self._way or self._is_at(here, self._way[-1]))
+        return self._leg is not None and (
+            not self._waypoints or self._is_at(position, self._waypoints[-1])
+        )
 
     def _has_arrived(self) -> bool:
         """Return whether the vehicle is where it may go; at home, that is on the ground."""
@@ -411,13 +423,13 @@ class GuidedVehicle:
             return False
         if self._leg.home:
             return self.phase == GROUND
-        there = not self._way or self._is_at(self._here(), self._way[-1])
-        return self.phase == FLIGHT and there
+        arrived = not self._waypoints or self._is_at(self._current_position(), self._waypoints[-1])
+        return self.phase == FLIGHT and arrived
 
-    def _is_at(self, here: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
-        across = float(np.linalg.norm(here[:2] - point[:2]))
+    def _is_at(self, position: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+        across = float(np.linalg.norm(position[:2] - point[:2]))
         return across <= self.near and (
-            self.task.kind == "rover" or abs(here[2] - point[2]) <= _LEVEL
+            self.task.kind == "rover" or abs(position[2] - point[2]) <= _LEVEL
         )
 
     def due(self, time: float) -> float:
@@ -431,8 +443,8 @@ class GuidedVehicle:
         if self._has_arrived():
             return
         if self.phase in (CLIMB, FLIGHT):
-            self._target = np.array([*self._here()[:2], self._target_height])
-        self._leg, self._way, self._allowed = None, [], []
+            self._target = np.array([*self._current_position()[:2], self._target_height])
+        self._leg, self._waypoints, self._leg_waypoints = None, [], []
 
     @property
     def _target_height(self) -> float:
@@ -446,7 +458,7 @@ class GuidedVehicle:
         """Return; without a position land; without an autopilot fall silent, so that its watchdog
         acts; and leave the vehicle to the pilot if it is the pilot's.
         """
-        self._leg, self._way, self._allowed = None, [], []
+        self._leg, self._waypoints, self._leg_waypoints = None, [], []
         if self.fault.startswith("autopilot"):
             self._silent = True
         elif self.phase != GROUND and not self._is_pilots:
@@ -461,7 +473,7 @@ class GuidedVehicle:
     def _safe_mode(self) -> str:
         return modes.LAND if self.fault.startswith("position") else modes.RETURN
 
-    def rest(self, seconds: float) -> bool:
+    def bring_home(self, seconds: float) -> bool:
         """Bring the vehicle home, and return whether it is on the ground.
 
         Robots return one after another, the lowest first, so that none crosses below another one
@@ -478,7 +490,7 @@ class GuidedVehicle:
         if self.fault:
             turn = station.now()
         elif self.phase in (CLIMB, FLIGHT):
-            self._target = np.array([*self._here()[:2], self._target_height])
+            self._target = np.array([*self._current_position()[:2], self._target_height])
         while station.now() < turn + seconds:
             if self._silent:
                 return False
@@ -563,16 +575,16 @@ class GuidedVehicle:
         self.fault = self.fault or text
 
     def _say_once(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
+        if text not in self._announced:
+            self._announced.add(text)
             self._say(text)
 
     @property
-    def _left(self) -> str:
+    def _charge_text(self) -> str:
         return "an unknown charge" if self.battery is None else f"{100 * self.battery:.0f} %"
 
     @property
-    def _least(self) -> str:
+    def _reserve_text(self) -> str:
         return f"{100 * self.task.limits.battery:.0f} %"
 
     @property
@@ -587,10 +599,10 @@ class GuidedVehicle:
         assert vehicle is not None
         if (silent := now - vehicle.heard_at) > limits.autopilot_s:
             self._fail(f"autopilot: not heard for {silent:.0f} s")
-        for other in self._stations:
-            if now - self.station.stations.get(other, -math.inf) < limits.autopilot_s:
+        for system in self._stations:
+            if now - self.station.stations.get(system, -math.inf) < limits.autopilot_s:
                 self._say_once(
-                    f"another station has the system id {other}: as long as it is heard, the"
+                    f"another station has the system id {system}: as long as it is heard, the"
                     " autopilot would not notice that this companion is lost"
                 )
         waits = self.phase == GROUND and self._leg is not None and not self._leg.home
@@ -598,20 +610,22 @@ class GuidedVehicle:
         if waits and without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")
         elif waits and self._turn is not None and now - self._turn > _PATIENCE[self.arms]:
-            said = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
-            self._fail(f"take-off: not in the air after {now - self._turn:.0f} s{said}")
+            message = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
+            self._fail(f"take-off: not in the air after {now - self._turn:.0f} s{message}")
         if self.phase not in (CLIMB, FLIGHT):
             return
         low = self.battery is not None and self.battery <= limits.battery
         if without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")
         elif low:
-            self._fail(f"battery: {self._left} left, and the robot returns at {self._least}")
+            self._fail(
+                f"battery: {self._charge_text} left, and the robot returns at {self._reserve_text}"
+            )
         elif not vehicle.armed:
             self._fail("pilot or autopilot: the vehicle was disarmed")
         elif self._mode != modes.GUIDED:
-            said = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
-            self._fail(f"pilot or autopilot: the mode was changed to {self._mode}{said}")
+            message = f"; the vehicle says {vehicle.texts[-1]!r}" if vehicle.texts else ""
+            self._fail(f"pilot or autopilot: the mode was changed to {self._mode}{message}")
 
     def _take_off(self, leg: Leg) -> None:
         """Go on with the take-off: the guided mode, armed, and up."""
@@ -625,9 +639,12 @@ class GuidedVehicle:
             others = len(self.task.scenario.starts) - self.number if self.takes_turns else 0
             self._turn = now + others * self.task.limits.apart_s
         if self.battery is not None and self.battery <= self.task.limits.battery:
-            self._fail(f"battery: {self._left} left before take-off, and {self._least} are needed")
+            self._fail(
+                f"battery: {self._charge_text} left before take-off, and {self._reserve_text} are"
+                " needed"
+            )
             return
-        self._target = np.array([*self._here()[:2], self.height])
+        self._target = np.array([*self._current_position()[:2], self.height])
         if not self.arms and not vehicle.armed:
             self._say_once("waiting until somebody arms the vehicle, because --arm was not given")
             return
@@ -647,16 +664,16 @@ class GuidedVehicle:
 
     def _begin_flight(self, leg: Leg) -> None:
         self.phase, self._next_command = CLIMB, -math.inf
-        self._target = np.array([*self._here()[:2], self.height])
+        self._target = np.array([*self._current_position()[:2], self.height])
         self.go(leg, 0.0)
 
     def _climb(self) -> None:
-        vehicle, now, here = self.vehicle, self.station.now(), self._here()
+        vehicle, now, position = self.vehicle, self.station.now(), self._current_position()
         assert vehicle is not None
         rises = self.task.kind != "rover"
-        if not rises or here[2] >= self.height - _LEVEL:
+        if not rises or position[2] >= self.height - _LEVEL:
             self.phase = FLIGHT
-        elif vehicle.autopilot == PX4 or here[2] > _ALOFT:
+        elif vehicle.autopilot == PX4 or position[2] > _ALOFT:
             self._send_setpoint()
         elif now >= self._next_command:
             self._next_command = now + _AGAIN
@@ -721,13 +738,13 @@ def _parameter_value(message: Any, autopilot: int) -> float:
     return float(message.param_value)
 
 
-def _shortened(
-    here: NDArray[np.float64], corners: Sequence[NDArray[np.float64]], less: float
+def _shorten_path(
+    start: NDArray[np.float64], corners: Sequence[NDArray[np.float64]], less: float
 ) -> list[NDArray[np.float64]]:
     """Return the corners of a path that ends ``less`` metres before the last one; none if the whole
     path is not longer.
     """
-    points = [here, *corners]
+    points = [start, *corners]
     for number in range(len(points) - 1, 0, -1):
         step = points[number] - points[number - 1]
         length = float(np.linalg.norm(step[:2]))

@@ -116,7 +116,7 @@ class Journal:
             self.epoch = float(first["epoch"])
             for line in lines[1:]:
                 if "event" in line:
-                    self.events.append(_event_from(line))
+                    self.events.append(_event_from_dict(line))
                 else:
                     self.reports.append(line)
         try:
@@ -168,7 +168,7 @@ class Journal:
 
     def record(self, event: Event) -> None:
         """Write an event."""
-        self._append(_event_to(event), now=not isinstance(event, Heard | Wake))
+        self._append(_event_to_dict(event), now=not isinstance(event, Heard | Wake))
 
     def report(self, report: dict[str, Any]) -> None:
         """Write a report."""
@@ -195,7 +195,7 @@ def _is_whole(line: bytes) -> bool:
     return checksum == b"%08x" % crc32(text)
 
 
-def _event_to(event: Event) -> dict[str, Any]:
+def _event_to_dict(event: Event) -> dict[str, Any]:
     if isinstance(event, Heard):
         body = encode_beacon(event.beacon, _WHOLE)[0].hex()
         return {
@@ -208,7 +208,7 @@ def _event_to(event: Event) -> dict[str, Any]:
     return {"event": type(event).__name__, **values}
 
 
-def _event_from(line: dict[str, Any]) -> Event:
+def _event_from_dict(line: dict[str, Any]) -> Event:
     values = dict(line)
     name = values.pop("event")
     if name == "Heard":

@@ -249,15 +249,15 @@ def check_link(text: str) -> Callable[[], VehicleLink]:
     InvalidInputError
         If the text names no link.
     """
-    kind, _, rest = text.partition(":")
-    if kind == "serial" and rest:
-        device, _, baud = rest.partition("@")
+    kind, _, endpoint = text.partition(":")
+    if kind == "serial" and endpoint:
+        device, _, baud = endpoint.partition("@")
         if device and re.fullmatch("([1-9][0-9]{2,7})?", baud):
             rate = int(baud or BAUD)
             return lambda: StreamLink(text, lambda: _SerialStream(device, rate), at_once=1)
-    found = re.fullmatch(r"(\[[0-9a-fA-F:.%\w]+\]|[^:\s]+):([0-9]{1,5})", rest)
-    if kind in ("udpin", "udpout", "tcp") and found and 0 < int(found[2]) < 65536:
-        host, port = found[1].strip("[]"), int(found[2])
+    match = re.fullmatch(r"(\[[0-9a-fA-F:.%\w]+\]|[^:\s]+):([0-9]{1,5})", endpoint)
+    if kind in ("udpin", "udpout", "tcp") and match and 0 < int(match[2]) < 65536:
+        host, port = match[1].strip("[]"), int(match[2])
         if kind == "tcp":
             return lambda: StreamLink(
                 text, lambda: socket.create_connection((host, port), timeout=5), at_once=8
@@ -386,7 +386,7 @@ class Station:
         Where each message of a vehicle is written as in a ``.tlog``, with the time of day.
     stopped : bool
         Whether `listen` raises a `LinkError` from now on; another thread may set it.
-    twice : dict of int to set
+    duplicates : dict of int to set
         System ids that several addresses use at the same time, with these addresses.
     stations : dict of int to float
         Other ground stations heard, by system id, with the time at which each was heard last.
@@ -405,7 +405,7 @@ class Station:
         self.log: IO[bytes] | None = None
         self.dialect = dialect()
         self.vehicles: dict[int, HeardVehicle] = {}
-        self.twice: dict[int, set[Address]] = {}
+        self.duplicates: dict[int, set[Address]] = {}
         self.stations: dict[int, float] = {}
         self._mav = self.dialect.MAVLink(None, *STATION)
         self._parsers: dict[Address, Any] = {}
@@ -497,17 +497,17 @@ class Station:
         if kind == "HEARTBEAT" and message.type == GROUND_STATION:
             self.stations[system] = now
         elif kind == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT and system:
-            known = self.vehicles.get(system)
-            if known is None or (
-                component == AUTOPILOT_COMPONENT != known.component
+            vehicle = self.vehicles.get(system)
+            if vehicle is None or (
+                component == AUTOPILOT_COMPONENT != vehicle.component
             ):  # the autopilot itself before what else of the vehicle speaks like one
-                known = self.vehicles[system] = HeardVehicle(
+                vehicle = self.vehicles[system] = HeardVehicle(
                     system, component, message.type, message.autopilot
                 )
-            if component == known.component:
-                known.type, known.autopilot = message.type, message.autopilot
-                known.base_mode, known.custom_mode = message.base_mode, message.custom_mode
-                known.address = address
+            if component == vehicle.component:
+                vehicle.type, vehicle.autopilot = message.type, message.autopilot
+                vehicle.base_mode, vehicle.custom_mode = message.base_mode, message.custom_mode
+                vehicle.address = address
                 self._note_place(system, address, now)
         vehicle = self.vehicles.get(system)
         if vehicle is None or component != vehicle.component:
@@ -534,7 +534,7 @@ class Station:
         places[address] = now
         recent = {place for place, when in places.items() if now - when < self.limits.settle}
         if len(recent) > 1:
-            self.twice[system] = recent
+            self.duplicates[system] = recent
 
 
 def type_text(vehicle: HeardVehicle) -> str:

@@ -116,15 +116,15 @@ class _Repeats:
     """When a request to a vehicle is repeated, and when the vehicle counts as lost."""
 
     def __init__(
-        self, station: Station, vehicle: HeardVehicle, what: str, most: int | None
+        self, station: Station, vehicle: HeardVehicle, purpose: str, most: int | None
     ) -> None:
-        self.station, self.vehicle, self.what = station, vehicle, what
+        self.station, self.vehicle, self.what = station, vehicle, purpose
         self.limits = station.limits
         self.most = self.limits.unanswered if most is None else most
         self.quick = False  # items come quickly, and what begins a transfer may take its time
-        self.answered()
+        self.note_answer()
 
-    def answered(self) -> None:
+    def note_answer(self) -> None:
         """Note that the vehicle has answered."""
         self.count = 0
         self.sent_at: float | None = None
@@ -143,10 +143,10 @@ class _Repeats:
         """Measure the delay of the link by an answer to a request that was not repeated."""
         if self.sent_at is not None and self.count == 0:
             taken = self.station.now() - self.sent_at
-            known = self.vehicle.delay
-            self.vehicle.delay = taken if known is None else 0.8 * known + 0.2 * taken
+            delay = self.vehicle.delay
+            self.vehicle.delay = taken if delay is None else 0.8 * delay + 0.2 * taken
 
-    def expired(self) -> None:
+    def count_repeat(self) -> None:
         """Count a repeat; raise `UnansweredError` if there were too many.
 
         A silent vehicle may only be out of reach for a while. One that is heard, and answers
@@ -224,8 +224,8 @@ def upload_items(
     address = vehicle.system, vehicle.component
     count = [make.MAVLink_mission_count_message(*address, len(items), number)]
     repeats = _Repeats(station, vehicle, f"during the upload of {_of(kind)}", unanswered)
-    asked: set[int] = set()
-    asked_often: Counter[int] = Counter()
+    requested: set[int] = set()
+    requests: Counter[int] = Counter()
     refusals = out_of_order = 0
     pending, plain = count, False
     repeats.send(*pending)
@@ -233,41 +233,41 @@ def upload_items(
         while True:
             message = station.receive(vehicle, repeats.due)
             if message is None:
-                repeats.expired()
-                if len(asked) == len(items) and repeats.count > _RESTARTED:
+                repeats.count_repeat()
+                if len(requested) == len(items) and repeats.count > _RESTARTED:
                     return  # the acknowledgement is lost, or the vehicle sends none
                 if repeats.count % _RESTARTED == 0:
                     pending = count  # the vehicle may have given up
                 repeats.send(*pending)
                 continue
-            what = message.get_type()
+            name = message.get_type()
             if not _is_about(message, kind):
                 continue
-            if what in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+            if name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 if message.seq >= len(items):
                     continue
-                asked_often[message.seq] += 1
+                requests[message.seq] += 1
                 # a vehicle that asks for the first item alone, again and again, knows no integers
                 plain = plain or (
-                    what == "MISSION_REQUEST"
-                    and len(asked) <= 1
-                    and asked_often[message.seq] > _PLAIN_AFTER
+                    name == "MISSION_REQUEST"
+                    and len(requested) <= 1
+                    and requests[message.seq] > _PLAIN_AFTER
                 )
-                if message.seq not in asked:
+                if message.seq not in requested:
                     repeats.measure()
-                repeats.answered()
+                repeats.note_answer()
                 repeats.quick = True
-                asked.add(message.seq)
+                requested.add(message.seq)
                 pending = _item_messages(
                     make, address, message.seq, items[message.seq], number, plain=plain
                 )
                 repeats.send(*pending)
-            elif what == "MISSION_ACK":
+            elif name == "MISSION_ACK":
                 if message.type == _ACCEPTED:
-                    if len(asked) == len(items):
+                    if len(requested) == len(items):
                         return
                     continue  # of an earlier upload
-                if message.type == _OUT_OF_ORDER and asked and out_of_order < 4 * len(items):
+                if message.type == _OUT_OF_ORDER and requested and out_of_order < 4 * len(items):
                     out_of_order += 1  # to an item that came twice
                     continue
                 refusals += 1
@@ -310,7 +310,7 @@ def clear_items(
     while True:
         message = station.receive(vehicle, repeats.due)
         if message is None:
-            repeats.expired()
+            repeats.count_repeat()
             repeats.send(request)
         elif message.get_type() == "MISSION_ACK" and _is_about(message, kind):
             if message.type == _ACCEPTED:
@@ -337,13 +337,13 @@ def download_items(
     """
     number, make = MISSION_TYPES[kind], station.dialect
     address = vehicle.system, vehicle.component
-    what = f"while {_of(kind)} should be read"
+    purpose = f"while {_of(kind)} should be read"
     request = make.MAVLink_mission_request_list_message(*address, number)
     size = _ask(
         station,
         vehicle,
         kind,
-        _Repeats(station, vehicle, what, unanswered),
+        _Repeats(station, vehicle, purpose, unanswered),
         lambda _count: [request],
         lambda message: message.count if message.get_type() == "MISSION_COUNT" else None,
     )
@@ -369,7 +369,7 @@ def download_items(
             return None
 
         if seq not in items:
-            repeats = _Repeats(station, vehicle, what, None)
+            repeats = _Repeats(station, vehicle, purpose, None)
             repeats.quick = True
             _ask(station, vehicle, kind, repeats, ask, take)
     station.send(vehicle, make.MAVLink_mission_ack_message(*address, _ACCEPTED, number))
@@ -390,7 +390,7 @@ def _ask(
     while True:
         message = station.receive(vehicle, repeats.due)
         if message is None:
-            repeats.expired()
+            repeats.count_repeat()
             repeats.send(*ask(repeats.count))
         elif _is_about(message, kind):
             answer = take(message)
@@ -479,7 +479,7 @@ _SHOWN = 3  # sentences
 
 
 def compare_items(
-    kind: str, sent: Sequence[MissionItem], found: Sequence[MissionItem], *, autopilot: int
+    kind: str, sent: Sequence[MissionItem], onboard: Sequence[MissionItem], *, autopilot: int
 ) -> ItemComparison:
     """Compare items field by field with the tolerances of this module.
 
@@ -488,39 +488,41 @@ def compare_items(
     skipped = int(kind == MISSION and autopilot == ARDUPILOT)
     sentences: list[str] = []
     dropped: Counter[str] = Counter()
-    different = abs(len(sent) - len(found))
+    different = abs(len(sent) - len(onboard))
     # without a mission, ArduPilot may store nothing, or home alone
-    if len(sent) <= skipped and len(found) <= skipped:
+    if len(sent) <= skipped and len(onboard) <= skipped:
         return ItemComparison(0, (), dropped, rounded=False)
-    if len(sent) != len(found):
+    if len(sent) != len(onboard):
         sentences.append(
-            f"{kind}: expected {len(sent) - skipped} items on board, got {len(found) - skipped}"
+            f"{kind}: expected {len(sent) - skipped} items on board, got {len(onboard) - skipped}"
         )
-    for number, (ours, theirs) in enumerate(zip(sent, found, strict=False)):
+    for number, (ours, theirs) in enumerate(zip(sent, onboard, strict=False)):
         if number < skipped:
             continue
-        faults = _faults(ours, theirs, dropped)
+        faults = _item_faults(ours, theirs, dropped)
         if faults:
             different += 1
             sentences.append(f"{kind} item {number}: {', '.join(faults)}")
     shown = tuple(sentences[:_SHOWN])
     if len(sentences) > _SHOWN:
         shown += (f"{kind}: {len(sentences) - _SHOWN} more like it",)
-    return ItemComparison(different, shown, dropped, rounded=any(not one.exact for one in found))
+    return ItemComparison(
+        different, shown, dropped, rounded=any(not item.exact for item in onboard)
+    )
 
 
-def _faults(sent: MissionItem, found: MissionItem, dropped: Counter[str]) -> list[str]:
+def _item_faults(sent: MissionItem, onboard: MissionItem, dropped: Counter[str]) -> list[str]:
     """Return the fields in which two items differ. Count fields that the autopilot dropped."""
-    if sent.command != found.command:
-        return [f"expected command {sent.command}, got {found.command}"]
+    if sent.command != onboard.command:
+        return [f"expected command {sent.command}, got {onboard.command}"]
     faults = []
     placed = sent.frame in _GLOBAL_FRAMES
     border = sent.command in (*FENCE_CORNERS, *FENCE_CIRCLES)
-    frames = [_ALIKE.get(one.frame, one.frame) for one in (sent, found)]
+    frames = [_ALIKE.get(item.frame, item.frame) for item in (sent, onboard)]
     # autopilots store no frame of an item without a place, nor of a fence, which has no altitude
     if placed and not border and frames[0] != frames[1]:
         faults.append(f"expected frame {frames[0]}, got {frames[1]}")
-    for number, (ours, theirs) in enumerate(zip(sent.params, found.params, strict=True)):
+    for number, (ours, theirs) in enumerate(zip(sent.params, onboard.params, strict=True)):
         if _same_parameter(sent.command, number, ours, theirs):
             continue
         name = _ITEM_NAMES.get((sent.command, number), _NAMES[number])
@@ -528,19 +530,21 @@ def _faults(sent: MissionItem, found: MissionItem, dropped: Counter[str]) -> lis
             dropped[name] += 1
         else:
             faults.append(f"expected {name} {ours:g}, got {theirs:g}")
-    for name, ours, theirs in (("latitude", sent.x, found.x), ("longitude", sent.y, found.y)):
-        if placed and abs(ours - theirs) > (PLACE_STEPS if found.exact else _float_steps(ours)):
+    for name, ours, theirs in (("latitude", sent.x, onboard.x), ("longitude", sent.y, onboard.y)):
+        if placed and abs(ours - theirs) > (PLACE_STEPS if onboard.exact else _float_steps(ours)):
             faults.append(f"expected {name} {ours / 1e7:.7f}, got {theirs / 1e7:.7f}")
         elif not placed and ours != theirs and theirs not in (0, UNSET):
             faults.append(f"expected {name[0]} parameter {ours}, got {theirs}")
     if placed and not border:
         most = RALLY_HEIGHT if sent.command == RALLY_POINT else HEIGHT
-        if not (abs(sent.z - found.z) <= most + 1e-6 * abs(sent.z) or _both_nan(sent.z, found.z)):
-            faults.append(f"expected altitude {sent.z:g}, got {found.z:g}")
-    elif not placed and not _same(sent.z, found.z, PARAMETER) and found.z != 0:
-        faults.append(f"expected parameter 7 {sent.z:g}, got {found.z:g}")
+        if not (
+            abs(sent.z - onboard.z) <= most + 1e-6 * abs(sent.z) or _both_nan(sent.z, onboard.z)
+        ):
+            faults.append(f"expected altitude {sent.z:g}, got {onboard.z:g}")
+    elif not placed and not _nearly_equal(sent.z, onboard.z, PARAMETER) and onboard.z != 0:
+        faults.append(f"expected parameter 7 {sent.z:g}, got {onboard.z:g}")
     flown = not border and sent.command != RALLY_POINT  # nothing continues after a corner
-    if flown and sent.autocontinue and not found.autocontinue:
+    if flown and sent.autocontinue and not onboard.autocontinue:
         faults.append("expected it to continue, got a stop")
     return faults
 
@@ -558,10 +562,10 @@ def _same_parameter(command: int, number: int, ours: float, theirs: float) -> bo
         and math.isfinite(theirs)
     ):
         return abs((ours - theirs + 180) % 360 - 180) <= PARAMETER
-    return _same(ours, theirs, RADIUS if (command, number) == (HOLD, 2) else PARAMETER)
+    return _nearly_equal(ours, theirs, RADIUS if (command, number) == (HOLD, 2) else PARAMETER)
 
 
-def _same(ours: float, theirs: float, most: float) -> bool:
+def _nearly_equal(ours: float, theirs: float, most: float) -> bool:
     return _both_nan(ours, theirs) or abs(ours - theirs) <= most + 1e-6 * abs(ours)
 
 
@@ -593,8 +597,8 @@ def fence_areas(
             continue
         corners.append(item)
         if len(corners) == item.params[0]:
-            ring = [to_metres(one.y / 1e7, one.x / 1e7) for one in corners]
+            ring = [to_metres(corner.y / 1e7, corner.x / 1e7) for corner in corners]
             polygon = shapely.Polygon(ring)
             (inside if item.command == FENCE_CORNERS[0] else outside).append(polygon)
             corners = []
-    return [(shapely.union_all(inside), True)] * bool(inside) + [(one, False) for one in outside]
+    return [(shapely.union_all(inside), True)] * bool(inside) + [(area, False) for area in outside]

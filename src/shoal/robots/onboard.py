@@ -94,14 +94,14 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
                 f"{path}: expected each robot once, got robot {mission.robot} in"
                 f" {cargos[mission.robot].file.name} too"
             )
-        cargos[mission.robot] = _cargo(path, form, mission, beside=source.is_dir())
+        cargos[mission.robot] = _read_cargo(path, form, mission, beside=source.is_dir())
     if not cargos:
-        found = sorted({sheet.sortie or 1 for sheet in by_format[form]})
-        raise InvalidInputError(f"sortie: expected one of {found} in {source}, got {sortie}")
+        sorties = sorted({sheet.sortie or 1 for sheet in by_format[form]})
+        raise InvalidInputError(f"sortie: expected one of {sorties} in {source}, got {sortie}")
     return dict(sorted(cargos.items()))
 
 
-def _cargo(path: Path, form: str, mission: Mission, *, beside: bool) -> Cargo:
+def _read_cargo(path: Path, form: str, mission: Mission, *, beside: bool) -> Cargo:
     text = read_text(path, what=path.name, most=LARGEST_FILE)
     if form == "plan":
         flown, fence, rally = items_on_board(text)
@@ -160,13 +160,13 @@ def read_seats(text: str) -> dict[int, Seat]:
         entries = [(f"{path}: line {number}", line) for number, line in enumerate(lines, 1) if line]
     seats: dict[int, Seat] = {}
     for place, entry in entries:
-        found = _PAIR.fullmatch(entry)
-        if found is None or int(found[1]) < 1 or not 1 <= int(found[2]) <= 255:
+        match = _PAIR.fullmatch(entry)
+        if match is None or int(match[1]) < 1 or not 1 <= int(match[2]) <= 255:
             raise InvalidInputError(
                 f"{place}: expected ROBOT=SYSTEM with a system id from 1 to 255, such as 1=1, got"
                 f" {entry!r}"
             )
-        seat = Seat(int(found[1]), int(found[2]), found[3])
+        seat = Seat(int(match[1]), int(match[2]), match[3])
         if seat.link is not None:
             check_link(seat.link)
         if seat.robot in seats:

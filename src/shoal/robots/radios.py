@@ -59,8 +59,8 @@ class UdpRadio:
         own = interface_address(host)
         self.fault, self._others, self._give_up = "", others, give_up
         self._sent_at = time.monotonic()
-        groups = [one for one in others if ipaddress.IPv4Address(one[0]).is_multicast]
-        casts = [one for one in others if one[0] == _broadcast_of(own)]
+        groups = [address for address in others if ipaddress.IPv4Address(address[0]).is_multicast]
+        casts = [address for address in others if address[0] == _broadcast_of(own)]
         if (groups or casts) and len(others) > 1:
             raise InvalidInputError(
                 "radio: expected one multicast group or broadcast address alone, got"
@@ -124,10 +124,10 @@ def interface_address(host: str) -> str:
     InvalidInputError
     """
     if host in {name for _, name in socket.if_nameindex()}:
-        found = _ask_interface(host, 0x8915)  # SIOCGIFADDR
-        if found is None:
+        own = _ask_interface(host, 0x8915)  # SIOCGIFADDR
+        if own is None:
             raise InvalidInputError(f"radio: expected an interface with an address, got {host}")
-        return found
+        return own
     try:
         address = str(socket.getaddrinfo(host, None, socket.AF_INET)[0][4][0])
     except OSError:
@@ -145,9 +145,9 @@ def _ask_interface(name: str, request: int) -> str | None:
     try:
         import fcntl
 
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-            told = fcntl.ioctl(asked.fileno(), request, struct.pack("256s", name.encode()[:15]))
-        return socket.inet_ntoa(told[20:24])
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            reply = fcntl.ioctl(probe.fileno(), request, struct.pack("256s", name.encode()[:15]))
+        return socket.inet_ntoa(reply[20:24])
     except (ImportError, OSError):
         return None
 
@@ -158,8 +158,8 @@ def _broadcast_of(own: str) -> str | None:
         return _LOOPBACK_BROADCAST
     for _, name in socket.if_nameindex():
         if _ask_interface(name, 0x8915) == own:
-            found = _ask_interface(name, 0x8919)  # SIOCGIFBRDADDR
-            return None if found in (None, "0.0.0.0") else found
+            broadcast = _ask_interface(name, 0x8919)  # SIOCGIFBRDADDR
+            return None if broadcast in (None, "0.0.0.0") else broadcast
     return None
 
 
@@ -297,7 +297,7 @@ def decode_frame(frame: bytes) -> bytes | None:
             continue
         try:
             repaired = bytes(_codec().decode(candidate)[0])
-        except (_broken(), ZeroDivisionError):
+        except (_decoding_error(), ZeroDivisionError):
             continue
         if crc32(repaired[:-4]).to_bytes(4, "little") == repaired[-4:]:
             return repaired[:-4]
@@ -311,7 +311,7 @@ def _codec() -> Any:
 
 
 @cache
-def _broken() -> type[Exception]:
+def _decoding_error() -> type[Exception]:
     reedsolo = import_extra("reedsolo", "serial radios need reedsolo", extra="serial")
     error: type[Exception] = reedsolo.ReedSolomonError
     return error
@@ -354,16 +354,16 @@ def open_radio(text: str, *, robots: int = 1, give_up: float = _GIVE_UP) -> Radi
     InvalidInputError
         If the text names no radio, or if the radio cannot be opened.
     """
-    kind, _, rest = text.partition(":")
-    if kind == "serial" and (found := _SERIAL.fullmatch(rest)):
-        if found[3] and float(found[3]) == 0:
+    kind, _, endpoint = text.partition(":")
+    if kind == "serial" and (serial := _SERIAL.fullmatch(endpoint)):
+        if serial[3] and float(serial[3]) == 0:
             raise InvalidInputError(f"radio: expected a duty above 0, got {text!r}")
-        duty = float(found[3]) if found[3] else min(_DUTY, _CHANNEL / robots)
-        return SerialRadio(found[1], int(found[2] or 57600), duty=duty, give_up=give_up)
-    addresses = [_ADDRESS.fullmatch(part) for part in rest.split(",")]
-    if kind != "udp" or not all(one and 0 < int(one[2]) < 65536 for one in addresses):
+        duty = float(serial[3]) if serial[3] else min(_DUTY, _CHANNEL / robots)
+        return SerialRadio(serial[1], int(serial[2] or 57600), duty=duty, give_up=give_up)
+    matches = [_ADDRESS.fullmatch(part) for part in endpoint.split(",")]
+    if kind != "udp" or not all(match and 0 < int(match[2]) < 65536 for match in matches):
         raise InvalidInputError(f"radio: expected {RADIOS}, got {text!r}")
-    own, *others = [(one[1], int(one[2])) for one in addresses if one]
+    own, *others = [(match[1], int(match[2])) for match in matches if match]
     if not others:
         raise InvalidInputError(
             f"radio: expected the addresses of other robots after the own one, got {text!r}"

@@ -132,22 +132,22 @@ class SearchRecord:
             for robot, cell in self.doubtful
         ]
         faults += [
-            f"robots {one} and {other} were both in cell {cell} after {time:.0f} s"
-            for cell, one, other, time in self.shared
+            f"robots {robot} and {other} were both in cell {cell} after {time:.0f} s"
+            for cell, robot, other, time in self.shared
         ]
         near = self.approach
         if near is not None and near["horizontal_m"] < horizontal:
-            one, other = near["robots"]
+            robot, other = near["robots"]
             faults.append(
-                f"robots {one} and {other} came as near as {near['horizontal_m']:.1f} m, and"
+                f"robots {robot} and {other} came as near as {near['horizontal_m']:.1f} m, and"
                 f" {near['vertical_m']:.1f} m in height, after {near['time_s']:.0f} s; expected"
                 f" {horizontal:g} m, or {vertical:g} m in height"
             )
         near = self.emergency
         if near is not None and near["horizontal_m"] < _COLLISION:
-            one, other = near["robots"]
+            robot, other = near["robots"]
             faults.append(
-                f"robots {one} and {other} came as near as {near['horizontal_m']:.1f} m, and"
+                f"robots {robot} and {other} came as near as {near['horizontal_m']:.1f} m, and"
                 f" {near['vertical_m']:.1f} m in height, in an emergency after"
                 f" {near['time_s']:.0f} s"
             )
@@ -171,30 +171,30 @@ class SearchRecord:
             "required_m": [horizontal, None if math.isinf(vertical) else vertical],
             "covered_fraction": self.covered_fraction,
             "faults": self.faults,
-            "shared": [list(one) for one in self.shared],
-            "doubtful": [list(one) for one in self.doubtful],
+            "shared": [list(meeting) for meeting in self.shared],
+            "doubtful": [list(pair) for pair in self.doubtful],
         }
 
 
 def search_record(task: RobotTask, robots: Sequence[RobotRecord]) -> SearchRecord:
     """Return what the records of all robots of a search say."""
-    searched, doubtful, found = set[int](), [], set[int]()
-    for one in robots:
-        for report in one.reports:
+    searched, doubtful, cells_found = set[int](), [], set[int]()
+    for record in robots:
+        for report in record.reports:
             if report["kind"] != "searched":
                 continue
             cell = int(report["cell"])
-            if not _was_there(task, one, cell, report["time"]):
-                doubtful.append((one.robot, cell))
+            if not _was_at_cell(task, record, cell, report["time"]):
+                doubtful.append((record.robot, cell))
                 continue
             searched |= {cell, *report.get("around", ())}
             if report.get("found"):
-                found.add(cell)
-            found |= {*report.get("beside", ())}
-    flights = {one.robot: _flights(task, one) for one in robots}
+                cells_found.add(cell)
+            cells_found |= {*report.get("beside", ())}
+    flights = {record.robot: _flights(task, record) for record in robots}
     flown = [flight for some in flights.values() for flight in some]
     begin = min((flight.begin for flight in flown), default=0.0)
-    end = max((flight.begin + flight.way.duration for flight in flown), default=0.0)
+    end = max((flight.begin + flight.trajectory.duration for flight in flown), default=0.0)
     vertical = math.inf if task.kind == "rover" else task.limits.vertical_m - 2 * _TOLERANCE
     close = math.inf if task.kind == "rover" else _COLLISION
     return SearchRecord(
@@ -202,82 +202,86 @@ def search_record(task: RobotTask, robots: Sequence[RobotRecord]) -> SearchRecor
         searched=len(searched),
         doubtful=tuple(doubtful),
         seconds=round(end - begin, 2),
-        approach=_nearest(flights, vertical, begin, calm=True),
+        approach=_nearest_approach(flights, vertical, begin, calm=True),
         required_m=(task.limits.horizontal_m, vertical),
-        emergency=_nearest(flights, close, begin, calm=False),
+        emergency=_nearest_approach(flights, close, begin, calm=False),
         shared=tuple(_shared_cells(robots)),
-        outside_m={one.robot: _outside(task, one) for one in robots},
-        breaches={one.robot: one.breaches for one in robots},
-        hovering=tuple(one.robot for one in robots if one.armed or _is_up(task, one)),
-        battery={one.robot: round(one.battery, 3) for one in robots},
-        found=tuple(sorted(found)),
+        outside_m={record.robot: _distance_outside(task, record) for record in robots},
+        breaches={record.robot: record.breaches for record in robots},
+        hovering=tuple(
+            record.robot for record in robots if record.armed or _is_airborne(task, record)
+        ),
+        battery={record.robot: round(record.battery, 3) for record in robots},
+        found=tuple(sorted(cells_found)),
     )
 
 
-def _was_there(task: RobotTask, one: RobotRecord, cell: int, time: float) -> bool:
+def _was_at_cell(task: RobotTask, record: RobotRecord, cell: int, time: float) -> bool:
     """Return whether a vehicle was at the viewpoint of a cell when it reported the cell."""
-    near = np.abs(one.times - time) <= _SECONDS
+    near = np.abs(record.times - time) <= _SECONDS
     if not near.any():
         return False
-    away = np.linalg.norm(one.places[near, :2] - task.cells[cell, :2], axis=1)
+    away = np.linalg.norm(record.places[near, :2] - task.cells[cell, :2], axis=1)
     return bool(away.min() <= task.arrival_m + _TOLERANCE)
 
 
-def _is_up(task: RobotTask, one: RobotRecord) -> bool:
-    return task.kind != "rover" and len(one.places) > 0 and bool(one.places[-1, 2] > _ALOFT)
+def _is_airborne(task: RobotTask, record: RobotRecord) -> bool:
+    return task.kind != "rover" and len(record.places) > 0 and bool(record.places[-1, 2] > _ALOFT)
 
 
 class _Flight(NamedTuple):
-    """A part of a flight: when it began, the way in it, and whether all was well."""
+    """A part of a flight: when it began, its trajectory, and whether all was well."""
 
     begin: float
-    way: Trajectory
+    trajectory: Trajectory
     calm: bool
 
 
-def _flights(task: RobotTask, one: RobotRecord) -> list[_Flight]:
+def _flights(task: RobotTask, record: RobotRecord) -> list[_Flight]:
     """Return the parts of a vehicle's flight. After its robot has given up or died for the first
     time, all is well only as long as the vehicle flies at its own height.
     """
-    if len(one.times) < 2:
+    if len(record.times) < 2:
         return []
-    times = np.arange(one.times[0], one.times[-1], _EVERY)
-    at = [np.interp(times, one.times, one.places[:, axis]) for axis in range(3)]
+    times = np.arange(record.times[0], record.times[-1], _EVERY)
+    at = [np.interp(times, record.times, record.places[:, axis]) for axis in range(3)]
     points = np.stack(at, axis=1)
     if task.kind == "rover":
         up = np.linalg.norm(points[:, :2] - points[0, :2], axis=1) > _LEFT
     else:
         up = points[:, 2] > _ALOFT
-    wrong = [one_["time"] for one_ in one.reports if one_["kind"] in ("fault", "ended")]
-    level = np.abs(points[:, 2] - task.height(one.robot)) <= _TOLERANCE + _ALOFT / 2
+    wrong = [report["time"] for report in record.reports if report["kind"] in ("fault", "ended")]
+    level = np.abs(points[:, 2] - task.height(record.robot)) <= _TOLERANCE + _ALOFT / 2
     calm = (times < min(wrong, default=math.inf)) | level
     state = np.where(up, 1 + calm, 0)
     edges = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), len(state)]
     parts = []
     for first, last in pairwise(edges):
         if state[first] and last - first > 1:
-            way = Trajectory(times[first:last] - times[first], points[first:last])
-            parts.append(_Flight(float(times[first]), way, bool(state[first] == 2)))
+            trajectory = Trajectory(times[first:last] - times[first], points[first:last])
+            parts.append(_Flight(float(times[first]), trajectory, bool(state[first] == 2)))
     return parts
 
 
-def _nearest(
+def _nearest_approach(
     flights: Mapping[int, Sequence[_Flight]], vertical: float, begin: float, *, calm: bool
 ) -> dict[str, Any] | None:
     """Return the nearest approach of two vehicles that are both in flight: while all is well with
     both, or while it is not.
     """
     best: dict[str, Any] | None = None
-    for one, other in combinations(sorted(flights), 2):
-        for mine, theirs in product(flights[one], flights[other]):
+    for robot, other in combinations(sorted(flights), 2):
+        for mine, theirs in product(flights[robot], flights[other]):
             later = theirs.begin - mine.begin
-            together = -theirs.way.duration <= later <= mine.way.duration
+            together = -theirs.trajectory.duration <= later <= mine.trajectory.duration
             if (mine.calm and theirs.calm) != calm or not together:
                 continue
-            met = nearest_approach(mine.way, theirs.way, vertical=vertical, later=later)
+            met = nearest_approach(
+                mine.trajectory, theirs.trajectory, vertical=vertical, later=later
+            )
             if met is not None and (best is None or met.horizontal < best["horizontal_m"]):
                 best = {
-                    "robots": [one, other],
+                    "robots": [robot, other],
                     "horizontal_m": round(met.horizontal, 2),
                     "vertical_m": round(met.vertical, 2),
                     "time_s": round(mine.begin - begin + met.times[0], 1),
@@ -288,44 +292,48 @@ def _nearest(
 def _shared_cells(robots: Sequence[RobotRecord]) -> list[tuple[int, int, int, float]]:
     """Return the cells in which two robots were at the same time, by what they have logged."""
     stays: dict[int, list[tuple[float, float, int]]] = {}
-    for one in robots:
+    for record in robots:
         inside: tuple[int, float] | None = None
-        for report in [*one.reports, {"kind": "ended", "time": math.inf}]:
+        for report in [*record.reports, {"kind": "ended", "time": math.inf}]:
             if inside is not None and (report["kind"] in ("enters", *_LEAVES)):
-                stays.setdefault(inside[0], []).append((inside[1], report["time"], one.robot))
+                stays.setdefault(inside[0], []).append((inside[1], report["time"], record.robot))
                 inside = None
             if report["kind"] == "enters":
                 inside = int(report["cell"]), report["time"]
     shared = []
-    for cell, some in sorted(stays.items()):
-        for (begin, end, first), (start, stop, other) in combinations(sorted(some), 2):
+    for cell, stays_in_cell in sorted(stays.items()):
+        for (begin, end, first), (start, stop, other) in combinations(sorted(stays_in_cell), 2):
             if first != other and start < end and begin < stop:
                 shared.append((cell, first, other, round(start, 1)))
     return shared
 
 
-def _outside(task: RobotTask, one: RobotRecord) -> float:
+def _distance_outside(task: RobotTask, record: RobotRecord) -> float:
     """Return the largest distance of a vehicle in flight from where it may be: in the region and on
     its ways to and from its launch point; on a return of its autopilot, between all these.
     """
     import shapely
 
-    up = one.places[:, 2] > _ALOFT if task.kind != "rover" else np.ones(len(one.places), np.bool_)
+    up = (
+        record.places[:, 2] > _ALOFT
+        if task.kind != "rover"
+        else np.ones(len(record.places), np.bool_)
+    )
     if not up.any():
         return 0.0
-    outline, ways = task.plan.grid.region.outline, _ways_out(task, one.robot)
+    outline, ways = task.plan.grid.region.outline, _corridors(task, record.robot)
     led = shapely.union_all([outline, *ways])
-    home = shapely.Point(task.plan.places[one.robot - 1])
+    home = shapely.Point(task.plan.places[record.robot - 1])
     returns = shapely.convex_hull(shapely.union_all([outline, home, *ways]))
     away = 0.0
-    for allowed, some in ((led, up & one.led), (returns, up & ~one.led)):
-        if some.any():
-            points = shapely.points(one.places[some, :2])
+    for allowed, moments in ((led, up & record.led), (returns, up & ~record.led)):
+        if moments.any():
+            points = shapely.points(record.places[moments, :2])
             away = max(away, float(shapely.distance(allowed, points).max()))
     return round(away, 2)
 
 
-def _ways_out(task: RobotTask, robot: int) -> list[Any]:
+def _corridors(task: RobotTask, robot: int) -> list[Any]:
     """Return corridors between the region and a launch point outside of it."""
     import shapely
 

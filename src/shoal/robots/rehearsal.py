@@ -76,7 +76,7 @@ class Happening:
 
 
 @dataclass
-class Rehearsed:
+class RehearsalResult:
     """What came of one run of a rehearsal.
 
     Parameters
@@ -119,11 +119,12 @@ class Rehearsed:
     def faults(self) -> list[str]:
         """What was not as it should be, a sentence each."""
         faults = [*self.record.faults, *self.crowded]
-        hit = {one["robot"] for one in self.happened}
+        hit = {event["robot"] for event in self.happened}
         faults += [
-            f"robot {one['robot']}: {one['fault'] or 'its program ended with ' + str(one['exit'])}"
-            for one in self.robots
-            if one["robot"] not in hit and (one["fault"] or one["exit"] != 0)
+            f"robot {robot['robot']}:"
+            f" {robot['fault'] or 'its program ended with ' + str(robot['exit'])}"
+            for robot in self.robots
+            if robot["robot"] not in hit and (robot["fault"] or robot["exit"] != 0)
         ]
         if self.timed_out:
             faults.append("the search did not end in time")
@@ -136,8 +137,8 @@ class Rehearsed:
 
     def report(self) -> dict[str, Any]:
         """Return the run as a mapping for JSON."""
-        told = {name: value for name, value in vars(self).items() if name != "record"}
-        return told | self.record.report() | {"faults": self.faults, "passed": not self.faults}
+        fields = {name: value for name, value in vars(self).items() if name != "record"}
+        return fields | self.record.report() | {"faults": self.faults, "passed": not self.faults}
 
 
 @dataclass
@@ -214,7 +215,7 @@ class Rehearsal:
         homes = task.frame.to_degrees(plan.places)
         made = {}
         for number in self.numbers:
-            told = safe_parameters(_NUMBERS[self.autopilot], task.kind, task.height(number))
+            parameters = safe_parameters(_NUMBERS[self.autopilot], task.kind, task.height(number))
             made[number] = SimulatedVehicle(
                 number,
                 kind=task.kind,
@@ -223,7 +224,7 @@ class Rehearsal:
                 speed=about.cruise_speed or _SPEED,
                 acceleration=about.acceleration or _ACCELERATION,
                 battery=_ENDLESS if about.endurance is None else 60 * about.endurance,
-                parameters=told | self.parameters,
+                parameters=parameters | self.parameters,
             )
         missions = task.path.parent / MISSIONS
         if missions.is_dir():
@@ -275,7 +276,7 @@ class Rehearsal:
         on_event: Callable[[str], None] = lambda _text: None,
         stranger: bool = False,
         seed: int = 0,
-    ) -> Rehearsed:
+    ) -> RehearsalResult:
         """Run the search once, from the take-off to the last landing.
 
         Parameters
@@ -338,7 +339,7 @@ class _Run:
         self, rehearsal: Rehearsal, name: str, happenings: Sequence[Happening], stack: ExitStack
     ) -> None:
         self.rehearsal, self.task, self.name = rehearsal, rehearsal.task, name
-        self.waiting = sorted(happenings, key=lambda one: one.at)
+        self.waiting = sorted(happenings, key=lambda happening: happening.at)
         self.happened: list[dict[str, Any]] = []
         home = rehearsal.folder / name
         shutil.rmtree(home, ignore_errors=True)
@@ -465,7 +466,7 @@ class _Run:
                 robot.exit, robot.process = code, None
             self._change_battery(robot)
         while self.waiting and self.fraction >= self.waiting[0].at:
-            self._let_happen(self.waiting.pop(0), on_event)
+            self._apply(self.waiting.pop(0), on_event)
 
     def _change_battery(self, robot: _Robot) -> None:
         """Change the battery of a vehicle that has landed to search on, as the operator does."""
@@ -473,28 +474,30 @@ class _Run:
         if "home" in kinds and not robot.vehicle.armed:
             robot.vehicle.charge = 1.0
 
-    def _let_happen(self, one: Happening, on_event: Callable[[str], None]) -> None:
-        robot = self.robots[one.robot]
+    def _apply(self, happening: Happening, on_event: Callable[[str], None]) -> None:
+        robot = self.robots[happening.robot]
         text = {
-            "kill": f"robot {one.robot}: its program is killed",
-            "restart": f"robot {one.robot}: its program is started again",
-            "silence": f"robot {one.robot}: its autopilot falls silent",
-            "blind": f"robot {one.robot}: its autopilot has lost its position",
-        }[one.what]
-        if one.what == "kill":
+            "kill": f"robot {happening.robot}: its program is killed",
+            "restart": f"robot {happening.robot}: its program is started again",
+            "silence": f"robot {happening.robot}: its autopilot falls silent",
+            "blind": f"robot {happening.robot}: its autopilot has lost its position",
+        }[happening.what]
+        if happening.what == "kill":
             if robot.process is not None:
                 with suppress(ProcessLookupError):
                     os.kill(robot.process.pid, signal.SIGKILL)
                 robot.exit, robot.process = robot.process.wait(), None
             self._read(robot)
             robot.reports.append({"kind": "ended", "time": self.now})
-        elif one.what == "restart":
+        elif happening.what == "restart":
             self._start(robot)
-        elif one.what == "silence":
+        elif happening.what == "silence":
             robot.vehicle.silent = True
         else:
             robot.vehicle.lost_position = True
-        self.happened.append({"what": one.what, "robot": one.robot, "time_s": round(self.now, 1)})
+        self.happened.append(
+            {"what": happening.what, "robot": happening.robot, "time_s": round(self.now, 1)}
+        )
         on_event(f"{text} ({100 * self.fraction:.0f} % searched)")
 
     def _read(self, robot: _Robot) -> None:
@@ -511,11 +514,11 @@ class _Run:
             checksum, _, text = line.partition(b" ")
             if checksum != b"%08x" % crc32(text):
                 continue  # half written when the program was killed
-            told = json.loads(text)
-            if "epoch" in told:
-                robot.epoch = told["epoch"]
-            elif "kind" in told:
-                robot.reports.append(told | {"time": self._seconds(robot, told["time"])})
+            entry = json.loads(text)
+            if "epoch" in entry:
+                robot.epoch = entry["epoch"]
+            elif "kind" in entry:
+                robot.reports.append(entry | {"time": self._seconds(robot, entry["time"])})
 
     def _seconds(self, robot: _Robot, time_: float) -> float:
         """Return the simulated seconds of a robot's time, which counts cells since its start."""
@@ -534,9 +537,9 @@ class _Run:
             self._ended_at = now
         return now - self._ended_at > _LANDING
 
-    def result(self) -> Rehearsed:
+    def result(self) -> RehearsalResult:
         """Return what came of the run."""
-        records, told = [], []
+        records, reports = [], []
         for robot in self.robots.values():
             vehicle = robot.vehicle
             track = np.array(vehicle.track, dtype=np.float64).reshape(-1, 5)
@@ -553,19 +556,19 @@ class _Run:
                     vehicle.breaches,
                 )
             )
-            told.append(self._about(robot))
+            reports.append(self._robot_report(robot))
         record = search_record(self.task, records)
         wall = round(time.monotonic() - self.begin, 1)
-        return Rehearsed(
+        return RehearsalResult(
             self.name,
             self.happened,
             record,
-            told,
+            reports,
             wall,
             round(self.late, 2),
             self.timed_out,
             {} if self.stranger is None else dict(self.stranger.sent),
-            _crowded(self.task),
+            _launch_conflicts(self.task),
         )
 
     def _in_region(self, vehicle: SimulatedVehicle, places: Any) -> Any:
@@ -573,7 +576,7 @@ class _Run:
         degrees = vehicle.frame.to_degrees(places[:, :2])
         return np.column_stack([self.task.frame.to_metres(degrees), places[:, 2]])
 
-    def _about(self, robot: _Robot) -> dict[str, Any]:
+    def _robot_report(self, robot: _Robot) -> dict[str, Any]:
         status = next(
             (
                 report["kind"]
@@ -599,14 +602,15 @@ class _Run:
         }
 
 
-def _crowded(task: RobotTask) -> list[str]:
+def _launch_conflicts(task: RobotTask) -> list[str]:
     """Return a sentence for each two robots whose launch points are too near to each other."""
     least, places = task.limits.horizontal_m, task.plan.places
     return [
-        f"robots {one + 1} and {other + 1} start {np.linalg.norm(places[one] - places[other]):.1f} m"
-        f" from each other; expected at least {least:g} m"
-        for one, other in combinations(range(len(places)), 2)
-        if np.linalg.norm(places[one] - places[other]) < least
+        f"robots {robot + 1} and {other + 1} start"
+        f" {np.linalg.norm(places[robot] - places[other]):.1f} m from each other; expected at least"
+        f" {least:g} m"
+        for robot, other in combinations(range(len(places)), 2)
+        if np.linalg.norm(places[robot] - places[other]) < least
     ]
 
 

@@ -64,10 +64,12 @@ class RadioSensor:
         self._forgot = {*numbers} if restarted else set[int]()  # to whom it may have let a cell
         self._grace: float | None = None  # all others may live until then
         self._cell: int | None = None  # the cell that is claimed
-        self._told_before, self._since = 0, 0.0  # beacons sent, and the time, before the claim
+        self._count_before, self._since = 0, 0.0  # beacons sent, and the time, before the claim
         self._let_me: set[int] = set()
         self._let_go: dict[int, int] = {}  # which cell each other robot was let
-        self._left: dict[int, tuple[int, float]] = {}  # the cell each robot claimed before
+        self._previous_claims: dict[
+            int, tuple[int, float]
+        ] = {}  # the cell each robot claimed before
         self._count = 0
 
     def note(self, event: Event) -> None:
@@ -78,24 +80,24 @@ class RadioSensor:
         self._note_own(robot)
         if not isinstance(event, Heard) or not event.beacon.heartbeats:
             return
-        for told in event.beacon.heartbeats:
-            peer = robot.peers.get(told.robot)
-            if peer is None or told.count <= peer.heartbeat.count:
+        for heartbeat in event.beacon.heartbeats:
+            peer = robot.peers.get(heartbeat.robot)
+            if peer is None or heartbeat.count <= peer.heartbeat.count:
                 continue
-            if told.place != peer.heartbeat.place:
-                self._left[told.robot] = peer.heartbeat.place, event.time
+            if heartbeat.place != peer.heartbeat.place:
+                self._previous_claims[heartbeat.robot] = peer.heartbeat.place, event.time
         sender, *others = event.beacon.heartbeats
         if sender.robot != event.beacon.sender or sender.robot == robot.number:
             return
         if sender.robot in self._forgot:
             self._forgot.discard(sender.robot)
             self._let_go[sender.robot] = sender.place
-        known = robot.peers.get(sender.robot)
-        if known is not None and known.heartbeat.count > sender.count:
+        peer = robot.peers.get(sender.robot)
+        if peer is not None and peer.heartbeat.count > sender.count:
             return  # an old one
-        for told in others:
-            knows = told.robot == robot.number and told.count > self._told_before
-            if knows and told.place == self._cell != sender.place:
+        for heartbeat in others:
+            knows = heartbeat.robot == robot.number and heartbeat.count > self._count_before
+            if knows and heartbeat.place == self._cell != sender.place:
                 self._let_me.add(sender.robot)
 
     def _note_own(self, robot: Robot) -> None:
@@ -109,7 +111,7 @@ class RadioSensor:
             if place != self._cell or robot.status != "searching":
                 self._cell = None  # others no longer know the claim
         if robot.target is not None and robot.target != self._cell:
-            self._cell, self._told_before, self._since = robot.target, robot.count, self._now()
+            self._cell, self._count_before, self._since = robot.target, robot.count, self._now()
             self._let_me = set()
 
     def search(self, cell: int) -> CellFinding:
@@ -127,7 +129,7 @@ class RadioSensor:
             number
             for number in self._parts
             if number != robot.number
-            and (now <= self._grace or now - _heard(robot, number) <= silence)
+            and (now <= self._grace or now - _last_heard(robot, number) <= silence)
         ]
         claim = {
             number: robot.peers[number].heartbeat.place == cell
@@ -157,7 +159,7 @@ class RadioSensor:
 
     def _lets(self, robot: Robot, number: int, claims: bool | None, cell: int) -> bool:
         """Return whether another robot lets this one enter a cell."""
-        before, when = self._left.get(number, (None, 0.0))
+        before, when = self._previous_claims.get(number, (None, 0.0))
         if before == cell and self._now() < when + _LEAVING * robot.brief.beat:
             return False  # it may still be on its way out
         if number in self._forgot or (claims and self._let_go.get(number) == cell):
@@ -171,8 +173,8 @@ class RadioSensor:
         if claims is None or claims:
             return False
         peer = robot.peers[number]
-        told = self._since + _TOLD * robot.brief.beat
-        return peer.heartbeat.status == "complete" or peer.heard > told
+        deadline = self._since + _TOLD * robot.brief.beat
+        return peer.heartbeat.status == "complete" or peer.heard > deadline
 
     def leave(self, cell: int) -> None:
         """Do nothing: the next beacon tells where the robot goes."""
@@ -182,7 +184,7 @@ class RadioSensor:
         return None, len(through)
 
 
-def _heard(robot: Robot, number: int) -> float:
+def _last_heard(robot: Robot, number: int) -> float:
     """Return when a robot was heard last."""
     peer = robot.peers.get(number)
     return -inf if peer is None else peer.heard

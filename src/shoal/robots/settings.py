@@ -72,15 +72,15 @@ def settings_for(autopilot: int, kind: str, height: float) -> list[Setting]:
     height : float
         Height in metres above home at which this robot returns, and no other.
     """
-    found = _px4(kind, height) if autopilot == PX4 else _ardupilot(kind, height)
-    return [one for one in found if kind != "rover" or one.check != "return"]
+    settings = _px4(kind, height) if autopilot == PX4 else _ardupilot(kind, height)
+    return [setting for setting in settings if kind != "rover" or setting.check != "return"]
 
 
 def _px4(kind: str, height: float) -> list[Setting]:
     why = "return or land when the set-points end"
     stops = (3, 4, 5) if kind == "rover" else (3, 4)  # return, land, hold
     return [
-        Setting("failsafe", ("COM_OBL_RC_ACT",), _words(stops), why, _one_of(*stops), 3),
+        Setting("failsafe", ("COM_OBL_RC_ACT",), _join_numbers(stops), why, _one_of(*stops), 3),
         # before version 1.14, without a remote control
         Setting("failsafe", ("COM_OBL_ACT",), "0 or 2", why, _one_of(0, 2), 2, needed=False),
         Setting(
@@ -163,7 +163,7 @@ def _ardupilot(kind: str, height: float) -> list[Setting]:
         ]
     acts = (1, 3, 4, 5, 6, 7)  # 2 went on with the mission, and was removed in 4.0
     return [
-        Setting("failsafe", ("FS_GCS_ENABLE",), _words(acts), why, _one_of(*acts), 1),
+        Setting("failsafe", ("FS_GCS_ENABLE",), _join_numbers(acts), why, _one_of(*acts), 1),
         # before version 4.1, always 5 s
         Setting(
             "failsafe", ("FS_GCS_TIMEOUT",), "1 to 30", seconds, _between(1, 30), 5, needed=False
@@ -195,15 +195,17 @@ def _ardupilot(kind: str, height: float) -> list[Setting]:
 _CENTIMETRES = ("RTL_ALT", "RTL_ALT_FINAL")
 
 
-def _words(numbers: Collection[int]) -> str:
+def _join_numbers(numbers: Collection[int]) -> str:
     *some, last = map(str, numbers)
     return f"{', '.join(some)} or {last}"
 
 
 def names_to_read(settings: Collection[Setting]) -> tuple[set[str], set[str]]:
     """Return the names of all parameters that are read, and of those without which one waits."""
-    names = {name for one in settings for name in one.names}
-    needed = {one.names[0] for one in settings if one.needed and len(one.names) == 1}
+    names = {name for setting in settings for name in setting.names}
+    needed = {
+        setting.names[0] for setting in settings if setting.needed and len(setting.names) == 1
+    }
     return names | ({LAST_STATION, "FENCE_ALT_MAX"} if "FENCE_TYPE" in names else set()), needed
 
 
@@ -227,18 +229,20 @@ def wrong_settings(
         Checks that the operator has made instead.
     """
     faults = []
-    for one in settings:
-        found = [(name, values[name]) for name in one.names if name in values]
-        if one.check in accepted or (not found and not one.needed):
+    for setting in settings:
+        readings = [(name, values[name]) for name in setting.names if name in values]
+        if setting.check in accepted or (not readings and not setting.needed):
             continue
-        if not found:
-            faults.append(f"{one.check}: expected {one.names[0]} {one.expected}, got none")
-            continue
-        name, value = found[0]
-        if not one.fits(value / 100 if name in _CENTIMETRES else value):
+        if not readings:
             faults.append(
-                f"{one.check}: expected {name} {one.expected} ({one.why}), got {value:g}"
-                + (" cm" if name in _CENTIMETRES else "")
+                f"{setting.check}: expected {setting.names[0]} {setting.expected}, got none"
+            )
+            continue
+        name, value = readings[0]
+        if not setting.fits(value / 100 if name in _CENTIMETRES else value):
+            faults.append(
+                f"{setting.check}: expected {name} {setting.expected} ({setting.why}), got"
+                f" {value:g}" + (" cm" if name in _CENTIMETRES else "")
             )
     highest = values.get("FENCE_ALT_MAX", height + 2 * _ABOVE)
     if (
@@ -262,7 +266,7 @@ def safe_parameters(autopilot: int, kind: str, height: float) -> dict[str, float
     3
     """
     return {
-        one.names[0]: one.usual * 100 if one.names[0] in _CENTIMETRES else one.usual
-        for one in settings_for(autopilot, kind, height)
-        if one.needed or one.check == "return"
+        setting.names[0]: setting.usual * 100 if setting.names[0] in _CENTIMETRES else setting.usual
+        for setting in settings_for(autopilot, kind, height)
+        if setting.needed or setting.check == "return"
     }

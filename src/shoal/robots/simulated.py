@@ -248,7 +248,7 @@ class SimulatedVehicle:
         """Go on to the time ``now``, and return what is to be sent, a message each."""
         self._now = max(self._now, now)
         self._move()
-        for when, message in [one for one in self._later if one[0] <= self._now]:
+        for when, message in [entry for entry in self._later if entry[0] <= self._now]:
             self._later.remove((when, message))
             self._send(message)
         self._go_on_with_upload()
@@ -340,7 +340,7 @@ class SimulatedVehicle:
     ) -> None:
         upload = self._upload
         kind = _KINDS.get(message.mission_type)
-        if upload is None or kind != upload.kind or message.seq != self._wanted(upload):
+        if upload is None or kind != upload.kind or message.seq != self._next_request(upload):
             if self.autopilot == ARDUPILOT and kind is not None:
                 self._acknowledge(kind, _OUT_OF_ORDER, partner)
             return
@@ -353,7 +353,7 @@ class SimulatedVehicle:
         if len(upload.items) == upload.count:
             self._end_upload()
 
-    def _wanted(self, upload: _Upload) -> int:
+    def _next_request(self, upload: _Upload) -> int:
         missing = [seq for seq in range(upload.count) if seq not in upload.items]
         return missing[-1 if self.quirks.asks_backwards else 0]
 
@@ -372,7 +372,7 @@ class SimulatedVehicle:
                 if floats
                 else self._dialect.MAVLink_mission_request_int_message
             )
-            request = make(*upload.partner, self._wanted(upload), MISSION_TYPES[upload.kind])
+            request = make(*upload.partner, self._next_request(upload), MISSION_TYPES[upload.kind])
             self._send(request)
             if self.quirks.asks_twice:
                 self._send(request)
@@ -382,7 +382,7 @@ class SimulatedVehicle:
         assert upload is not None
         self._upload = None
         items = [
-            self._as_stored(upload.kind, seq, upload.items[seq]) for seq in range(upload.count)
+            self._stored_item(upload.kind, seq, upload.items[seq]) for seq in range(upload.count)
         ]
         if upload.kind == MISSION and self.autopilot == ARDUPILOT:
             items = items[1:]  # its home is its own
@@ -396,7 +396,7 @@ class SimulatedVehicle:
             self.current = 0
         self._acknowledge(upload.kind, _ACCEPTED, upload.partner)
 
-    def _as_stored(self, kind: str, seq: int, item: MissionItem) -> MissionItem:
+    def _stored_item(self, kind: str, seq: int, item: MissionItem) -> MissionItem:
         """Return an item as the autopilot keeps it."""
         changes: dict[str, Any] = {}
         if self.autopilot == ARDUPILOT:
@@ -429,7 +429,7 @@ class SimulatedVehicle:
                 )
         return item._replace(**changes)
 
-    def _on_board(self, kind: str) -> list[MissionItem]:
+    def _items_on_board(self, kind: str) -> list[MissionItem]:
         """Return the items as they are read out: ArduPilot's mission begins with its home."""
         items = self.stored[kind]
         if kind == MISSION and self.autopilot == ARDUPILOT:
@@ -441,7 +441,7 @@ class SimulatedVehicle:
         kind = self._kind_of(message, partner)
         if kind is None or self.quirks.mute:
             return
-        count = len(self._on_board(kind))
+        count = len(self._items_on_board(kind))
         self._send(
             self._dialect.MAVLink_mission_count_message(*partner, count, message.mission_type)
         )
@@ -457,7 +457,7 @@ class SimulatedVehicle:
         kind = self._kind_of(message, partner)
         if kind is None or self.quirks.mute:
             return
-        items = self._on_board(kind)
+        items = self._items_on_board(kind)
         if message.seq >= len(items):
             self._acknowledge(kind, _OUT_OF_ORDER, partner)
             return
@@ -580,7 +580,7 @@ class SimulatedVehicle:
 
     @property
     def _n_items(self) -> int:
-        return len(self._on_board(MISSION))
+        return len(self._items_on_board(MISSION))
 
     def _set_current(self, number: int) -> None:
         self.current = min(max(0, number), max(0, self._n_items - 1))
@@ -638,18 +638,18 @@ class SimulatedVehicle:
         """Height above home in metres to which the vehicle climbs before it returns."""
         if self.kind == "rover":
             return 0.0
-        told = self.parameters
+        parameters = self.parameters
         if self.autopilot == PX4:
-            return told.get("RTL_RETURN_ALT", 0.0)
-        return told.get("RTL_ALT_M", told.get("RTL_ALT", 0.0) / 100)
+            return parameters.get("RTL_RETURN_ALT", 0.0)
+        return parameters.get("RTL_ALT_M", parameters.get("RTL_ALT", 0.0) / 100)
 
     @property
     def hover_height(self) -> float:
         """Height above home in metres at which the vehicle waits after its return; 0 if it lands."""
-        told = self.parameters
+        parameters = self.parameters
         if self.autopilot == PX4:
-            return _HOVER if told.get("RTL_LAND_DELAY", 0) < 0 else 0.0
-        return told.get("RTL_ALT_FINAL_M", told.get("RTL_ALT_FINAL", 0.0) / 100)
+            return _HOVER if parameters.get("RTL_LAND_DELAY", 0) < 0 else 0.0
+        return parameters.get("RTL_ALT_FINAL_M", parameters.get("RTL_ALT_FINAL", 0.0) / 100)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -675,15 +675,15 @@ class SimulatedVehicle:
 
     def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""
-        way = target - self.position
-        distance = float(np.linalg.norm(way))
+        offset = target - self.position
+        distance = float(np.linalg.norm(offset))
         # v = sqrt(2 a d) stops at the target; the rest of the acceleration corrects the direction
         brake = _BRAKE * self.acceleration
         speed = min(self._cruise, math.sqrt(2 * brake * distance), distance / _STEP)
-        wanted = way / distance * speed if distance > 1e-9 else np.zeros(3)
+        target_velocity = offset / distance * speed if distance > 1e-9 else np.zeros(3)
         most = self.acceleration * _STEP
         for axes in (slice(0, 2), slice(2, 3)):  # autopilots limit across and up apart
-            change = wanted[axes] - self.velocity[axes]
+            change = target_velocity[axes] - self.velocity[axes]
             size = float(np.linalg.norm(change))
             self.velocity[axes] += change if size <= most else change / size * most
         self.position += self.velocity * _STEP
@@ -777,10 +777,10 @@ class SimulatedVehicle:
         self.breached = not inside
 
     def _fall_back(
-        self, actions: Mapping[int, str], parameter: str, usual: int, other: str = modes.HOLD
+        self, actions: Mapping[int, str], parameter: str, usual: int, fallback: str = modes.HOLD
     ) -> None:
         """Change to the mode that a parameter says, or to another one if it says none of these."""
-        self.mode = actions.get(int(self.parameters.get(parameter, usual)), other)
+        self.mode = actions.get(int(self.parameters.get(parameter, usual)), fallback)
         if self.mode == modes.HOLD and parameter == "GF_ACTION":
             self._guided = None
 
@@ -796,27 +796,27 @@ class SimulatedVehicle:
 
     def _check_station(self) -> None:
         """Act once when the heartbeats of the station have ended that was heard before."""
-        told, heard, timeout = self.parameters, self._station_at, self.station_timeout
-        actions, parameter, usual, other = dict[int, str](), "", 0, modes.RETURN
-        if timeout is None and self.autopilot == PX4 and told.get("NAV_DLL_ACT"):
-            timeout = told.get("COM_DL_LOSS_T", 2 * _TIMEOUT)
+        parameters, heard, timeout = self.parameters, self._station_at, self.station_timeout
+        actions, parameter, usual, fallback = dict[int, str](), "", 0, modes.RETURN
+        if timeout is None and self.autopilot == PX4 and parameters.get("NAV_DLL_ACT"):
+            timeout = parameters.get("COM_DL_LOSS_T", 2 * _TIMEOUT)
             actions = {1: modes.HOLD, 2: modes.RETURN, 3: modes.LAND}
-            parameter, other = "NAV_DLL_ACT", modes.HOLD
-        elif timeout is None and self.autopilot == ARDUPILOT and told.get("FS_GCS_ENABLE"):
-            timeout = told.get("FS_GCS_TIMEOUT", _TIMEOUT)
-            heard = self._stations.get(int(told.get("SYSID_MYGCS", _STATION)))
+            parameter, fallback = "NAV_DLL_ACT", modes.HOLD
+        elif timeout is None and self.autopilot == ARDUPILOT and parameters.get("FS_GCS_ENABLE"):
+            timeout = parameters.get("FS_GCS_TIMEOUT", _TIMEOUT)
+            heard = self._stations.get(int(parameters.get("SYSID_MYGCS", _STATION)))
             actions = {5: modes.LAND, 7: modes.LAND}
             parameter = "FS_GCS_ENABLE"
         lost = timeout is not None and heard is not None and self._moved_at - heard > timeout
         if lost and not self._station_lost:
             self._say("Ground station lost", 4)
-            self._fall_back(actions, parameter, usual, other)
+            self._fall_back(actions, parameter, usual, fallback)
         self._station_lost = lost
 
     def _inside_fence(self) -> bool:
-        told = self.parameters
+        parameters = self.parameters
         if not self.stored[FENCE] or not (
-            told.get("FENCE_ENABLE", 1) and int(told.get("FENCE_TYPE", 4)) & 4
+            parameters.get("FENCE_ENABLE", 1) and int(parameters.get("FENCE_TYPE", 4)) & 4
         ):
             return True
         from shapely import Point
@@ -874,8 +874,9 @@ class SimulatedVehicle:
                 self._send(
                     make.MAVLink_fence_status_message(int(self.breached), self.breaches, 0, 0)
                 )
-        told = self.autopilot == ARDUPILOT or not self.lost_position  # ArduPilot goes on guessing
-        if self._now - self._sent_at[0.2] >= 0.2 and told:
+        # ArduPilot goes on guessing where it is
+        has_position = self.autopilot == ARDUPILOT or not self.lost_position
+        if self._now - self._sent_at[0.2] >= 0.2 and has_position:
             self._sent_at[0.2] = self._now
             longitude, latitude = self.place
             up = round(1000 * self.position[2])

@@ -142,7 +142,7 @@ class Fleet:
     Parameters
     ----------
     pairs : sequence of (Cargo, Seat)
-    heard_by : sequence of Station
+    stations : sequence of Station
         Stations without a function ``on_message`` of their own.
 
     Attributes
@@ -151,9 +151,9 @@ class Fleet:
         By robot.
     """
 
-    def __init__(self, pairs: Sequence[tuple[Cargo, Seat]], heard_by: Sequence[Station]) -> None:
+    def __init__(self, pairs: Sequence[tuple[Cargo, Seat]], stations: Sequence[Station]) -> None:
         self.cargos = {cargo.robot: cargo for cargo, _ in pairs}
-        self.heard_by = heard_by
+        self.stations = stations
         self.launches = {
             cargo.robot: Launch(
                 cargo.robot, seat.system, cargo.mission.start or 0.0, len(cargo.items[MISSION])
@@ -162,10 +162,10 @@ class Fleet:
         }
         self.starters: dict[int, _Starter] = {}
         self._by_vehicle: dict[int, Launch] = {}
-        for station in heard_by:
+        for station in stations:
             station.on_message = self._take
-        self.found, missing = find_vehicles([seat for _, seat in pairs], heard_by)
-        for robot, (_, vehicle) in self.found.items():
+        self.vehicles, missing = find_vehicles([seat for _, seat in pairs], stations)
+        for robot, (_, vehicle) in self.vehicles.items():
             self._by_vehicle[id(vehicle)] = self.launches[robot]
         for robot, (_, clause) in missing.items():
             self.launches[robot].faults.append(clause)
@@ -179,15 +179,15 @@ class Fleet:
 
     def now(self) -> float:
         """Return the time in seconds, on the clock of the first link."""
-        return self.heard_by[0].now()
+        return self.stations[0].now()
 
     def listen(self, until: float) -> None:
         """Listen to all links until a time on the clock of the first link."""
         while self.now() < until:
-            for station in self.heard_by:
-                pause = _SLICE if len(self.heard_by) > 1 else max(_SLICE, until - self.now())
+            for station in self.stations:
+                pause = _SLICE if len(self.stations) > 1 else max(_SLICE, until - self.now())
                 station.listen(station.now() + min(pause, 0.5))
-        for robot, (station, vehicle) in self.found.items():
+        for robot, (station, vehicle) in self.vehicles.items():
             self.launches[robot].telemetry.heard_s = station.now() - vehicle.heard_at
 
 
@@ -200,7 +200,7 @@ def check_fleet(fleet: Fleet, *, lowest_battery: int = _LOWEST_BATTERY) -> bool:
         Whether all are ready. The launches have the faults of the others.
     """
     fleet.listen(fleet.now() + 2.5)  # two reports of each
-    for robot, (station, vehicle) in fleet.found.items():
+    for robot, (station, vehicle) in fleet.vehicles.items():
         launch, cargo = fleet.launches[robot], fleet.cargos[robot]
         launch.status = NOT_READY
         unfit = check_type(cargo, vehicle)
@@ -211,29 +211,31 @@ def check_fleet(fleet: Fleet, *, lowest_battery: int = _LOWEST_BATTERY) -> bool:
         try:
             for kind in ORDER:
                 try:
-                    found = download_items(station, vehicle, kind)
+                    onboard = download_items(station, vehicle, kind)
                 except LinkError:
                     if items[kind] or kind == MISSION:
                         raise
                     continue  # the vehicle has no such items, and needs none
-                result = compare_items(kind, items[kind], found, autopilot=vehicle.autopilot)
+                result = compare_items(kind, items[kind], onboard, autopilot=vehicle.autopilot)
                 launch.faults += result.sentences
         except LinkError as error:
             launch.faults.append(str(error))
             launch.status = UNHEARD if isinstance(error, UnansweredError) else NOT_READY
-        told = launch.telemetry
-        if told.armed:
+        telemetry = launch.telemetry
+        if telemetry.armed:
             launch.faults.append("expected a disarmed vehicle, got an armed one")
-        if told.ready is False:
-            said = "; ".join(vehicle.texts[-3:])
-            launch.faults.append(f"its arming checks fail{f': {said}' if said else ''}")
-        if told.battery is not None and told.battery < lowest_battery:
-            launch.faults.append(f"expected a battery of {lowest_battery} %, got {told.battery} %")
+        if telemetry.ready is False:
+            texts = "; ".join(vehicle.texts[-3:])
+            launch.faults.append(f"its arming checks fail{f': {texts}' if texts else ''}")
+        if telemetry.battery is not None and telemetry.battery < lowest_battery:
+            launch.faults.append(
+                f"expected a battery of {lowest_battery} %, got {telemetry.battery} %"
+            )
         if not modes.custom_modes(vehicle.autopilot, vehicle.type):
             launch.faults.append(f"expected PX4 or ArduPilot, got a {type_text(vehicle)}")
         if not launch.faults:
             launch.status = READY
-    return all(one.status == READY for one in fleet.launches.values())
+    return all(launch.status == READY for launch in fleet.launches.values())
 
 
 class _Starter:
@@ -287,8 +289,8 @@ class _Starter:
         self.tries, self.due, self.reason = 0, -1.0, "no answer"
 
     def _fail(self) -> None:
-        said = "".join(f"; the vehicle says {text!r}" for text in self.vehicle.texts[-2:])
-        self.fault = f"{_COMMANDS[self.steps[0][0]]}: {self.reason}{said}"
+        texts = "".join(f"; the vehicle says {text!r}" for text in self.vehicle.texts[-2:])
+        self.fault = f"{_COMMANDS[self.steps[0][0]]}: {self.reason}{texts}"
 
     def go_on(self) -> None:
         """Send what is due, and end when the time is over."""
@@ -321,8 +323,8 @@ class _Starter:
 
     def disarm(self) -> None:
         """Disarm a vehicle that was asked to arm and is not known to be in the air."""
-        told = self.launch.telemetry
-        if self.asked_to_arm and told.on_ground is not False:
+        telemetry = self.launch.telemetry
+        if self.asked_to_arm and telemetry.on_ground is not False:
             for _ in range(_OPTIONAL_TRIES):
                 self._send(_ARM, (0,))
 
@@ -349,13 +351,13 @@ def start_missions(
         Seconds by which a start may be late.
     on_event : callable, optional
     """
-    waiting = sorted(fleet.launches.values(), key=lambda one: (one.start, one.robot))
+    waiting = sorted(fleet.launches.values(), key=lambda launch: (launch.start, launch.robot))
     fleet.starters = {}
     while waiting or fleet.starters:
         now = fleet.now()
         while waiting and now >= begin + waiting[0].start:
             launch = waiting.pop(0)
-            station, vehicle = fleet.found[launch.robot]
+            station, vehicle = fleet.vehicles[launch.robot]
             latest = station.now() + begin + launch.start + tolerance - now
             fleet.starters[launch.robot] = _Starter(launch, station, vehicle, latest)
         for robot, starter in list(fleet.starters.items()):
@@ -375,7 +377,7 @@ def start_missions(
             del fleet.starters[robot]
         if waiting or fleet.starters:
             soon = now + (_SLICE if fleet.starters else 1.0)
-            fleet.listen(min([soon, *(begin + one.start for one in waiting[:1])]))
+            fleet.listen(min([soon, *(begin + launch.start for launch in waiting[:1])]))
 
 
 _COMMANDS = {
@@ -411,16 +413,16 @@ def watch_fleet(
         Function that is called with the launches of these robots.
     """
     until = None if seconds is None else fleet.now() + seconds
-    launches = [fleet.launches[robot] for robot in fleet.found if of is None or robot in of]
-    flown = {one.robot for one in launches if one.telemetry.armed}
+    launches = [fleet.launches[robot] for robot in fleet.vehicles if of is None or robot in of]
+    flown = {launch.robot for launch in launches if launch.telemetry.armed}
     due = fleet.now()
     while launches:
         now = fleet.now()
         if now >= due:
             due = now + every
             on_report(launches)
-        flown |= {one.robot for one in launches if one.telemetry.armed}
-        if all(one.robot in flown and not one.telemetry.armed for one in launches):
+        flown |= {launch.robot for launch in launches if launch.telemetry.armed}
+        if all(launch.robot in flown and not launch.telemetry.armed for launch in launches):
             break
         if until is not None and now >= until:
             break

@@ -14,7 +14,7 @@ from typing import Self
 from shoal.search.protocol.messages import Beacon, Heartbeat, Sender
 from shoal.search.tours.masks import bitset_of
 
-_KEPT = 200  # packets that the stranger keeps to send again
+_MEMORY = 200  # packets that the stranger keeps to send again
 _OLD = 90.0  # seconds after which a packet is certainly too old
 _SOCKETS = 3  # sources of the stranger
 
@@ -43,7 +43,7 @@ class Stranger:
     ) -> None:
         self._robots, self._cells, self._random = robots, cells, Random(seed)
         self.sent: Counter[str] = Counter()
-        self._kept: deque[bytes] = deque(maxlen=_KEPT)
+        self._packets: deque[bytes] = deque(maxlen=_MEMORY)
         with ExitStack() as stack:
             self._ear = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._ear.bind(ear)
@@ -70,12 +70,12 @@ class Stranger:
         """Hear what has come, and send one packet of each kind to a robot each."""
         while True:
             try:
-                self._kept.append(self._ear.recv(65_535))
+                self._packets.append(self._ear.recv(65_535))
             except OSError:
                 break
-        packets = {"forged": self._forged(), "noise": self._random.randbytes(60)}
-        if self._kept:
-            real = self._random.choice(self._kept)
+        packets = {"forged": self._forge_message(), "noise": self._random.randbytes(60)}
+        if self._packets:
+            real = self._random.choice(self._packets)
             bit = self._random.randrange(8 * len(real))
             changed = bytearray(real)
             changed[bit // 8] ^= 1 << bit % 8
@@ -85,7 +85,7 @@ class Stranger:
             mouth.sendto(packet, self._random.choice(self._robots))
             self.sent[kind] += 1
 
-    def _forged(self) -> bytes:
+    def _forge_message(self) -> bytes:
         """Return a message with a key of the stranger's own: that all is searched."""
         number = self._random.randrange(len(self._robots)) + 1
         heartbeat = Heartbeat(number, 1 << 20, 0, 1.0, "complete")

@@ -93,20 +93,20 @@ def read_limits(text: str) -> RobotLimits:
     >>> read_limits("battery=0.3").battery
     0.3
     """
-    names, given = list(vars(RobotLimits())), dict[str, float]()
+    names, limits = list(vars(RobotLimits())), dict[str, float]()
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
-        if name not in names or name in given:
+        if name not in names or name in limits:
             raise InvalidInputError(
                 f"limits: expected each of {', '.join(names)} once at most, got {part.strip()!r}"
             )
         try:
-            given[name] = float(value)
+            limits[name] = float(value)
         except ValueError:
             raise InvalidInputError(
                 f"limits: expected a number as {name}, got {shortened(value)}"
             ) from None
-    return RobotLimits(**given)
+    return RobotLimits(**limits)
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def write_task(
         angle=plan.grid.angle if contained.along is None else None,
         **({"starts": tuple(map(tuple, plan.places.tolist()))} if contained.launch is None else {}),
     )
-    problem = _plannable(problem, contained, plan, episode.seed)
+    problem = _reproducible_problem(problem, contained, plan, episode.seed)
     limits = limits or RobotLimits()
     body = {
         "format": FORMAT,
@@ -224,7 +224,7 @@ def write_task(
         "seed": episode.seed,
         "loss": contained.loss,
         "limits": dict(vars(limits)),
-        **_derived(plan, scenario_of(problem, plan, episode.seed)),
+        **_derive_fields(plan, scenario_of(problem, plan, episode.seed)),
     }
     body["signature"] = _sign(key, body)
     task, key_file = home / TASK, home / KEY
@@ -244,7 +244,7 @@ def write_task(
     return [task, key_file]
 
 
-def _plannable(
+def _reproducible_problem(
     problem: SearchProblem, contained: SearchProblem, plan: SearchPlan, seed: int
 ) -> SearchProblem:
     """Return the problem with whose plan a robot gets the same cells and starts."""
@@ -253,7 +253,7 @@ def _plannable(
             again = plan_search(candidate, seed=seed)
         except InvalidInputError:
             continue
-        if _same(_derived(plan, None), _derived(again, None)):
+        if _agree(_derive_fields(plan, None), _derive_fields(again, None)):
             return candidate
     raise InvalidInputError(
         "prepare: expected a search that robots can plan again from its problem, got one whose"
@@ -261,7 +261,7 @@ def _plannable(
     )
 
 
-def _derived(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
+def _derive_fields(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
     """Return what follows from the problem, as the file says it."""
     cells = plan.positions(np.arange(len(plan.tour)))
     frame = plan.grid.region.frame
@@ -269,7 +269,7 @@ def _derived(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
         degrees = frame.to_degrees(cells[:, :2]).round(7)
         cells = np.column_stack([degrees, cells[:, 2:]])
     stops = [plan.stops(robot) for robot in range(len(plan.places))]
-    told = {
+    values = {
         "geographic": frame is not None,
         "cells": cells.round(7).tolist(),
         "seconds_per_cell": plan.cell_seconds,
@@ -280,21 +280,21 @@ def _derived(plan: SearchPlan, scenario: Scenario | None) -> dict[str, Any]:
         "counts": [len(own) for own in stops],
     }
     if scenario is not None:
-        told["allocator"] = scenario.brief.allocator
-    return told
+        values["allocator"] = scenario.brief.allocator
+    return values
 
 
-def _same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _agree(first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
     return all(
-        np.shape(one[name]) == np.shape(other[name])
-        and np.allclose(one[name], other[name], atol=2e-7, rtol=1e-9)
+        np.shape(first[name]) == np.shape(second[name])
+        and np.allclose(first[name], second[name], atol=2e-7, rtol=1e-9)
         for name in ("cells", "seconds_per_cell", "starts", "rates", "widths", "stops", "counts")
     )
 
 
 def _sign(key: bytes, body: Mapping[str, Any]) -> str:
-    told = {name: value for name, value in body.items() if name != "signature"}
-    text = json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    fields = {name: value for name, value in body.items() if name != "signature"}
+    text = json.dumps(fields, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hmac.new(key, text.encode(), "sha256").hexdigest()
 
 
@@ -336,7 +336,7 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
             " got another: the file was changed, or the key belongs to another task"
         )
     try:
-        return _planned(source, body, secret, trust=trust)
+        return _plan_again(source, body, secret, trust=trust)
     except InvalidInputError:
         raise
     except (KeyError, TypeError, ValueError) as error:  # signed, but by another version
@@ -346,14 +346,14 @@ def read_task(path: str | os.PathLike[str], *, trust: bool = False) -> RobotTask
         ) from None
 
 
-def _planned(source: Path, body: dict[str, Any], secret: bytes, *, trust: bool) -> RobotTask:
+def _plan_again(source: Path, body: dict[str, Any], secret: bytes, *, trust: bool) -> RobotTask:
     """Return a task whose signature is right, after planning the search again."""
     if not trust:
         SearchProblem.refuse_code(body["problem"], where=str(source))
     problem = SearchProblem.from_dict(body["problem"], where=str(source))
     plan = plan_search(problem, seed=body["seed"])
     scenario = scenario_of(problem, plan, body["seed"])
-    if not _same(body, _derived(plan, scenario)):
+    if not _agree(body, _derive_fields(plan, scenario)):
         raise InvalidInputError(
             f"{source}: expected the cells, starts, speeds and stops in the file, got others from planning"
             " the search on this computer: use the same version of Shoal on all computers"

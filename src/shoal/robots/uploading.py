@@ -99,7 +99,9 @@ class Delivery:
 
 
 @contextmanager
-def stations(links: Sequence[str], limits: LinkLimits | None = None) -> Iterator[list[Station]]:
+def open_stations(
+    links: Sequence[str], limits: LinkLimits | None = None
+) -> Iterator[list[Station]]:
     """Open links and a ground station on each; close them at the end of the ``with`` block.
 
     Raises
@@ -136,63 +138,71 @@ def links_of(connect: Sequence[str], seats: Mapping[int, Seat]) -> list[str]:
     return links
 
 
-Found = dict[int, tuple[Station, HeardVehicle]]
+Vehicles = dict[int, tuple[Station, HeardVehicle]]
 """By robot, its vehicle and the station that hears it."""
 
 
 def find_vehicles(
-    seats: Sequence[Seat], heard_by: Sequence[Station]
-) -> tuple[Found, dict[int, tuple[str, str]]]:
+    seats: Sequence[Seat], stations: Sequence[Station]
+) -> tuple[Vehicles, dict[int, tuple[str, str]]]:
     """Listen until each robot's vehicle is heard, and return them by robot. The second result has
     a status and a clause for each robot whose vehicle is missing or ambiguous.
     """
     ends = {
-        id(one): (one.now() + one.limits.settle, one.now() + one.limits.find_within)
-        for one in heard_by
+        id(station): (
+            station.now() + station.limits.settle,
+            station.now() + station.limits.find_within,
+        )
+        for station in stations
     }
 
-    def candidates(seat: Seat) -> list[tuple[Station, HeardVehicle]]:
+    def find_candidates(seat: Seat) -> list[tuple[Station, HeardVehicle]]:
         return [
-            (one, one.vehicles[seat.system])
-            for one in heard_by
-            if seat.system in one.vehicles and seat.link in (None, one.link.name)
+            (station, station.vehicles[seat.system])
+            for station in stations
+            if seat.system in station.vehicles and seat.link in (None, station.link.name)
         ]
 
     while True:
-        complete = all(candidates(seat) for seat in seats)
-        waiting = [one for one in heard_by if one.now() < ends[id(one)][0 if complete else 1]]
+        complete = all(find_candidates(seat) for seat in seats)
+        waiting = [
+            station
+            for station in stations
+            if station.now() < ends[id(station)][0 if complete else 1]
+        ]
         if not waiting:
             break
-        for one in waiting:
-            one.listen(one.now() + _SLICE)
-    found: Found = {}
+        for station in waiting:
+            station.listen(station.now() + _SLICE)
+    vehicles: Vehicles = {}
     missing: dict[int, tuple[str, str]] = {}
     for seat in seats:
-        heard = candidates(seat)
-        links = " and ".join(one.link.name for one, _ in heard)
-        if not heard:
-            others = sorted({system for one in heard_by for system in one.vehicles})
-            limit = max(one.limits.find_within for one in heard_by)
+        candidates = find_candidates(seat)
+        links = " and ".join(station.link.name for station, _ in candidates)
+        if not candidates:
+            others = sorted({system for station in stations for system in station.vehicles})
+            limit = max(station.limits.find_within for station in stations)
             missing[seat.robot] = (
                 FAILED,
                 f"expected a heartbeat of {seat.text} within {limit:g} s, got"
                 + (f" systems {', '.join(map(str, others))}" if others else " none"),
             )
-        elif len(heard) > 1:
+        elif len(candidates) > 1:
             missing[seat.robot] = (
                 REFUSED,
                 f"expected one vehicle with system id {seat.system}, got one on {links}: name the"
-                f" link of each robot, such as {seat.robot}={seat.system}@{heard[0][0].link.name}",
+                f" link of each robot, such as"
+                f" {seat.robot}={seat.system}@{candidates[0][0].link.name}",
             )
-        elif seat.system in heard[0][0].twice:
+        elif seat.system in candidates[0][0].duplicates:
             missing[seat.robot] = (
                 REFUSED,
                 f"expected one vehicle with system id {seat.system} on {links}, got heartbeats from"
-                f" {len(heard[0][0].twice[seat.system])} addresses at the same time",
+                f" {len(candidates[0][0].duplicates[seat.system])} addresses at the same time",
             )
         else:
-            found[seat.robot] = heard[0]
-    return found, missing
+            vehicles[seat.robot] = candidates[0]
+    return vehicles, missing
 
 
 def check_type(cargo: Cargo, vehicle: HeardVehicle) -> str | None:
@@ -227,7 +237,7 @@ def new_delivery(cargo: Cargo, seat: Seat, status: str = FAILED) -> Delivery:
 
 def upload_missions(
     pairs: Sequence[tuple[Cargo, Seat]],
-    heard_by: Sequence[Station],
+    stations: Sequence[Station],
     *,
     on_event: Callable[[str], None] = lambda _text: None,
 ) -> list[Delivery]:
@@ -240,7 +250,7 @@ def upload_missions(
     Parameters
     ----------
     pairs : sequence of (Cargo, Seat)
-    heard_by : sequence of Station
+    stations : sequence of Station
     on_event : callable, optional
         Function that is called with a text when the upload to a vehicle begins.
 
@@ -251,15 +261,15 @@ def upload_missions(
     """
     deliveries = {cargo.robot: new_delivery(cargo, seat) for cargo, seat in pairs}
     cargos = {cargo.robot: cargo for cargo, _ in pairs}
-    found, missing = find_vehicles([seat for _, seat in pairs], heard_by)
-    for station in heard_by:
+    vehicles, missing = find_vehicles([seat for _, seat in pairs], stations)
+    for station in stations:
         for system in sorted(station.vehicles.keys() - {seat.system for _, seat in pairs}):
             on_event(f"system {system} on {station.link.name} is no robot's: nothing is sent to it")
     wrong = False
     for robot, (status, clause) in missing.items():
         deliveries[robot].status = status
         deliveries[robot].faults.append(clause)
-    for robot, (station, vehicle) in found.items():
+    for robot, (station, vehicle) in vehicles.items():
         delivery, cargo = deliveries[robot], cargos[robot]
         delivery.link = station.link.name
         unfit = check_type(cargo, vehicle)
@@ -270,16 +280,17 @@ def upload_missions(
         if unfit is not None:
             delivery.status = REFUSED
             delivery.faults.append(unfit)
-        said = AUTOPILOTS.get(vehicle.autopilot)
+        autopilot = AUTOPILOTS.get(vehicle.autopilot)
         if (
-            said is not None
-            and said.lower() != cargo.mission.autopilot
+            autopilot is not None
+            and autopilot.lower() != cargo.mission.autopilot
             and cargo.file.suffix == ".plan"
         ):
             delivery.notes.append(
-                f"{cargo.file.name} is for {cargo.mission.autopilot}, and the vehicle has {said}"
+                f"{cargo.file.name} is for {cargo.mission.autopilot}, and the vehicle has"
+                f" {autopilot}"
             )
-    clear = [robot for robot in found if deliveries[robot].status != REFUSED]
+    clear = [robot for robot in vehicles if deliveries[robot].status != REFUSED]
     if wrong:
         for robot in clear:
             deliveries[robot].status = REFUSED
@@ -288,20 +299,20 @@ def upload_missions(
             )
         return list(deliveries.values())
 
-    turns = {id(one): BoundedSemaphore(one.link.at_once) for one in heard_by}
-    begun: list[int] = []
+    semaphores = {id(station): BoundedSemaphore(station.link.at_once) for station in stations}
+    uploads: list[int] = []
 
     def serve(robot: int) -> None:
-        station, vehicle = found[robot]
-        with turns[id(station)]:
+        station, vehicle = vehicles[robot]
+        with semaphores[id(station)]:
             if station.stopped:
                 return
-            begun.append(robot)
+            uploads.append(robot)
             on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
             deliver(station, vehicle, cargos[robot], deliveries[robot])
 
     try:
-        if len(clear) == 1 or (len(heard_by) == 1 and heard_by[0].link.at_once == 1):
+        if len(clear) == 1 or (len(stations) == 1 and stations[0].link.at_once == 1):
             for robot in clear:
                 serve(robot)
         elif clear:
@@ -309,11 +320,11 @@ def upload_missions(
                 try:
                     list(pool.map(serve, clear))
                 except BaseException:
-                    for station in heard_by:
+                    for station in stations:
                         station.stopped = True  # the other threads end soon
                     raise
     except BaseException:
-        for robot in begun:
+        for robot in uploads:
             if deliveries[robot].status != EQUAL:
                 on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
         raise
@@ -329,40 +340,40 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
     except UnansweredError as error:
         delivery.faults.append(f"{error}; nothing was sent")
         return
-    left = [kind for kind in ORDER if kind not in lacking]
+    remaining = [kind for kind in ORDER if kind not in lacking]
     sent: set[str] = set()
-    compared: dict[str, ItemComparison] = {}
+    comparisons: dict[str, ItemComparison] = {}
     fault: LinkError | None = None
     try:
         for _ in range(station.limits.attempts):
-            for kind in left:
-                known = before[kind] is not None or before[MISSION] is None
+            for kind in remaining:
+                patient = before[kind] is not None or before[MISSION] is None
                 sent.add(kind)
                 try:
                     upload_items(
-                        station, vehicle, kind, items[kind], unanswered=None if known else _FEW
+                        station, vehicle, kind, items[kind], unanswered=None if patient else _FEW
                     )
                 except RefusedError as error:
                     if kind == MISSION or not error.unsupported:
                         raise
                     lacking[kind] = str(error)
                 except UnansweredError as error:
-                    if known or kind == MISSION or error.silent:
+                    if patient or kind == MISSION or error.silent:
                         raise
                     lacking[kind] = str(error)  # it answers about its mission alone
-            left = [kind for kind in left if kind not in lacking]
-            for kind in left:
-                found = download_items(station, vehicle, kind)
-                compared[kind] = compare_items(
-                    kind, items[kind], found, autopilot=vehicle.autopilot
+            remaining = [kind for kind in remaining if kind not in lacking]
+            for kind in remaining:
+                onboard = download_items(station, vehicle, kind)
+                comparisons[kind] = compare_items(
+                    kind, items[kind], onboard, autopilot=vehicle.autopilot
                 )
-            left = [kind for kind in left if compared[kind].different]
-            if not left:
+            remaining = [kind for kind in remaining if comparisons[kind].different]
+            if not remaining:
                 break
     except LinkError as error:
         fault = error
-    _judge(delivery, vehicle, items, compared, lacking, fault)
-    if fault is None and not left:
+    _judge(delivery, vehicle, items, comparisons, lacking, fault)
+    if fault is None and not remaining:
         return
     lost = isinstance(fault, UnansweredError) and (fault.silent or before[MISSION] is None)
     delivery.faults.append(
@@ -386,9 +397,9 @@ def _read_before(
         if mute:
             continue
         try:
-            found = download_items(station, vehicle, kind, unanswered=_FEW)
-            home_alone = kind == MISSION and vehicle.autopilot == ARDUPILOT and len(found) == 1
-            before[kind] = [] if home_alone else found
+            onboard = download_items(station, vehicle, kind, unanswered=_FEW)
+            home_alone = kind == MISSION and vehicle.autopilot == ARDUPILOT and len(onboard) == 1
+            before[kind] = [] if home_alone else onboard
         except RefusedError as error:
             if error.unsupported and kind != MISSION:
                 lacking[kind] = str(error)
@@ -405,31 +416,32 @@ def _judge(
     delivery: Delivery,
     vehicle: HeardVehicle,
     items: Mapping[str, Sequence[MissionItem]],
-    compared: Mapping[str, ItemComparison],
+    comparisons: Mapping[str, ItemComparison],
     lacking: Mapping[str, str],
     fault: LinkError | None,
 ) -> None:
     """Note the status, the faults and the notes of a delivery after its last attempt."""
     missing = [kind for kind in lacking if items[kind]]
-    if compared or missing:
-        delivery.different = sum(one.different for one in compared.values()) + sum(
+    if comparisons or missing:
+        delivery.different = sum(comparison.different for comparison in comparisons.values()) + sum(
             len(items[kind]) for kind in missing
         )
-    for kind, one in compared.items():
-        delivery.faults += one.sentences
-        if one.dropped:
+    for kind, comparison in comparisons.items():
+        delivery.faults += comparison.sentences
+        if comparison.dropped:
             fields = [
-                f"{name} ({count_text(count, 'item')})" for name, count in one.dropped.items()
+                f"{name} ({count_text(count, 'item')})"
+                for name, count in comparison.dropped.items()
             ]
             delivery.notes.append(f"{kind}: the autopilot does not keep {', '.join(fields)}")
-        if one.rounded:
+        if comparison.rounded:
             delivery.notes.append(f"{kind}: the vehicle tells positions as float32 (to about 1 m)")
     for kind in missing:
         delivery.faults.append(f"the vehicle has no {_NAMES[kind]}: {lacking[kind]}")
     if fault is not None:
         delivery.faults.append(str(fault))
         delivery.status = REFUSED if isinstance(fault, RefusedError) else FAILED
-    elif any(one.different for one in compared.values()):
+    elif any(comparison.different for comparison in comparisons.values()):
         delivery.status = DIFFERENT
     else:
         delivery.status = UNSUPPORTED if missing else EQUAL
@@ -457,20 +469,20 @@ def _put_back(
 def _put_back_kind(
     station: Station, vehicle: HeardVehicle, kind: str, items: list[MissionItem] | None
 ) -> str:
-    for wanted, outcome in (
+    for content, outcome in (
         (items, "restored as before" if items else "empty as before"),
         ([], "cleared"),
     ):
-        if wanted is None:
+        if content is None:
             continue
         try:
-            if wanted:
-                upload_items(station, vehicle, kind, wanted)
+            if content:
+                upload_items(station, vehicle, kind, content)
             else:
                 clear_items(station, vehicle, kind)
-            found = download_items(station, vehicle, kind)
+            onboard = download_items(station, vehicle, kind)
         except LinkError:
             continue
-        if not compare_items(kind, wanted, found, autopilot=vehicle.autopilot).different:
+        if not compare_items(kind, content, onboard, autopilot=vehicle.autopilot).different:
             return outcome
     return _UNKNOWN

@@ -26,7 +26,7 @@ _SILENT = 10.0  # seconds after which a robot counts as silent
 
 
 @dataclass
-class Seen:
+class ObservedRobot:
     """What is known of one robot.
 
     Parameters
@@ -54,7 +54,7 @@ class SearchWatch:
 
     Attributes
     ----------
-    robots : dict of int to Seen
+    robots : dict of int to ObservedRobot
     searched : dict of int to int
         Bitset of the cells that each robot has searched, as the robots tell.
     found : int
@@ -65,7 +65,7 @@ class SearchWatch:
         self.task, self.radio = task, radio
         self._live = task.live(1)
         self._messenger = self._live.messenger(1, radio)
-        self.robots: dict[int, Seen] = {}
+        self.robots: dict[int, ObservedRobot] = {}
         self.searched: dict[int, int] = {}
         self.found = 0
 
@@ -86,9 +86,9 @@ class SearchWatch:
 
     def _take(self, beacon: Beacon, now: float) -> None:
         for heartbeat in beacon.heartbeats:
-            seen = self.robots.setdefault(heartbeat.robot, Seen(heartbeat))
-            if heartbeat.count >= seen.heartbeat.count:
-                seen.heartbeat = heartbeat
+            robot = self.robots.setdefault(heartbeat.robot, ObservedRobot(heartbeat))
+            if heartbeat.count >= robot.heartbeat.count:
+                robot.heartbeat = heartbeat
         if beacon.sender in self.robots:
             self.robots[beacon.sender].heard = now
             self.robots[beacon.sender].messages += 1
@@ -111,9 +111,9 @@ class SearchWatch:
         ground = self.task.plan.ground
         if not isinstance(ground, Ground):
             return None
-        known = np.zeros(len(self.task.plan.tour) + 1)  # the last for no cell, -1
-        known[bits_to_array(self._known, len(known))] = 1
-        looks = known[ground.cells].sum(axis=1)
+        searched = np.zeros(len(self.task.plan.tour) + 1)  # the last for no cell, -1
+        searched[bits_to_array(self._known, len(searched))] = 1
+        looks = searched[ground.cells].sum(axis=1)
         return float(ground.masses @ (1.0 - (1.0 - self.task.scenario.detection) ** looks))
 
     @property
@@ -135,27 +135,29 @@ class SearchWatch:
         }
 
     def _row(self, number: int, now: float) -> dict[str, Any]:
-        seen = self.robots.get(number)
+        robot = self.robots.get(number)
         empty = ("heard_s", "cell", "x", "y", "longitude", "latitude", "late_s")
         row: dict[str, Any] = {"robot": number, "status": "not heard", **dict.fromkeys(empty)}
         row |= {"searched": 0, "messages": 0}
-        if seen is None:
+        if robot is None:
             return row
-        told = seen.heartbeat
-        silent = seen.heard is None or now - seen.heard > _SILENT
+        heartbeat = robot.heartbeat
+        silent = robot.heard is None or now - robot.heard > _SILENT
         # a robot that gives up tells a lag beyond all others
-        gave_up = told.lag >= 1 << 29
+        gave_up = heartbeat.lag >= 1 << 29
         row |= {
-            "status": "gave up" if gave_up else "silent" if silent else told.status,
-            "heard_s": None if seen.heard is None else round(now - seen.heard, 1),
-            "cell": told.place,
-            "late_s": None if gave_up else round(max(0.0, told.lag) / self.task.speed, 1),
+            "status": "gave up" if gave_up else "silent" if silent else heartbeat.status,
+            "heard_s": None if robot.heard is None else round(now - robot.heard, 1),
+            "cell": heartbeat.place,
+            "late_s": None if gave_up else round(max(0.0, heartbeat.lag) / self.task.speed, 1),
             "searched": self.searched.get(number, 0).bit_count(),
-            "messages": seen.messages,
+            "messages": robot.messages,
         }
-        x, y = self.task.cells[told.place, :2].tolist()
+        x, y = self.task.cells[heartbeat.place, :2].tolist()
         row |= {"x": round(x, 2), "y": round(y, 2)}
         if self.task.geographic:
-            longitude, latitude = self.task.frame.to_degrees(self.task.cells[[told.place], :2])[0]
+            longitude, latitude = self.task.frame.to_degrees(
+                self.task.cells[[heartbeat.place], :2]
+            )[0]
             row |= {"longitude": round(float(longitude), 7), "latitude": round(float(latitude), 7)}
         return row

@@ -114,7 +114,7 @@ def test_a_vehicle_flies_to_its_cell_halts_before_it_and_returns(task, autopilot
     assert robot.step_until(lambda arrived: arrived)
     assert np.linalg.norm(robot.autopilot.position[:2] - robot_frame(robot, goal)) < 4
     assert robot.autopilot.position[2] == pytest.approx(task.height(1), abs=1)
-    assert robot.vehicle.rest(120)
+    assert robot.vehicle.bring_home(120)
     assert not robot.autopilot.armed
     assert np.linalg.norm(robot.autopilot.position) < 2  # home
 
@@ -310,7 +310,7 @@ def test_a_silent_autopilot_is_a_fault_and_its_watchdog_acts(task, autopilot):
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 10)
     assert robot.vehicle.fault.startswith("autopilot: not heard for")
     robot.vehicle.secure()
-    assert not robot.vehicle.rest(60)  # nothing more can be done
+    assert not robot.vehicle.bring_home(60)  # nothing more can be done
     robot.wait(60, dead=True)
     assert not robot.autopilot.armed
 
@@ -324,7 +324,7 @@ def test_a_lost_position_ends_in_a_landing(task, autopilot):
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 10)
     assert robot.vehicle.fault.startswith("position: none for")
     robot.vehicle.secure()
-    assert robot.vehicle.rest(60)
+    assert robot.vehicle.bring_home(60)
     assert robot.autopilot.mode == modes.LAND
     assert robot.autopilot.position[2] == 0
 
@@ -338,7 +338,7 @@ def test_a_low_battery_and_the_pilot_end_the_search(task, autopilot):
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 10)
     assert robot.vehicle.fault == "battery: 19 % left, and the robot returns at 20 %"
     robot.vehicle.secure()
-    assert robot.vehicle.rest(60)
+    assert robot.vehicle.bring_home(60)
 
     robot = Robot(task, autopilot)
     assert robot.vehicle.prepare() == []
@@ -358,7 +358,7 @@ def test_a_low_battery_and_the_pilot_end_the_search(task, autopilot):
         return []
 
     robot.strangers.append(pilot)
-    assert robot.vehicle.rest(10)  # it waits for the pilot, however long
+    assert robot.vehicle.bring_home(10)  # it waits for the pilot, however long
     assert seen == {modes.HOLD, modes.LAND}  # nobody took the vehicle out of the pilot's hands
     assert robot.said == ["the vehicle is the pilot's; heartbeats go on until it is disarmed"]
 
@@ -397,14 +397,14 @@ def test_who_cannot_take_off_gives_up_so_that_others_do_not_wait(task, autopilot
     assert robot.vehicle.fault.startswith("take-off: not in the air after 120 s; the vehicle says")
     assert "compass" in robot.vehicle.fault
     robot.vehicle.secure()
-    assert robot.vehicle.rest(10)
+    assert robot.vehicle.bring_home(10)
     robot = Robot(task, autopilot)
     assert robot.vehicle.prepare() == []
     robot.autopilot.lost_position = True
     robot.go_to(1)
     assert robot.step_until(lambda _arrived: robot.vehicle.fault, 20)
     assert robot.vehicle.fault.startswith("position: none for")
-    assert robot.vehicle.rest(10)
+    assert robot.vehicle.bring_home(10)
 
 
 @BOTH
@@ -446,7 +446,7 @@ def test_heights_and_turns_keep_robots_apart(task):
     took = []
     for robot in (first, second):
         began = robot.link.now()
-        assert robot.vehicle.rest(120)
+        assert robot.vehicle.bring_home(120)
         took.append(robot.link.now() - began)
     assert took[1] > took[0] + task.limits.apart_s - 2
 

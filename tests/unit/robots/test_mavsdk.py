@@ -33,7 +33,7 @@ from shoal.robots.mission_protocol import (
 )
 from shoal.robots.onboard import pair, read_cargos, read_seats
 from shoal.robots.simulated import SimulatedVehicle, run_vehicles
-from shoal.robots.uploading import stations, upload_missions
+from shoal.robots.uploading import open_stations, upload_missions
 
 
 def free_port():
@@ -85,8 +85,8 @@ def test_its_server_receives_what_we_upload_and_tells_it_back(folder, mavsdk_as)
     received = []
     server.subscribe_incoming_mission(lambda _result, plan, _data: received.append(plan))
     pairs = pair(read_cargos(folder), read_seats("1=1"))
-    with stations([f"udpin:127.0.0.1:{port}"]) as heard_by:
-        (made,) = upload_missions(pairs, heard_by)
+    with open_stations([f"udpin:127.0.0.1:{port}"]) as stations:
+        (made,) = upload_missions(pairs, stations)
     assert (made.status, made.different) == ("equal", 0), made.sentence
     assert wait_for(lambda: len(received) >= 3)  # it tells of them in a thread of its own
     cargo = read_cargos(folder)[1]
@@ -131,7 +131,7 @@ def test_what_its_client_uploads_is_what_we_read_and_what_it_reads_is_ours(
         client.upload_rally_points(data.rally_items)
         if autopilot == "px4":
             assert on_board(folder, vehicle) == {MISSION: 0, FENCE: 0, RALLY: 0}
-        with stations([f"udpin:127.0.0.1:{to_station}"]) as (station,):
+        with open_stations([f"udpin:127.0.0.1:{to_station}"]) as (station,):
             while 1 not in station.vehicles:
                 station.listen(station.now() + 1)
             for kind, read in (

@@ -155,7 +155,7 @@ def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
 def test_the_commands_start_only_with_arm(folder, tmp_path, capsys, monkeypatch):
     vehicles = two()
     link = SimulatedLink(vehicles)
-    monkeypatch.setattr(uploading, "stations", lambda _links: nullcontext([Station(link)]))
+    monkeypatch.setattr(uploading, "open_stations", lambda _links: nullcontext([Station(link)]))
     about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2", "--json"]
 
     def report(name, *more):

@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 
 if TYPE_CHECKING:
-    from shoal.robots.rehearsal import Happening, Rehearsal, Rehearsed
+    from shoal.robots.rehearsal import Happening, Rehearsal, RehearsalResult
 
 REHEARSE_EXAMPLE = "Example: shoal rehearse field --autopilot ardupilot"
 
@@ -127,7 +127,9 @@ def rehearse(
         raise typer.Exit(1)
 
 
-def _run(rehearsal: Rehearsal, name: str, happenings: list[Happening], *, shown: bool) -> Rehearsed:
+def _run(
+    rehearsal: Rehearsal, name: str, happenings: list[Happening], *, shown: bool
+) -> RehearsalResult:
     with patient(), progress(f"rehearsal, {name}", 100, shown=shown) as advance:
         return rehearsal.run(
             name,
@@ -137,7 +139,7 @@ def _run(rehearsal: Rehearsal, name: str, happenings: list[Happening], *, shown:
         )
 
 
-def _summary(run: Rehearsed) -> str:
+def _summary(run: RehearsalResult) -> str:
     record = run.record
     least = min(record.battery.values())
     return (

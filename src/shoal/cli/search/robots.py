@@ -117,7 +117,7 @@ def upload(
     was on board before, or clears it. It never arms a vehicle, and sends nothing to an armed one.
     The exit code is 0 only if everything on board of every vehicle equals the files.
     """
-    from shoal.robots.uploading import PLANNED, new_delivery, stations, upload_missions
+    from shoal.robots.uploading import PLANNED, new_delivery, open_stations, upload_missions
 
     if out is not None:
         check_folder(out)
@@ -125,8 +125,8 @@ def upload(
     if dry_run:
         deliveries = [new_delivery(cargo, seat, PLANNED) for cargo, seat in pairs]
     else:
-        with patient(), stations(links) as heard_by:
-            deliveries = upload_missions(pairs, heard_by, on_event=say)
+        with patient(), open_stations(links) as stations:
+            deliveries = upload_missions(pairs, stations, on_event=say)
     _report(deliveries, out, json_=json_)
 
 
@@ -235,8 +235,8 @@ def start(
     check_number(tolerance, what="delay-tolerance", above=0)
     waiting = _seconds_until("+0" if at is None else at)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with _logged_stations(links, out) as heard_by:
-        fleet = Fleet(pairs, heard_by)
+    with _logged_stations(links, out) as stations:
+        fleet = Fleet(pairs, stations)
         ready = check_fleet(fleet, lowest_battery=lowest_battery)
         if arm and ready:
             left = waiting()
@@ -301,8 +301,8 @@ def watch(
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with _logged_stations(links, out) as heard_by:
-        fleet = Fleet(pairs, heard_by)
+    with _logged_stations(links, out) as stations:
+        fleet = Fleet(pairs, stations)
         watch_fleet(fleet, seconds=seconds, every=every, on_report=_say_telemetry)
         launches = [*fleet.launches.values()]
     lost = [one for one in launches if one.faults]
@@ -328,7 +328,7 @@ def watch(
 @contextmanager
 def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Station]]:
     """Open stations on links, and a log of what they hear in the folder ``out``."""
-    from shoal.robots.uploading import stations
+    from shoal.robots.uploading import open_stations
 
     log = None
     if out is not None:
@@ -337,12 +337,12 @@ def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Statio
             raise InvalidInputError(f"out: expected a folder without {FLIGHT_LOG}, got {out}")
     with (
         patient(),
-        stations(links) as heard_by,
+        open_stations(links) as stations,
         nullcontext() if log is None else _new_file(log) as file,
     ):
-        for station in heard_by:
+        for station in stations:
             station.log = file
-        yield heard_by
+        yield stations
 
 
 def _new_file(path: Path) -> IO[bytes]:
@@ -555,7 +555,7 @@ def flown(
         written.append(out / "flown.json")
         write_json(written[0], report)
         rest = out / "rest.geojson"
-        if result.write_rest(rest):
+        if result.write_uncovered(rest):
             written.append(rest)
     for note in result.notes:
         say(f"shoal: {note}")
