@@ -82,6 +82,11 @@ RULES: dict[str, Rule] = {
         " waits on the ground, so it never takes off",
     ),
     "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
+    "stay": Rule(
+        "error",
+        "the vehicle stays on its way: a holding time at a waypoint (16), or a wait (93, 112, 17, 18"
+        " or 19) after the take-off; the check counts no such time",
+    ),
     "autocontinue": Rule(
         "warning",
         "the vehicle stops and waits at an item, because the item does not continue automatically",
@@ -162,6 +167,21 @@ RULES: dict[str, Rule] = {
     "no-go": Rule("error", "a waypoint is in a no-go zone, or a leg crosses a no-go zone"),
     "beside": Rule(
         "error", "a file of the fence or of rally points beside `.waypoints` files is unreadable"
+    ),
+    "manifest": Rule(
+        "error", "`missions.json`, which has the start times, is unreadable", fatal=True
+    ),
+    "no-manifest": Rule(
+        "warning", "several missions have no `missions.json`, so that all start at the same time"
+    ),
+    "file-missing": Rule(
+        "error",
+        "`missions.json` lists a mission without a file, or a file of the fence or of rally points"
+        " that is missing",
+    ),
+    "unlisted": Rule("warning", "`missions.json` does not list a mission of its folder"),
+    "fence-differs": Rule(
+        "warning", "some missions of a folder have a fence, and others have none"
     ),
     "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
     "fence-near": Rule(

@@ -10,11 +10,11 @@ from contextlib import ExitStack
 from dataclasses import fields
 from math import inf
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import parse_json, read_text
+from shoal.core.checks import check_integer, check_number, parse_json, read_text
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
 from shoal.missions.diagnostics import RULES, Sheet
@@ -39,6 +39,7 @@ MANIFEST = "missions.json"  # the manifest: the names of the written files
 ANGLE = "footprint_angle_degrees"  # a key of the manifest
 # a key of the manifest: for each mission, the numbers of its waypoints in all, out and home
 _WAYS = "ways"
+_FILES, _STARTS = "files", "starts_s"  # further keys of the manifest
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -163,7 +164,7 @@ def mission_texts(
         if None not in (mission.waypoints_out, mission.waypoints_home)
     }
     manifest = (
-        {"files": sorted(texts)}
+        {_FILES: sorted(texts)}
         | ({} if angle is None else {ANGLE: angle})
         | ({_WAYS: ways} if ways else {})
         | _times(missions, vehicle)
@@ -212,9 +213,7 @@ def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, di
     """
     flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
     told = {
-        "starts_s": {
-            mission.name: mission.start for mission in missions if mission.start is not None
-        },
+        _STARTS: {mission.name: mission.start for mission in missions if mission.start is not None},
         "durations_s": {flight["mission"]: flight["duration_s"] for flight in flights},
         "usable_fractions": {
             one["mission"]: one["usable_fraction"]
@@ -278,27 +277,27 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     All sheets get start times and the footprint angle from the manifest ``missions.json``. Sheets
     without the numbers of waypoints on the ways out and home get them from there too, if their
     number of waypoints is the one in the manifest. Sheets of formats whose fence is beside them get
-    the fence and the rally points. Mistakes in the files of the fence and of the rally points
-    become diagnostics.
+    the fence and the rally points. Mistakes in these files become diagnostics. A manifest with a
+    mistake is not used at all: a wrong start time could bring vehicles together.
     """
-    manifest = _manifest(read)
-    starts, ways, angle = manifest.get("starts_s"), manifest.get(_WAYS), manifest.get(ANGLE)
+    try:
+        manifest = _manifest(read)
+    except InvalidInputError as error:
+        place, _, sentence = str(error).partition(": expected")
+        for sheet in sheets:
+            sheet.add("manifest", place, f"expected{sentence}")
+        manifest = {}
+    starts, counts = manifest.get(_STARTS, {}), manifest.get(_WAYS, {})
     for sheet in sheets:
-        way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
-        counts: dict[str, Any] = way if isinstance(way, dict) else {}
-        count: Any = counts.get("waypoints")
-        out: Any = counts.get("waypoints_out")
-        home: Any = counts.get("waypoints_home")
-        whole = type(out) is type(home) is int and count == len(sheet.points)
-        if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
-            sheet.waypoints_out, sheet.waypoints_home = out, home
-        start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
-        if _is_number(start) and 0 <= start < inf:
-            sheet.start = float(start)
-        if angle == TURNING:
-            sheet.footprint_angle = TURNING
-        elif _is_number(angle) and -360 <= angle <= 360:
-            sheet.footprint_angle = float(angle)
+        mission = Path(sheet.file).stem
+        sheet.start = starts.get(mission, sheet.start)
+        sheet.footprint_angle = manifest.get(ANGLE, sheet.footprint_angle)
+        count = counts.get(mission, {})
+        if sheet.waypoints_out is None and count.get("waypoints") == len(sheet.points):
+            sheet.waypoints_out, sheet.waypoints_home = (
+                count["waypoints_out"],
+                count["waypoints_home"],
+            )
     suffixes = formats_by_suffix()
     beside = [
         sheet
@@ -327,29 +326,57 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
             setattr(sheet, field, content)
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _manifest(read: ReadBeside) -> dict[str, Any]:
-    """Return the content of the manifest ``missions.json``. Without a valid manifest, return an
-    empty mapping.
+    """Return the content of the manifest ``missions.json``, or an empty mapping if there is none.
+
+    Raises
+    ------
+    InvalidInputError
+        If the manifest cannot be read, or if a value in it cannot be right.
     """
-    try:
-        content = parse_json(read(MANIFEST) or "", where=MANIFEST)
-    except InvalidInputError:
+    text = read(MANIFEST)
+    if text is None:
         return {}
-    return content if isinstance(content, dict) else {}
+    content = parse_json(text, where=MANIFEST)
+    if not isinstance(content, dict):
+        raise InvalidInputError(f"{MANIFEST}: expected an object, got {content!r:.60}")
+    for key, kind, expected in (
+        (_FILES, list, "a list of file names"),
+        (_STARTS, dict, "an object with a start time for each mission"),
+        (_WAYS, dict, "an object with numbers of waypoints for each mission"),
+    ):
+        if not isinstance(content.get(key, kind()), kind):
+            raise InvalidInputError(
+                f"{MANIFEST}, {key}: expected {expected}, got {content[key]!r:.60}"
+            )
+    for mission, start in content.get(_STARTS, {}).items():
+        check_number(start, what=f"{MANIFEST}, {_STARTS}, {mission}", least=0)
+    for mission, count in content.get(_WAYS, {}).items():
+        where = f"{MANIFEST}, {_WAYS}, {mission}"
+        if not isinstance(count, dict):
+            raise InvalidInputError(f"{where}: expected an object, got {count!r:.60}")
+        whole, out, home = (
+            check_integer(count.get(key), what=f"{where}, {key}", least=0)
+            for key in ("waypoints", "waypoints_out", "waypoints_home")
+        )
+        if out + home >= whole:
+            raise InvalidInputError(
+                f"{where}: expected fewer waypoints out and home than {whole}, got {out + home}"
+            )
+    if content.get(ANGLE, TURNING) != TURNING:
+        check_number(content[ANGLE], what=f"{MANIFEST}, {ANGLE}", least=-360, most=360)
+    return content
 
 
 def _listed(folder: Path) -> set[str]:
     """Return the names of the mission files that a folder's manifest lists. Without a valid
     manifest, return an empty set.
     """
-    listed = _manifest(_texts_in(folder)).get("files")
-    names = (
-        {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
-    )
+    try:
+        listed = _manifest(_texts_in(folder)).get(_FILES, [])
+    except InvalidInputError:
+        listed = []
+    names = {name for name in listed if isinstance(name, str)}
     suffixes = formats_by_suffix()
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
@@ -466,7 +493,35 @@ def open_sheets(source: str | os.PathLike[str]) -> list[Sheet]:
             f"{source}: expected a folder with mission files, got a folder without mission files"
         )
     _take_beside(sheets, _texts_in(folder))
+    _check_folder(sheets, folder)
     return sheets
+
+
+def _check_folder(sheets: Sequence[Sheet], folder: Path) -> None:
+    """Add diagnostics for files that the manifest of a folder lists and that are missing, for
+    missions that it does not list, and for several missions without a manifest.
+    """
+    names = {Path(sheet.file).stem for sheet in sheets}
+    if not (folder / MANIFEST).is_file():
+        if len(names) > 1 and all(sheet.start is None for sheet in sheets):
+            sheets[0].add(
+                "no-manifest",
+                "",
+                f"expected a file {MANIFEST} with the start times, got none: all missions start at"
+                " 0 s",
+            )
+        return
+    listed = _listed(folder)
+    for file in sorted(listed - {STARTS}):
+        path = folder / file
+        if path.is_file():
+            continue
+        if path.stem not in names or file in (FENCE, RALLY):
+            sheets[0].add("file-missing", MANIFEST, f"expected the file {file}, got none")
+    missions = {Path(file).stem for file in listed}
+    for sheet in sheets:
+        if missions and Path(sheet.file).stem not in missions:
+            sheet.add("unlisted", "", f"expected a mission that {MANIFEST} lists, got another one")
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:

@@ -143,6 +143,7 @@ def lint_sheets(
         _check_autopilots(sheets)
         _check_sorties(sheets)
         _check_formats(sheets)
+        _check_fences(sheets)
         if limits.separation is not None:
             _check_near_homes(sheets, limits.separation)
 
@@ -355,6 +356,19 @@ def _check_formats(sheets: list[Sheet]) -> None:
         what = _difference(known, sheet)
         if what:
             sheet.add("formats-differ", "", f"expected the content of {known.file}, got {what}")
+
+
+def _check_fences(sheets: list[Sheet]) -> None:
+    """Add diagnostics for missions without a fence, if others of the same format have one."""
+    by_format: dict[str, list[Sheet]] = defaultdict(list)
+    for sheet in sheets:
+        if sheet.readable:
+            by_format[Path(sheet.file).suffix].append(sheet)
+    for alike in by_format.values():
+        fenced = next((sheet.file for sheet in alike if sheet.fence is not None), None)
+        for sheet in alike:
+            if fenced is not None and sheet.fence is None:
+                sheet.add("fence-differs", "", f"expected a fence, as {fenced} has one, got none")
 
 
 def _difference(one: Sheet, other: Sheet) -> str:

@@ -54,6 +54,8 @@ class Journal:
         Number of the robot.
     epoch : float, optional
         Time at which the robot is first switched on. By default, the time of day.
+    read_only : bool
+        Whether the file must exist and nothing is written, as for a check.
 
     Attributes
     ----------
@@ -74,20 +76,32 @@ class Journal:
     OutputError
     """
 
-    def __init__(self, path: Path, search: str, number: int, *, epoch: float | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        search: str,
+        number: int,
+        *,
+        epoch: float | None = None,
+        read_only: bool = False,
+    ) -> None:
         self.path, self.epoch = path, time.time() if epoch is None else epoch
         self.fault, self._synced = "", -inf
         self.events: list[Event] = []
         self.reports: list[dict[str, Any]] = []
         head = {"search": search, "robot": number}
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            self._file = os.open(
+                path, os.O_RDONLY if read_only else os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644
+            )
         except OSError as error:
             raise OutputError(f"{path}: cannot write: {error.strerror}") from None
         with ExitStack() as stack:
             stack.callback(os.close, self._file)
             self._lock()
             self._open(head)
+            if not read_only:
+                self._continue(head)
             stack.pop_all()
 
     def _lock(self) -> None:
@@ -103,7 +117,7 @@ class Journal:
             ) from None
 
     def _open(self, head: dict[str, Any]) -> None:
-        """Read what is in the file, and begin it if nothing is."""
+        """Read what is in the file."""
         path, number = self.path, head["robot"]
         lines = self._read()
         if lines:
@@ -119,14 +133,17 @@ class Journal:
                     self.events.append(_event_from_dict(line))
                 else:
                     self.reports.append(line)
+
+    def _continue(self, head: dict[str, Any]) -> None:
+        """Cut off what was on the way to the disk, and begin the file if nothing else is in it."""
         try:
             os.ftruncate(self._file, self._length)
         except OSError as error:
-            raise OutputError(f"{path}: cannot write: {error.strerror}") from None
-        if not lines:
+            raise OutputError(f"{self.path}: cannot write: {error.strerror}") from None
+        if self._length == 0:
             self._append({**head, "epoch": self.epoch}, now=True)
             if self.fault:
-                raise OutputError(f"{path}: {self.fault}")
+                raise OutputError(f"{self.path}: {self.fault}")
 
     def _read(self) -> list[dict[str, Any]]:
         self._length = 0
@@ -141,7 +158,8 @@ class Journal:
         for number, piece in enumerate(pieces, 1):
             if not _is_whole(piece):
                 # the last lines may have been on the way to the disk when the process ended
-                if not any(map(_is_whole, pieces[number:])):
+                cut = number > 1 or len(pieces) == 1
+                if cut and not any(map(_is_whole, pieces[number:])):
                     break
                 raise InvalidInputError(
                     f"{self.path}: line {number}: expected a line with its checksum, got a broken one"

@@ -21,7 +21,6 @@ from zlib import crc32
 
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.search.protocol.messages import SHORTEST
-from shoal.search.simulation.live.ports import Radio
 from shoal.search.simulation.live.radio import LARGEST, receive_from_others, send_to_all
 
 RADIOS = (
@@ -48,6 +47,11 @@ class UdpRadio:
         Addresses of the other robots, one broadcast address, or one multicast group.
     give_up : float
         Seconds without one message sent after which the radio has a fault.
+
+    Attributes
+    ----------
+    recipients : float
+        Number of addresses that it sends to; infinite for a group or a broadcast address.
     """
 
     most = LARGEST
@@ -65,6 +69,11 @@ class UdpRadio:
             raise InvalidInputError(
                 "radio: expected one multicast group or broadcast address alone, got"
                 f" {len(others)} addresses"
+            )
+        self.recipients = inf if groups or casts else len({*others})
+        if (own, port) in others:
+            raise InvalidInputError(
+                f"radio: expected the addresses of other robots, got the own one again, {own}:{port}"
             )
         with ExitStack() as stack:
             self._mouth = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -187,6 +196,7 @@ class SerialRadio:
     """
 
     most = SHORTEST
+    recipients = inf
 
     def __init__(
         self, device: str, baud: int = 57600, *, duty: float = 0.1, give_up: float = _GIVE_UP
@@ -337,7 +347,7 @@ def _unstuff(frame: bytes) -> bytes:
     return bytes(content[: max(len(frame) - 1, 0)])
 
 
-def open_radio(text: str, *, robots: int = 1, give_up: float = _GIVE_UP) -> Radio:
+def open_radio(text: str, *, robots: int = 1, give_up: float = _GIVE_UP) -> UdpRadio | SerialRadio:
     """Open a radio such as ``udp:192.168.1.7:9000,192.168.1.8:9000``.
 
     Parameters

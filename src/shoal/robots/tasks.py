@@ -15,6 +15,7 @@ import os
 import secrets
 from collections.abc import Mapping
 from dataclasses import replace
+from errno import EEXIST
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -229,17 +230,16 @@ def write_task(
     body["signature"] = _sign(key, body)
     task, key_file = home / TASK, home / KEY
     try:
-        if key_file.exists() and key_file.read_bytes() != key + b"\n":
-            raise OutputError(
-                f"cannot write {key_file}: it is the key of another search, whose robots need it"
-            )
+        foreign = key_file.exists() and key_file.read_bytes() != key + b"\n"
+        if foreign:
+            raise FileExistsError(EEXIST, "it is the key of another search, whose robots need it")
         home.mkdir(parents=True, exist_ok=True)
         handle = os.open(key_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with os.fdopen(handle, "wb") as file:
             os.fchmod(file.fileno(), 0o600)
             file.write(key + b"\n")
     except OSError as error:
-        raise OutputError(f"{key_file}: cannot write: {error.strerror}") from None
+        raise OutputError(f"cannot write {key_file}: {error.strerror or error}") from None
     write_json(task, body)
     return [task, key_file]
 

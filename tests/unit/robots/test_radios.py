@@ -125,6 +125,7 @@ def test_nothing_listens_beyond_the_address_that_was_named():
     [
         ("udp:0.0.0.0:9000,127.0.0.1:9001", "which means all"),
         ("udp:127.0.0.1:9000", "addresses of other robots"),
+        ("udp:127.0.0.1:9000,127.0.0.1:9001,127.0.0.1:9000", "got the own one again"),
         ("udp:127.0.0.1:70000,127.0.0.1:1", "expected udp:HOST:PORT"),
         ("udp:192.0.2.1:9000,127.0.0.1:9001", "an address of this computer"),
         ("udp:127.0.0.1:9000,239.1.1.1:9000,127.0.0.1:9001", "alone"),

@@ -68,6 +68,30 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(
     assert not [*tmp_path.rglob("*.journal")]
 
 
+def test_a_check_reads_the_state_that_the_start_reads(prepared, radio, tmp_path, capsys):
+    command = ["robot", str(prepared), "--id", "1", "--radio", radio, "--state", str(tmp_path)]
+    assert run([*command, "--check"]) == 0
+    assert not [*tmp_path.iterdir()]
+    state = tmp_path / "robot-01.journal"
+    state.write_text("garbage\n")
+    capsys.readouterr()
+    assert run([*command, "--check"]) == 2
+    assert "robot-01.journal: line 1: expected a line with its checksum" in capsys.readouterr().err
+    assert state.read_text() == "garbage\n"
+    assert run(command) == 2
+    assert state.read_text() == "garbage\n"
+
+
+def test_a_check_says_that_the_radio_does_not_reach_all(radio, tmp_path, capsys):
+    problem = SearchProblem("rectangle:60x20", robots=3, footprint=20, vehicle="multirotor")
+    write_task(run_search(problem, seed=1), tmp_path)
+    command = ["robot", str(tmp_path), "--id", "1", "--check", "--radio"]
+    assert run([*command, radio]) == 0
+    assert "the radio sends to 1 of 2 other robots" in capsys.readouterr().err
+    assert run([*command, f"{radio},127.0.0.1:10"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_no_radio_and_no_task_are_refused(prepared, radio, tmp_path, capsys):
     assert run(["robot", str(prepared), "--id", "1", "--radio", "udp:0.0.0.0:9000,1.2.3.4:9"]) == 2
     assert "expected the address or the name of one interface, got 0.0.0.0" in (

@@ -115,6 +115,11 @@ def numbered(rows):
         item["doJumpId"] = number
 
 
+def manifest(content):
+    """Write another manifest."""
+    return lambda folder, _: (folder / "missions.json").write_text(content)
+
+
 def drop(index):
     def change(rows):
         del rows[index]
@@ -474,7 +479,71 @@ PLANTS = [
     ("autocontinue", ".waypoints", wpl(5, 11, "0"), "line 6", ()),
     ("current", ".waypoints", wpl(5, 1, "1"), "line 6", ()),
     ("current", ".waypoints", wpl(1, 1, "0"), "line 2", ()),
-    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=19)), "item 2", ()),
+    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=31)), "item 2", ()),
+    ("stay", ".plan", items(lambda rows: rows[1].update(command=19)), "item 2", ()),
+    (
+        "stay",
+        ".plan",
+        items(lambda rows: rows[3].__setitem__("params", [9, *rows[3]["params"][1:]])),
+        "item 4",
+        (),
+    ),
+    ("stay", ".waypoints", wpl(5, 4, "100000"), "line 6", ()),
+    ("manifest", ".plan", manifest("{"), "missions.json", ()),
+    ("manifest", ".csv", manifest("[]"), "missions.json", ()),
+    ("manifest", ".plan", manifest('{"starts_s": 3}'), "missions.json, starts_s", ()),
+    (
+        "manifest",
+        ".plan",
+        manifest('{"starts_s": {"robot-01": "soon"}}'),
+        "missions.json, starts_s, robot-01",
+        (),
+    ),
+    (
+        "manifest",
+        ".plan",
+        manifest('{"starts_s": {"robot-01": -1}}'),
+        "missions.json, starts_s, robot-01",
+        (),
+    ),
+    (
+        "manifest",
+        ".plan",
+        manifest('{"starts_s": {"robot-01": NaN}}'),
+        "missions.json, starts_s, robot-01",
+        (),
+    ),
+    (
+        "manifest",
+        ".plan",
+        manifest(
+            '{"ways": {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}}}'
+        ),
+        "missions.json, ways, robot-01, waypoints_out",
+        (),
+    ),
+    (
+        "manifest",
+        ".plan",
+        manifest('{"footprint_angle_degrees": "north"}'),
+        "missions.json, footprint_angle_degrees",
+        (),
+    ),
+    (
+        "file-missing",
+        ".plan",
+        manifest('{"files": ["robot-01.plan", "robot-02.plan"]}'),
+        "missions.json",
+        (),
+    ),
+    (
+        "file-missing",
+        ".waypoints",
+        manifest('{"files": ["robot-01.waypoints", "fence.txt"]}'),
+        "missions.json",
+        (),
+    ),
+    ("unlisted", ".plan", manifest('{"files": ["fence.txt"]}'), "", ("file-missing",)),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
     ("firmware", ".gpx", swap("px4", "ardupilot"), "", ()),
@@ -740,7 +809,13 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
 
 
 def test_every_rule_is_planted():
-    others = {"cap-ardupilot", "transit", "fence-near"}  # below, and in test_safe_fences.py
+    others = {
+        "cap-ardupilot",
+        "transit",
+        "fence-near",
+        "no-manifest",
+        "fence-differs",
+    }  # below, and in test_safe_fences.py
     assert {rule for rule, *_ in PLANTS} | others == {*RULES}
 
 
@@ -1098,13 +1173,30 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
     )
     drop(2)(tmp_path, ".plan")
     assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
-    for ways in (
-        3,
-        {"robot-01": 5},
-        {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}},
+    (tmp_path / "missions.json").write_text('{"ways": {"robot-01": 5}}')
+    with pytest.raises(
+        InvalidInputError, match=r"robot-01.plan, missions.json, ways, robot-01: exp"
     ):
-        (tmp_path / "missions.json").write_text(json.dumps({"ways": ways}))
-        assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
+        read_mission(tmp_path / "robot-01.plan")
+
+
+def test_missions_without_their_manifest_or_fence_are_told(tmp_path, region):
+    write_missions(
+        [mission(robot=robot, start=20.0 * robot) for robot in (1, 2)], tmp_path, formats=["plan"]
+    )
+    assert lint(tmp_path, region) == []
+    (tmp_path / "missions.json").unlink()
+    assert [fault.rule for fault in lint(tmp_path, region)] == ["no-manifest"]
+    (tmp_path / "robot-02.plan").unlink()
+    assert lint(tmp_path, region) == []  # one mission needs no start time
+
+
+def test_a_mission_without_the_fence_of_the_others_is_told(tmp_path, region):
+    missions = [mission(robot=1, fence=Fence(np.array(AROUND))), mission(robot=2, fence=None)]
+    write_missions(missions, tmp_path, formats=["plan"])
+    assert [(fault.file, fault.rule) for fault in lint(tmp_path, region)] == [
+        ("robot-02.plan", "fence-differs")
+    ]
 
 
 @pytest.mark.parametrize(("inclusion", "radius"), [(False, 10), (True, 900)])

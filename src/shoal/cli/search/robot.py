@@ -139,6 +139,8 @@ def robot(
     if the search is complete and the vehicle has landed.
     """
     from shoal.robots.clock import SharedClock
+    from shoal.robots.companion import journal_path
+    from shoal.robots.journal import Journal
     from shoal.robots.radios import open_radio
     from shoal.robots.tasks import read_task
 
@@ -173,7 +175,16 @@ def robot(
             for fault in faults:
                 say(f"shoal: robot {number}: {fault}")
             raise typer.Exit(1)
+        others = len(read.scenario.starts) - 1
+        if waves.recipients < others:
+            say(
+                f"shoal: robot {number}: the radio sends to {waves.recipients:g} of {others} other"
+                " robots; the others hear it only if something passes its messages on"
+            )
         if check:
+            state_file = journal_path(home, number)
+            if state_file.exists():  # a broken one would stop the start
+                Journal(state_file, read.search, number, read_only=True).close()
             _print({"robot": number, "ready": True}, json_=json_)
             return
         _search(stack, read, number, waves, guided, home, loss, pace, json_=json_)

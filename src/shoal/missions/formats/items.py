@@ -204,14 +204,13 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     )
     for number, item in enumerate(items):
         _check_frame(sheet, item)
+        if item.command in _PASSED and item.params[0]:
+            sheet.add("stay", item.place, f"expected no stay on the way, got {_stay(item)}")
         if item.command in _WAITS and number < aloft < len(items):
-            (lasting,) = _number(item.params[0])
-            what = f"{_WAITS[item.command]} ({item.command})"
-            what += f" of {lasting:g} s" if item.command in (DELAY, 19, 112) else ""
             sheet.add(
                 "armed-wait",
                 item.place,
-                f"expected no wait before the take-off, but a start at its time, got {what}",
+                f"expected no wait before the take-off, but a start at its time, got {_stay(item)}",
             )
         elif item.command == SPLINE:
             sheet.add(
@@ -220,6 +219,8 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
                 "expected a waypoint (16), got a spline waypoint (82): the check uses straight"
                 " legs",
             )
+        elif item.command in _WAITS and item is not items[-1]:
+            sheet.add("stay", item.place, f"expected no stay on the way, got {_stay(item)}")
         elif item.command not in _KNOWN:
             known = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
             sheet.add(
@@ -235,6 +236,13 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             last.place,
             f"expected a return (20) or a landing (21) at the end, got command {last.command}",
         )
+
+
+def _stay(item: Item) -> str:
+    """Return a text about an item at which a vehicle stays."""
+    (lasting,) = _number(item.params[0])
+    text = f"{_WAITS.get(item.command, 'a holding time')} ({item.command})"
+    return text + (f" of {lasting:g} s" if item.command not in (HOLD, 18) else "")
 
 
 def _read_speeds(sheet: Sheet, items: Sequence[Item]) -> None:
