@@ -284,6 +284,12 @@ class SteeringEpisode(Episode):
                 f"the status is {self.status}, and all particles end within the tolerance of their"
                 " goals",
             )
+        bound = self.lower_bound
+        solved = self.status == Status.SOLVED
+        if solved and exact and bound is not None and bound > self.length * (1 + _EQUAL):
+            return Verification(
+                False, f"the lower bound is {bound:g}, and the plan has the length {self.length:g}"
+            )
         return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -101,3 +101,19 @@ def test_tracks_in_files_have_the_units_of_the_region(tmp_path, capsys):
     degrees.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": line}))
     assert run([*given, "--searched", str(degrees)]) == 2
     assert "expected metres" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_tracks_of_no_place_are_refused(tmp_path, number):
+    track = tmp_path / "track.csv"
+    track.write_text(f"x_m,y_m\n10,10\n{number},50\n")
+    with pytest.raises(InvalidInputError, match=r"searched: .*track.csv: expected"):
+        seen_along(str(track), open_region("square:100"), 20.0)
+
+
+def test_a_track_beside_the_region_is_refused():
+    problem = rest(searched=[[(5000.0, 150.0), (5100.0, 150.0)]])
+    with pytest.raises(
+        InvalidInputError, match="searched: expected tracks that see some of the region"
+    ):
+        _ = problem.place

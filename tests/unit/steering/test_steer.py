@@ -84,6 +84,9 @@ def test_steer_writes_and_prints(tmp_path, capsys):
     assert not replace(episode, states=episode.states + 0.01).verify()
     assert not replace(episode, status="limit").verify()
     assert not replace(episode, inputs=episode.inputs * 1.01).verify()
+    above = replace(episode, lower_bound=1.01 * episode.length).verify()
+    assert not above
+    assert "the lower bound is" in str(above)
 
 
 @pytest.mark.parametrize(

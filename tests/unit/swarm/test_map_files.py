@@ -12,6 +12,8 @@ import PIL
 import pytest
 from PIL import Image
 
+from shoal.cli import run
+from shoal.core import notices
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.files import atomic
 from shoal.swarm import GridWorkspace
@@ -513,3 +515,49 @@ def test_compressed_zeros_are_no_volume_and_are_not_unfolded(tmp_path):
         InvalidInputError, match="expected a NIfTI volume, got a damaged, truncated or other file"
     ):
         read_map(tmp_path / "bomb.nii.gz")
+
+
+@pytest.mark.parametrize("sides", [(2.0, 0.5, 0.25), (0.5, 0.1)])
+def test_a_tiff_keeps_the_size_of_a_cell(tmp_path, sides):
+    free = np.zeros((3, 4, 5)[-len(sides) :], dtype=bool)
+    free[..., 1:3, 1:4] = True
+    write_map(GridWorkspace(free, spacing=sides), tmp_path / "cells.tif")
+    read = read_map(tmp_path / "cells.tif")
+    assert np.array_equal(read.free, free)
+    assert read.spacing == pytest.approx(sides)
+
+
+def test_a_file_that_loses_the_size_of_a_cell_says_so(tmp_path, capsys):
+    write_map(GridWorkspace(np.ones((3, 4), dtype=bool), spacing=(2.0, 1.0)), tmp_path / "a.tif")
+    for name, lost in (("b.tif", False), ("b.npy", True)):
+        assert run(["maps", str(tmp_path / "a.tif"), "--out", str(tmp_path / name)]) == 0
+        assert ("cannot hold the size of a cell" in capsys.readouterr().err) is lost
+
+
+@pytest.mark.parametrize(
+    ("names", "missing"),
+    [
+        (["s0", "s1", "s2", "s4"], 3),
+        (["a2_010", "a2_020", "a2_040"], 30),
+        (["s1", "s2", "s3"], None),
+        (["s10", "s20", "s30"], None),
+    ],
+)
+def test_a_slice_that_is_missing_is_told(tmp_path, monkeypatch, names, missing):
+    told = []
+    monkeypatch.setattr(notices, "listeners", [told.append])
+    for name in names:
+        write_map(GridWorkspace(np.ones((3, 4), dtype=bool)), tmp_path / f"{name}.png")
+    assert read_map(tmp_path).shape == (len(names), 3, 4)
+    said = [f"no picture has the number {missing};" in text for text in told]
+    assert said == ([] if missing is None else [True])
+
+
+def test_masked_cells_and_wrong_sizes_of_cells_are_refused():
+    free = np.ones((3, 4), dtype=bool)
+    GridWorkspace(np.ma.masked_array(free, mask=False))
+    with pytest.raises(InvalidInputError, match=r"got a masked one at \(0, 1\)"):
+        GridWorkspace(np.ma.masked_array(free, mask=np.eye(3, 4, k=1, dtype=bool)))
+    for sides in (2.0, "abc", (1.0,), (1.0, 0.0)):
+        with pytest.raises(InvalidInputError, match="spacing: expected 2 sizes above 0"):
+            GridWorkspace(free, spacing=sides)

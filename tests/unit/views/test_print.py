@@ -99,7 +99,7 @@ def test_moments(episodes):
         ("search", {"width": 30, "font_size": 14}, "figure routes: expected a width with room"),
         ("swarm", {"seconds": 3}, "option of the figure map: expected one of moves, got 'seconds'"),
         ("swarm", {"moves": [0, 10**6]}, "moves: expected"),
-        ("volume", {"moves": [0, 1]}, "moves: expected one number for a volume, got 2"),
+        ("volume", {"moves": [0, 1]}, "at: expected one number for a volume, got 2"),
         ("steering", {"moves": 999}, "moves: expected"),
         ("search", {"seconds": -1.0}, "seconds: expected"),
         ("search", {"kind": "timeline", "seconds": 3}, "option of the figure timeline"),

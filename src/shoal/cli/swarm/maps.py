@@ -85,7 +85,7 @@ def _show(
     problem: SwarmProblem, name: str, out: Path | None, seed: int | None, json_: bool
 ) -> None:
     """Show a map, or write it to a file. Describe the parts of a map that is read from a file."""
-    from shoal.swarm.maps.files import write_map
+    from shoal.swarm.maps.files import keeps_spacing, write_map
 
     if seed is not None:
         if problem.replaced(map=name).place_is_file():
@@ -99,6 +99,8 @@ def _show(
     workspace = read.largest_component() if problem.largest_component else read
     if out is not None:
         write_map(workspace, out)
+        if workspace.spacing is not None and not keeps_spacing(out):
+            say(f"shoal: {out}: such a file cannot hold the size of a cell, which is lost")
     of_file = problem.place_is_file()
     described = of_file or problem.largest_component
     parts = _parts(read, workspace.n_free, problem) if described else {}

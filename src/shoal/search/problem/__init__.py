@@ -930,6 +930,12 @@ class SearchProblem(Problem):
             return region
         side = float(np.min(self.footprint or self._asked_vehicle.row_spacing or FOOTPRINT))
         seen = [seen_along(track, region, side) for track in self.searched]
+        for track, area in zip(self.searched, seen, strict=True):
+            if not area.intersects(region.area):
+                raise InvalidInputError(
+                    "searched: expected tracks that see some of the region, got none of it by"
+                    f" {shortened(track)}"
+                )
         again = bool(self.prior) and self.chosen_detection < 1
         return replace(region, looks=(*region.looks, *seen), again=again)
 

@@ -199,6 +199,9 @@ def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
         raise InvalidInputError(f"searched: expected a track of two points or more, got {longest}")
     pairs = []
     for points in lines:
+        check_plane_points(
+            points, what=f"searched: {track}" if isinstance(track, str) else "searched"
+        )
         if len(points) > 1:
             line = shapely.simplify(shapely.linestrings(points), _SIMPLER * side)
             way = shapely.get_coordinates(line)

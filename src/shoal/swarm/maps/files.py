@@ -84,6 +84,8 @@ class MapFormat:
         only reads the format.
     dimensions : tuple of int
         Numbers of dimensions of the workspaces that the format can store: (2,), (3,) or (2, 3).
+    sized : bool
+        Whether a written file holds the size of a cell.
     kind : Kind
         The reading options that the reader uses. All other reading options are refused. By default,
         the reader uses none.
@@ -93,6 +95,7 @@ class MapFormat:
     encode: Callable[[GridWorkspace], bytes] | None = None
     dimensions: tuple[int, ...] = (2,)
     kind: Kind = Kind("a file of this format")
+    sized: bool = False
 
 
 def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOptions], Cells]:
@@ -101,9 +104,8 @@ def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOpt
 
 def _picture_format(suffix: str) -> MapFormat:
     encode = None if suffix == ".gif" else partial(encode_picture, suffix=suffix)
-    return MapFormat(
-        read_picture, encode, (2, 3) if suffix.startswith(".tif") else (2,), KINDS["picture"]
-    )
+    tiff = suffix.startswith(".tif")
+    return MapFormat(read_picture, encode, (2, 3) if tiff else (2,), KINDS["picture"], sized=tiff)
 
 
 FORMATS: dict[str, MapFormat] = {
@@ -114,7 +116,9 @@ FORMATS: dict[str, MapFormat] = {
     ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3), KINDS["array"]),
     ".mat": MapFormat(_unsized(read_matlab), kind=KINDS["table"]),
     **{
-        suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"])
+        suffix: MapFormat(
+            read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"], sized=True
+        )
         for suffix in NIFTI
     },
     **{suffix: MapFormat(read_nrrd, kind=KINDS["volume"]) for suffix in NRRD},
@@ -193,6 +197,11 @@ def named_after(
     with errors_at(path):
         # undecodable bytes of a name become "?"
         return GridWorkspace(free, name=stem.encode("utf-8", "replace").decode(), spacing=spacing)
+
+
+def keeps_spacing(path: str | os.PathLike[str]) -> bool:
+    """Return whether a map file that `write_map` writes holds the size of a cell."""
+    return FORMATS[_suffix(Path(path))].sized
 
 
 def _suffix(path: Path) -> str:

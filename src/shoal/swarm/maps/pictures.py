@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Generator, Iterable, Iterator
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,9 +101,28 @@ def read_slices(folder: Path, options: MapOptions) -> Mask:
             for part in re.split("([0-9]+)", path.name)
         ]
     )
+    _tell_of_gaps(folder, files)
     for file in files:
         check_file(file, what="slice", most=LARGEST_FILE)
     return _free_layers(files, options, folder=folder)[0]
+
+
+def _tell_of_gaps(folder: Path, files: list[Path]) -> None:
+    """Tell if the numbers of slices, of which one number in the names counts them, have a gap."""
+    names = [re.split("([0-9]+)", path.name) for path in files]
+    if len({len(parts) for parts in names}) > 1:
+        return
+    columns = [column for column in zip(*names, strict=True) if len({*column}) > 1]
+    if len(columns) != 1 or not all(re.fullmatch("[0-9]+", part) for part in columns[0]):
+        return
+    numbers = [int(part) for part in columns[0]]
+    step = min(np.diff(numbers))
+    gap = next((one for one, other in pairwise(numbers) if other - one > step), None)
+    if gap is not None and len(numbers) > 2:
+        tell_once(
+            f"shoal: warning: {folder}: no picture has the number {gap + step}; a slice may be"
+            " missing"
+        )
 
 
 def read_pixels(
@@ -179,7 +198,8 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map
     becomes a page of a TIFF file.
 
-    Free cells and obstacles remain distinguishable after JPEG compression.
+    Free cells and obstacles remain distinguishable after JPEG compression. A TIFF file holds the
+    size of a cell as files of ImageJ do.
     """
     from PIL import Image
 
@@ -188,6 +208,12 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     first, *others = [Image.fromarray(layer.astype(np.uint8) * 255) for layer in layers]
     if others:
         best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
+    if workspace.spacing is not None and PICTURES[suffix] == "TIFF":
+        *between, height, width = workspace.spacing
+        about = ["ImageJ=1.54", f"images={len(layers)}", f"slices={len(layers)}", "unit=mm"]
+        about += [f"spacing={distance!r}" for distance in between]
+        # TIFF: ImageDescription, XResolution and YResolution in pixels a unit, ResolutionUnit none
+        best["tiffinfo"] = {270: "\n".join([*about, ""]), 282: 1 / width, 283: 1 / height, 296: 1}
     buffer = io.BytesIO()
     first.save(buffer, format=PICTURES[suffix], **best)
     return buffer.getvalue()

@@ -121,8 +121,8 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     Raises
     ------
     InvalidInputError
-        Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN, or has
-        more than ``MAX_CELLS`` cells.
+        Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN or masked
+        cells, or has more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(free)
@@ -130,6 +130,9 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
         raise InvalidInputError(
             "workspace: expected rows of equal length, got rows of different lengths"
         ) from None
+    if np.ma.is_masked(free):
+        hidden = tuple(int(i) for i in np.argwhere(np.ma.getmaskarray(free))[0])  # type: ignore[no-untyped-call]
+        raise InvalidInputError(f"workspace: expected known cells, got a masked one at {hidden}")
     if array.ndim not in (2, 3):
         raise InvalidInputError(
             f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
@@ -203,7 +206,10 @@ class GridWorkspace:
     def __post_init__(self) -> None:
         object.__setattr__(self, "free", check_free(self.free))
         if self.spacing is not None:
-            sides = tuple(float(side) for side in self.spacing)
+            try:
+                sides = tuple(float(side) for side in self.spacing)
+            except (TypeError, ValueError):
+                sides = ()
             if len(sides) != self.free.ndim or not all(0 < side < float("inf") for side in sides):
                 raise InvalidInputError(
                     f"spacing: expected {self.free.ndim} sizes above 0, got {self.spacing}"

@@ -72,7 +72,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
     if isinstance(moves, Sequence):
         counts = [check_integer(n, what="moves", least=0, most=episode.moves) for n in moves]
         if workspace.ndim == 3 and len(counts) > 1:
-            raise InvalidInputError(f"moves: expected one number for a volume, got {len(counts)}")
+            raise InvalidInputError(f"at: expected one number for a volume, got {len(counts)}")
         if len(counts) > 1:
             return map_panels([(episode, n) for n in counts], columns=min(_MOMENTS, len(counts)))
         (moves,) = counts
