@@ -239,7 +239,7 @@ class Detector:
         sides = {"bright": (1,), "dark": (-1,), "auto": (1, -1)}[vision.particles]
         if self.background is not None:
             sides = (1,)  # what is darker than the background is above 0 as well
-        side = max(sides, key=lambda one: abs(ends[one] - ground))
+        side = max(sides, key=lambda side: abs(ends[side] - ground))
         least = max(CONTRAST * max(brightest, 255.0) / 255, OUTSTANDING * noise)
         if (ends[side] - ground) * side < least:
             return 0.0, 0
@@ -276,8 +276,8 @@ class Detector:
         return float(middle) if len(areas) >= 4 and high - low <= SIMILAR * middle else np.inf
 
     def _several(self, areas: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        one = self._one(areas[good]) if good.any() else np.inf
-        return np.asarray(areas >= SINGLE * one)
+        single_area = self._one(areas[good]) if good.any() else np.inf
+        return np.asarray(areas >= SINGLE * single_area)
 
     def _divided(self, blob: NDArray[np.bool_], area: float, areas: NDArray[np.float64]) -> Points:
         """Return the middles of the particles that touch in one blob (k-means of its pixels)."""
@@ -391,7 +391,7 @@ class MicroManagerSource:
             self.core.unloadAllDevices()
             # A core tells its events in a thread of its own, and aborts the program if Python ends
             # meanwhile. pymmcore-plus hides the method that ends the thread.
-            base = next(one for one in type(self.core).__mro__ if one.__name__ == "CMMCore")
+            base = next(cls for cls in type(self.core).__mro__ if cls.__name__ == "CMMCore")
             base.registerCallback(self.core, None)  # type: ignore[attr-defined]
 
 
@@ -599,8 +599,8 @@ def open_camera(spec: str) -> CameraSensor:
     ------
     InvalidInputError, UnknownNameError, MissingExtraError, RigError
     """
-    kind, _, rest = spec.partition(":")
-    name, *pairs = re.split(r",(?=[a-z-]+=)", rest)
+    kind, _, settings = spec.partition(":")
+    name, *pairs = re.split(r",(?=[a-z-]+=)", settings)
     options: dict[str, str] = {}
     for pair in pairs:
         option, _, value = pair.partition("=")

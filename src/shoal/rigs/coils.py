@@ -133,7 +133,9 @@ class CoilActuator:
         self._stopped = self._closed = False
         self._ended, self._pause = -1e9, 0.0  # of the last pulse, and how long the coils must cool
         self._writing, self._pusher = threading.Lock(), 0
-        answers = [one for one in (about.error, about.reply, about.off_reply) if one is not None]
+        answers = [
+            packet for packet in (about.error, about.reply, about.off_reply) if packet is not None
+        ]
         self._splitter = Splitter(device.packets, answers)
         self._line = self._make_line(device.connection)
         try:
@@ -185,10 +187,10 @@ class CoilActuator:
         transport = open_transport(address, what="device.connection")
         if device.keep_alive is None:
             return PlainLine(transport)
-        from shoal.rigs.keepalive import KeptLine
+        from shoal.rigs.keepalive import KeeperLine
 
         within = device.reply.within if device.reply else 0.0
-        return KeptLine(
+        return KeeperLine(
             address,
             off=self.actuation.off.encode({"number": 0.0}),
             silence=device.keep_alive,
@@ -241,8 +243,10 @@ class CoilActuator:
     @property
     def values(self) -> dict[str, float]:
         """What was commanded and measured at the last push, by name; each value in one unit."""
-        found = self.last | ({} if self.temperature is None else {"temperature": self.temperature})
-        return {name: round(value, 6) for name, value in found.items() if name not in CONVERTED}
+        readings = self.last | (
+            {} if self.temperature is None else {"temperature": self.temperature}
+        )
+        return {name: round(value, 6) for name, value in readings.items() if name not in CONVERTED}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -310,29 +314,29 @@ class CoilActuator:
                 if due[at] <= now:
                     act()
                     due[at] = max(due[at] + gap, now)
-            if self._heard(answer, max(0.0, min([until, *due]) - time.monotonic())):
+            if self._read_answer(answer, max(0.0, min([until, *due]) - time.monotonic())):
                 return True
             if self._stopped and acts:
                 break
         return False
 
-    def _heard(self, answer: Packet | None, timeout: float) -> bool:
+    def _read_answer(self, answer: Packet | None, timeout: float) -> bool:
         """Read what the device sends for some time. Return whether the answer is among it."""
-        found = False
+        answered = False
         sent = self.last | {"number": float(self._number)}
         for message in self._splitter.messages(self._line.read(timeout)):
             if self.actuation.error is not None:
                 wrong = self.actuation.error.read(message, sent)
                 if wrong is not None:
-                    raise RigError(f"{self.name}: the coils report {_shown(message)}")
-            said = None if answer is None else answer.read(message, sent)
-            if said is not None:
-                found = True
-                self.temperature = said.get("temperature", self.temperature)
+                    raise RigError(f"{self.name}: the coils report {_message_text(message)}")
+            reading = None if answer is None else answer.read(message, sent)
+            if reading is not None:
+                answered = True
+                self.temperature = reading.get("temperature", self.temperature)
         why, self._line.why = self._line.why, ""
-        if why and not found:
+        if why and not answered:
             raise RigError(f"{self.name}: the keep-alive process has turned the field off: {why}")
-        return found
+        return answered
 
     def _write(self, data: bytes, *, on: bool) -> None:
         with self._writing:
@@ -432,7 +436,7 @@ class CoilActuator:
             self._line.close()
 
 
-def _shown(message: bytes) -> str:
+def _message_text(message: bytes) -> str:
     """Return a message of a device for people."""
     text = message.decode(errors="replace")
     return repr(text[:80]) if text.isprintable() else message[:40].hex(" ")

@@ -49,22 +49,22 @@ class Messages:
     """The messages in a stream of bytes."""
 
     def __init__(self) -> None:
-        self._came = b""
+        self._buffer = b""
 
     def add(self, data: bytes) -> list[tuple[bytes, bytes]]:
         """Return the messages that are complete once these bytes have come: kind and data."""
-        self._came += data
-        found = []
-        while len(self._came) >= 3:
-            (length,) = struct.unpack("<H", self._came[1:3])
-            if len(self._came) < 3 + length:
+        self._buffer += data
+        messages = []
+        while len(self._buffer) >= 3:
+            (length,) = struct.unpack("<H", self._buffer[1:3])
+            if len(self._buffer) < 3 + length:
                 break
-            found.append((self._came[:1], self._came[3 : 3 + length]))
-            self._came = self._came[3 + length :]
-        return found
+            messages.append((self._buffer[:1], self._buffer[3 : 3 + length]))
+            self._buffer = self._buffer[3 + length :]
+        return messages
 
 
-class KeptLine:
+class KeeperLine:
     """A line to coils, kept by a process of its own.
 
     Parameters
@@ -211,10 +211,10 @@ class Keeper:
         messages, heard, began = Messages(), time.monotonic(), 0.0
         try:
             while True:
-                left = None
+                remaining = None
                 if self._on:
-                    left = max(0.0, min(heard + self.silence, began + self.longest) - _now())
-                if not select.select([source], [], [], left)[0]:
+                    remaining = max(0.0, min(heard + self.silence, began + self.longest) - _now())
+                if not select.select([source], [], [], remaining)[0]:
                     self._turn_off(_now() - heard >= self.silence)
                     continue
                 data = os.read(source, LONGEST)

@@ -27,7 +27,7 @@ from shoal.rigs.calibration import (
     Responses,
     Speed,
     cell_in_pixels,
-    transformed,
+    transform_points,
     unit_at,
 )
 from shoal.rigs.following import BAND, free_motion, likely_shift, match
@@ -82,7 +82,7 @@ class MeasuredPulse:
     before, after : ndarray of float64, shape (n, 2)
     ids : ndarray of int64, shape (n,)
         Numbers of the particles, the same from pulse to pulse.
-    room : str
+    preparation : str
         Command that was sent before the pulses back and forth, if any.
     """
 
@@ -92,7 +92,7 @@ class MeasuredPulse:
     before: Points
     after: Points
     ids: NDArray[np.int64]
-    room: str = ""
+    preparation: str = ""
 
 
 class PulseRun:
@@ -128,7 +128,7 @@ class PulseRun:
         self._rate: float | None = getattr(sensor, "frame_rate", None)
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
-            frames.append(self._fresh(frames[-1].number))
+            frames.append(self._next_frame(frames[-1].number))
         self._last = frames[-1]
         if not len(self._last.points):
             raise RigError("calibration: expected particles in the picture, got none")
@@ -142,7 +142,7 @@ class PulseRun:
     def _clock(self, frame: Any) -> float:
         return float(frame.number / self._rate if self._rate else frame.time)
 
-    def _fresh(self, number: int | None) -> Any:
+    def _next_frame(self, number: int | None) -> Any:
         """Return a picture that is not the one with the number given."""
         until = time.monotonic() + PATIENCE
         while True:
@@ -159,9 +159,9 @@ class PulseRun:
     def _frames(self, wait: float) -> list[Any]:
         """Return the pictures of the next seconds."""
         last = getattr(self, "_last", None)
-        frames = [self._fresh(None if last is None else last.number)]
+        frames = [self._next_frame(None if last is None else last.number)]
         while self._clock(frames[-1]) - self._clock(frames[0]) < wait:
-            frames.append(self._fresh(frames[-1].number))
+            frames.append(self._next_frame(frames[-1].number))
         return frames
 
     def _at_rest(self, frames: list[Any]) -> tuple[float, Points]:
@@ -238,8 +238,8 @@ class PulseRun:
         """
         done = []
         for pair in ("rl", "ud"):
-            for room in self._rooms(pair):
-                for letter in room * 2:
+            for preparation in self._preparations(pair):
+                for letter in preparation * 2:
                     self.push(letter, *pulses[letter], expected[letter])
                 cycle, cycles = 0, 1 + self.pairs
                 while cycle < cycles:
@@ -248,7 +248,7 @@ class PulseRun:
                         pulse = self.push(letter, *pulses[letter], expected[letter])
                         late = late or self.late is not None
                         if cycle and self.late is None:
-                            done.append(replace(pulse, room=room))
+                            done.append(replace(pulse, preparation=preparation))
                     cycle += 1
                     cycles += late and cycles < 2 * (1 + self.pairs)  # again
         if missing := set(pulses) - {pulse.command for pulse in done}:
@@ -263,7 +263,7 @@ class PulseRun:
         """How long the last pulse was if this computer made it too long, in seconds."""
         return getattr(self.actuator, "late", None)
 
-    def _rooms(self, pair: str) -> tuple[str, ...]:
+    def _preparations(self, pair: str) -> tuple[str, ...]:
         """Return the commands before pulses back and forth. Few particles may all stand at walls,
         which then stop the stronger of the two commands each time: both orders are tried.
         """
@@ -282,13 +282,15 @@ class PulseRun:
         whole : bool
             Whether the pulses must be those stated.
         """
-        found: dict[str, Points] = {}
+        velocities: dict[str, Points] = {}
         for pair in ("rl", "ud"):
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
                 moved = {letter: (np.full(2, np.nan), np.zeros(0, dtype=bool)) for letter in pair}
-                for room in self._rooms(pair):
-                    for letter, new in self._short(pair, room, stated, share, whole).items():
+                for preparation in self._preparations(pair):
+                    for letter, new in self._push_shortly(
+                        pair, preparation, stated, share, whole
+                    ).items():
                         # walls make motions shorter, never longer
                         if _length(new[0]) > 1.1 * _length(moved[letter][0]):
                             moved[letter] = new
@@ -316,25 +318,25 @@ class PulseRun:
                         f" got none in pulses of up to {share * stated[letter][1]:.3g} s; put them"
                         " where they have room"
                     )
-                found[letter] = moved[letter][0] / (share * stated[letter][1])
-        return found
+                velocities[letter] = moved[letter][0] / (share * stated[letter][1])
+        return velocities
 
-    def _short(
+    def _push_shortly(
         self,
         pair: str,
-        room: str,
+        preparation: str,
         stated: Mapping[str, tuple[float, float]],
         share: float,
         whole: bool,
     ) -> dict[str, tuple[Points, NDArray[np.bool_]]]:
         """Return the free motions, in pixels, of short pulses back and forth."""
         steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-        for letter in room * 2 + pair * CYCLES[0]:
+        for letter in preparation * 2 + pair * CYCLES[0]:
             angle, seconds = stated[letter]
             pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
             shorter = 1.0 if self.late is None else share * seconds / self.late
             steps[letter].append((pulse.after - pulse.before) * shorter)
-        for letter in room:
+        for letter in preparation:
             del steps[letter][:2]
         return {
             letter: free_motion(np.vstack(each), self.noise * 2**0.5)
@@ -361,17 +363,23 @@ class _Group:
 
 def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> list[_Group]:
     """Return the free motions of the pulses of each angle and duration."""
-    together: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
+    motions_by_pulse: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
     for pulse in pulses:
-        rooms = together.setdefault((pulse.command, pulse.angle, pulse.seconds), {})
-        rooms.setdefault(pulse.room, []).append(motions_of(pulse, matrix))
+        by_preparation = motions_by_pulse.setdefault(
+            (pulse.command, pulse.angle, pulse.seconds), {}
+        )
+        by_preparation.setdefault(pulse.preparation, []).append(motions_of(pulse, matrix))
     groups = []
-    for (command, angle, seconds), rooms in together.items():
-        every = [np.vstack(parts) for parts in rooms.values()]
+    for (command, angle, seconds), by_preparation in motions_by_pulse.items():
+        every = [np.vstack(parts) for parts in by_preparation.values()]
         lengths = [_length(free_motion(motions, noise)[0]) for motions in every]
         # walls make motions shorter, never longer
         motions = np.vstack(
-            [one for one, length in zip(every, lengths, strict=True) if length > 0.9 * max(lengths)]
+            [
+                part
+                for part, length in zip(every, lengths, strict=True)
+                if length > 0.9 * max(lengths)
+            ]
         )
         motion, free = free_motion(motions, noise)
         count, least = int(free.sum()), max(FEWEST, LEAST_FREE * len(motions))
@@ -389,11 +397,11 @@ def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> li
 
 def motions_of(pulse: MeasuredPulse, matrix: Points) -> Points:
     """Return the motions (x, y) in cells, y up (shape (n, 2))."""
-    step = transformed(matrix, pulse.after) - transformed(matrix, pulse.before)
+    step = transform_points(matrix, pulse.after) - transform_points(matrix, pulse.before)
     return np.column_stack([step[:, 1], -step[:, 0]])
 
 
-def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
+def fit_responses(groups: Sequence[_Group], stated: Responses) -> Responses:
     """Return the velocities and the dead time that fit the motions best (least squares), with the
     angles of the stated responses.
     """
@@ -403,9 +411,9 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
     durations = {group.seconds for group in groups}
     several = len(durations) > len(letters)  # pulses of different lengths show the dead time
 
-    def unpacked(values: Points) -> Responses:
+    def unpack(values: Points) -> Responses:
         sides = dict(zip(letters, map(tuple, values[:8].reshape(4, 2).tolist()), strict=True))
-        return known.model_copy(
+        return stated.model_copy(
             update={**sides, "dead": float(values[8]) * scale if several else 0.0}
         )
 
@@ -413,8 +421,8 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
     weights = np.array([1 / max(group.error, 1e-4) for group in groups])
 
     def errors(values: Points) -> Points:
-        found = unpacked(values)
-        away = np.array([found.displacement(g.angle, g.seconds) - g.motion for g in groups])
+        responses = unpack(values)
+        away = np.array([responses.displacement(g.angle, g.seconds) - g.motion for g in groups])
         return np.asarray((away * weights[:, None]).ravel(), dtype=np.float64)
 
     first = np.zeros(9)
@@ -428,8 +436,8 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
         letter: sum(group.count for group in groups if group.command == letter)
         for letter in letters
     }
-    found = unpacked(values)
-    return found.model_copy(
+    responses = unpack(values)
+    return responses.model_copy(
         update={"residual": float(np.sqrt(2 * np.mean(away**2))), "counts": counts}
     )
 
@@ -513,12 +521,12 @@ def calibrate(
     if frequencies:
         check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
-    known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
+    stated = Responses.from_pulses(pulses, only=whole or bool(getattr(actuator, "only", False)))
     run = PulseRun(actuator, sensor, cell, wait)
     speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
-            known.angles[letter],
+            stated.angles[letter],
             pulses[letter][1] if whole else cell / 2 / float(np.linalg.norm(speed)),
         )
         for letter, speed in speeds.items()
@@ -532,17 +540,17 @@ def calibrate(
         tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    responses = fit_responses(_groups(done, tie.matrix, noise), known)
+    responses = fit_responses(_groups(done, tie.matrix, noise), stated)
     _check_plausible(responses)
     if aim is None:
         aim = max(SHORTEST, min(AIM, LEAP / _fastest(done, tie.matrix, responses)))
-    wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+    target_motions = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
     for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
-        full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
-        again = run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        full = {letter: responses.pulse_for(motion) for letter, motion in target_motions.items()}
+        again = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
         surprise = _surprise(_groups(again, tie.matrix, noise), responses)
         done = again if surprise else done + again
-        responses = fit_responses(_groups(done, tie.matrix, noise), known)
+        responses = fit_responses(_groups(done, tie.matrix, noise), stated)
         _check_plausible(responses)
         if not surprise:
             break
@@ -564,7 +572,7 @@ def calibrate(
     speed = (
         measure_speed(run, actuator, responses, tie.matrix, frequencies) if frequencies else None
     )
-    found = BenchCalibration(
+    calibration = BenchCalibration(
         shape=shape,
         tie=tie.kind,
         matrix=tie.matrix.tolist(),
@@ -581,8 +589,8 @@ def calibrate(
         notes=notes,
     )
     if whole:
-        found.notes.extend(_told_of_whole(found))
-    return found
+        calibration.notes.extend(_whole_command_notes(calibration))
+    return calibration
 
 
 def check_frequencies(actuator: Any, frequencies: Sequence[float]) -> None:
@@ -615,7 +623,7 @@ def measure_speed(
     try:
         for frequency in sorted(frequencies):
             actuator.set_frequency(frequency)
-            found = []
+            magnitudes = []
             done: dict[str, list[Points]] = {"r": [], "l": []}
             for letter in "rl" * (1 + run.pairs):
                 velocity = np.array(getattr(responses, letter))
@@ -626,8 +634,8 @@ def measure_speed(
             for each in done.values():
                 rates = np.vstack(each[1:])
                 motion, free = free_motion(rates, noise / seconds)
-                found.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
-            speeds.append(float(np.mean(found)))
+                magnitudes.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
+            speeds.append(float(np.mean(magnitudes)))
     finally:
         actuator.set_frequency(usual)
     return fit_speed(sorted(frequencies), speeds)
@@ -665,18 +673,18 @@ def _in_pixels(
     """Return motions (x, y) in cells as motions in pixels in the middle of the grid."""
     to_pixels = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-    here = transformed(to_pixels, centre)[0]
+    origin = transform_points(to_pixels, centre)[0]
     return {
-        letter: transformed(to_pixels, centre + np.array([-y, x]))[0] - here
+        letter: transform_points(to_pixels, centre + np.array([-y, x]))[0] - origin
         for letter, (x, y) in motions.items()
     }
 
 
-def _told_of_whole(found: BenchCalibration) -> list[str]:
+def _whole_command_notes(calibration: BenchCalibration) -> list[str]:
     """Return what is wrong with commands that cannot be corrected."""
     notes = []
     for letter in ANGLES:
-        length, heading = found.gain(letter), found.responses.heading(letter)
+        length, heading = calibration.gain(letter), calibration.responses.heading(letter)
         if length is not None and not 1.0 <= length <= LONGEST:
             notes.append(
                 f"the command {letter} moves particles by {length:.2f} cells; set the actuator to"
@@ -700,7 +708,10 @@ def _surprise(groups: Sequence[_Group], responses: Responses) -> str:
 def _check_plausible(responses: Responses) -> None:
     """Refuse axes that are turned or mirrored, and directions in which particles had no room."""
     speeds = {letter: float(np.linalg.norm(getattr(responses, letter))) for letter in ANGLES}
-    slow, fast = min(speeds, key=lambda one: speeds[one]), max(speeds, key=lambda one: speeds[one])
+    slow, fast = (
+        min(speeds, key=lambda letter: speeds[letter]),
+        max(speeds, key=lambda letter: speeds[letter]),
+    )
     if speeds[fast] > UNEQUAL * speeds[slow]:
         raise RigError(
             f"calibration: expected commands of about equal speed, got {speeds[slow]:.3g} cells a"

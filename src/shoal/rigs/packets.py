@@ -34,10 +34,10 @@ NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 def _crc_table(polynomial: int) -> bytes:
     table = bytearray()
     for byte in range(256):
-        rest = byte
+        remainder = byte
         for _ in range(8):
-            rest = (rest << 1 ^ polynomial) & 0xFF if rest & 0x80 else rest << 1
-        table.append(rest)
+            remainder = (remainder << 1 ^ polynomial) & 0xFF if remainder & 0x80 else remainder << 1
+        table.append(remainder)
     return bytes(table)
 
 
@@ -144,9 +144,9 @@ class Packet:
         self, form: Form, template: Template, names: Iterable[str], *, answer: bool = False
     ) -> None:
         self.form, self.template, self._answer = form, template, answer
-        known = list(names)
+        choices = list(names)
         if form == "text":
-            self._parts = self._text_parts(template, known)
+            self._parts = self._text_parts(template, choices)
             self.names = [name for _, name, _ in self._parts if name is not None]
             return
         self.lines = 1
@@ -175,9 +175,9 @@ class Packet:
             )
         self.names = [value for value in template.values if isinstance(value, str)]
         for name in self.names:
-            _check_name(name, known, "values")
+            _check_name(name, choices, "values")
 
-    def _text_parts(self, template: Template, known: list[str]) -> list[tuple[str, Any, str]]:
+    def _text_parts(self, template: Template, choices: list[str]) -> list[tuple[str, Any, str]]:
         if template.text is None or template.struct is not None or template.values is not None:
             raise InvalidInputError("expected text, and neither struct nor values")
         self.lines = len(template.text.strip().splitlines())
@@ -189,7 +189,7 @@ class Packet:
                 if conversion:
                     raise ValueError(f"no conversion !{conversion}")
                 if name is not None:
-                    _check_name(name, known, "text")
+                    _check_name(name, choices, "text")
                     _written(1.0, spec or "")
                 parts.append((literal, name, spec or ""))
         except ValueError as error:
@@ -246,16 +246,16 @@ class Packet:
             message = message[1:]
         if len(message) != self._struct.size:
             return None
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         for got, value, code in zip(
             self._struct.unpack(message), self.template.values or (), self._codes, strict=True
         ):
             if value in READ:
                 if value != "any":
-                    found[str(value)] = float(got)
+                    values[str(value)] = float(got)
             elif got != _same(sent[value] if isinstance(value, str) else value, code):
                 return None
-        return found
+        return values
 
     def _read_text(self, message: bytes, sent: Mapping[str, float]) -> dict[str, float] | None:
         pattern, read = "", []
@@ -279,8 +279,10 @@ class Packet:
             return False
         got = self._struct.unpack(message[: self._struct.size])
         return all(
-            isinstance(value, str) or one == _same(value, code)
-            for one, value, code in zip(got, self.template.values or (), self._codes, strict=True)
+            isinstance(value, str) or number == _same(value, code)
+            for number, value, code in zip(
+                got, self.template.values or (), self._codes, strict=True
+            )
         )
 
     def largest(self, name: str) -> int:
@@ -377,11 +379,11 @@ class Splitter:
             return bytes([identity]) + payload
 
 
-def _check_name(name: str, known: list[str], what: str) -> None:
-    if name not in known:
+def _check_name(name: str, choices: list[str], what: str) -> None:
+    if name not in choices:
         raise InvalidInputError(
-            f"{what}: expected names out of {', '.join(known)}, got"
-            f" {shortened(name)}{suggestion(name, known)}"
+            f"{what}: expected names out of {', '.join(choices)}, got"
+            f" {shortened(name)}{suggestion(name, choices)}"
         )
 
 

@@ -494,12 +494,12 @@ class Plant:
 
     def _step(self, seconds: float, command: Points) -> None:
         """Let the engine move the particles for a short time."""
-        wanted = self._velocities(self.points, command)
+        velocities = self._velocities(self.points, command)
         # v' = (v_wanted - v) / lag, exactly over the step: v keeps the share e^(-t/lag)
         lag = self.apparatus.lag
-        kept = exp(-seconds / lag) if lag else 0.0
-        self._space.damping = kept ** (1 / seconds) if kept else 0.0
-        self._forces[:-1] = wanted * ((1 - kept) / seconds)
+        decay = exp(-seconds / lag) if lag else 0.0
+        self._space.damping = decay ** (1 / seconds) if decay else 0.0
+        self._forces[:-1] = velocities * ((1 - decay) / seconds)
         self._exchange.set_space_bodies(self._space, self._exchange.BodyFields.FORCE, self._given)
         self._space.step(seconds)
         self._calm()
@@ -600,8 +600,8 @@ class Plant:
         """Return the distances of points from the walls on the sides -x, +x, -y and +y of their
         cells (shape (n, 4)), inf where there is none.
         """
-        left = points - np.floor(points)
-        gaps = np.column_stack([left[:, 0], 1 - left[:, 0], left[:, 1], 1 - left[:, 1]])
+        offsets = points - np.floor(points)
+        gaps = np.column_stack([offsets[:, 0], 1 - offsets[:, 0], offsets[:, 1], 1 - offsets[:, 1]])
         return np.where(self._walls[tuple(self.cells_of(points).T)], gaps, np.inf)
 
     def _calm(self) -> None:

@@ -176,13 +176,13 @@ class BenchRig:
         trim: PulseTrim | None = None,
     ) -> None:
         self.actuator, self.sensor, self.trim = actuator, sensor, trim
-        found = calibration or getattr(sensor, "calibration", None)
-        if found is None:
+        calibration = calibration or getattr(sensor, "calibration", None)
+        if calibration is None:
             raise InvalidInputError(
                 f"calibration: expected one for the sensor {sensor.name}, which gives pixels and"
                 " not cells, got none"
             )
-        self.calibration: Calibration = found
+        self.calibration: Calibration = calibration
         view = shape or getattr(sensor, "shape", None)
         if view is None:
             raise InvalidInputError(
@@ -197,7 +197,9 @@ class BenchRig:
         self.pulses: dict[str, tuple[float, float]] = dict(
             checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
-        self.rule = check_choice(rule, what="rule", choices=[one for one in RULES if one != "tilt"])
+        self.rule = check_choice(
+            rule, what="rule", choices=[name for name in RULES if name != "tilt"]
+        )
         same = actuator.name == sensor.name
         self.name = name or (sensor.name if same else f"{actuator.name} and {sensor.name}")
         self.latency = check_number(latency, what="latency", least=0)
@@ -237,7 +239,7 @@ class BenchRig:
             self.look()
         self.push(*self.trim.pulse(command))
         if (late := getattr(self.actuator, "late", None)) is not None:
-            self.trim.lasted(late)
+            self.trim.note_duration(late)
         self._unseen = True
 
     @property
@@ -449,7 +451,8 @@ class RemoteActuator:
         check_number(angle, what="angle")
         check_number(seconds, what="seconds", least=0)
         letter = next(
-            (one for one, pulse in self.pulses.items() if pulse == (angle % 360, seconds)), None
+            (command for command, pulse in self.pulses.items() if pulse == (angle % 360, seconds)),
+            None,
         )
         if not self.whole:
             self.rig.push(angle, seconds)
@@ -537,8 +540,8 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
         if not path:
             raise InvalidInputError("actuator: expected coils:FILE, got no file")
         return CoilActuator(path)
-    found: Actuator = _own(spec, "actuator", Actuator)
-    return found
+    actuator: Actuator = _own(spec, "actuator", Actuator)
+    return actuator
 
 
 def open_sensor(spec: str, **options: Any) -> Sensor:
@@ -559,8 +562,8 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
         return RemoteSensor(open_rig(spec, **options))
     if is_camera(spec):
         return open_camera(spec)
-    found: Sensor = _own(spec, "sensor", Sensor)
-    return found
+    sensor: Sensor = _own(spec, "sensor", Sensor)
+    return sensor
 
 
 def open_own_rig(spec: str) -> Rig:
@@ -575,13 +578,13 @@ def open_own_rig(spec: str) -> Rig:
     ------
     InvalidInputError, UnknownNameError
     """
-    found = _own(spec, "rig", Rig, Actuator)
-    if isinstance(found, Rig):
-        return found
-    if not isinstance(found, Sensor):
-        raise InvalidInputError(_not_a(spec, "rig", found))
-    both: Any = found
-    return BenchRig(both, both)
+    device = _own(spec, "rig", Rig, Actuator)
+    if isinstance(device, Rig):
+        return device
+    if not isinstance(device, Sensor):
+        raise InvalidInputError(_not_a(spec, "rig", device))
+    ports: Any = device
+    return BenchRig(ports, ports)
 
 
 KNOWN = {
