@@ -231,13 +231,14 @@ def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """
     groups: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
-    for one in diagnostics:
+    for diagnostic in diagnostics:
         # formats round differently
-        sentence = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence)
-        so_far[one.file, one.rule, sentence] += 1
+        sentence = re.sub(r"\d+\.\d+", lambda match: f"{float(match[0]):.6f}", diagnostic.sentence)
+        so_far[diagnostic.file, diagnostic.rule, sentence] += 1
+        number = so_far[diagnostic.file, diagnostic.rule, sentence]
         groups.setdefault(
-            (Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []
-        ).append(one)
+            (Path(diagnostic.file).stem, diagnostic.rule, sentence, number), []
+        ).append(diagnostic)
     return list(groups.values())
 
 

@@ -53,18 +53,18 @@ def check_separation(value: Any) -> tuple[float, ...] | Separation:
     """
     if isinstance(value, Separation):
         return value
-    given = value if isinstance(value, list | tuple | np.ndarray) else (value,)
-    if not 1 <= len(given) <= 2:
+    distances = value if isinstance(value, list | tuple | np.ndarray) else (value,)
+    if not 1 <= len(distances) <= 2:
         raise InvalidInputError(
             "separation: expected a horizontal and a vertical distance in metres, got"
             f" {shortened(value)}"
         )
-    horizontal = check_number(given[0], what="separation", least=0)
+    horizontal = check_number(distances[0], what="separation", least=0)
     if not horizontal:
         return (0.0,)
     return horizontal, (
-        check_number(given[1], what="separation, vertically", least=0.1)
-        if len(given) > 1
+        check_number(distances[1], what="separation, vertically", least=0.1)
+        if len(distances) > 1
         else VERTICAL
     )
 

@@ -300,13 +300,13 @@ class Actuation:
         if polynomial is None:
             return np.array(coils.matrix, dtype=np.float64), [None] * n
         nested = bool(polynomial) and isinstance(polynomial[0], list)
-        each = polynomial if nested else [polynomial] * n
-        if len(each) != n or not all(each):
+        polynomials = polynomial if nested else [polynomial] * n
+        if len(polynomials) != n or not all(polynomials):
             raise InvalidInputError(
                 f"coils.polynomial: expected coefficients, or a list of them for each of {n} coils,"
                 f" got {shortened(polynomial)}"
             )
-        return np.array(coils.matrix, dtype=np.float64), each
+        return np.array(coils.matrix, dtype=np.float64), polynomials
 
     def _check_limits(self) -> None:
         """Refuse limits that would have no effect, and a field beyond its limit."""

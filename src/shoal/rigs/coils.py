@@ -120,21 +120,23 @@ class CoilActuator:
     """
 
     def __init__(self, actuation: Actuation | str | Path) -> None:
-        about = actuation if isinstance(actuation, Actuation) else read_actuation(actuation)
-        self.actuation, self.pulses, self.name = about, dict(about.pulses), about.name
-        device = about.device
-        self.only = about.form.field is None  # custom commands have no directions between them
-        self.longest = about.limits.pulse
+        actuation = actuation if isinstance(actuation, Actuation) else read_actuation(actuation)
+        self.actuation, self.pulses, self.name = actuation, dict(actuation.pulses), actuation.name
+        device = actuation.device
+        self.only = actuation.form.field is None  # custom commands have no directions between them
+        self.longest = actuation.limits.pulse
         self.temperature: float | None = None
         self.last: dict[str, float] = {}
         self.late: float | None = None
         self._all_late: list[tuple[float, float]] = []  # seconds, and those asked for
-        self._number, self._most = 0, about.largest_number
+        self._number, self._most = 0, actuation.largest_number
         self._stopped = self._closed = False
         self._ended, self._pause = -1e9, 0.0  # of the last pulse, and how long the coils must cool
         self._writing, self._pusher = threading.Lock(), 0
         answers = [
-            packet for packet in (about.error, about.reply, about.off_reply) if packet is not None
+            packet
+            for packet in (actuation.error, actuation.reply, actuation.off_reply)
+            if packet is not None
         ]
         self._splitter = Splitter(device.packets, answers)
         self._line = self._make_line(device.connection)
@@ -148,7 +150,7 @@ class CoilActuator:
         atexit.register(self.close)
         try:
             if device.ready:  # a device that begins anew may not hear the first packet
-                self._write(about.off.encode({"number": 0.0}), on=False)
+                self._write(actuation.off.encode({"number": 0.0}), on=False)
                 time.sleep(device.ready)
             self._turn_off()
         except BaseException as error:
@@ -285,15 +287,15 @@ class CoilActuator:
 
     def _acts(self, began: float, angle: float, seconds: float) -> Acts:
         """Return what must be done while the field is on, and how often (in seconds)."""
-        about, device = self.actuation, self.actuation.device
+        actuation, device = self.actuation, self.actuation.device
 
         def say_alive() -> None:
-            assert about.alive is not None
-            self._write(about.alive.encode({"number": float(self._number)}), on=True)
+            assert actuation.alive is not None
+            self._write(actuation.alive.encode({"number": float(self._number)}), on=True)
 
         def update() -> None:
             passed = min(time.monotonic() - began, seconds)
-            self._write(about.packet(angle, seconds, number=self._number, time=passed), on=True)
+            self._write(actuation.packet(angle, seconds, number=self._number, time=passed), on=True)
 
         acts: Acts = []
         if device.keep_alive is not None:
@@ -367,8 +369,8 @@ class CoilActuator:
         """Send the packet that turns the field off, and wait for its answer if there is one. Open a
         lost line again for it.
         """
-        about, reply = self.actuation, self.actuation.device.off_reply
-        packet = about.off.encode({"number": float(self._number)})
+        actuation, reply = self.actuation, self.actuation.device.off_reply
+        packet = actuation.off.encode({"number": float(self._number)})
         until, why = time.monotonic() + REOPENING, ""
         tries = OFF_TIMES if reply is not None else times
         while tries:
@@ -378,7 +380,7 @@ class CoilActuator:
                 tries, why = tries - 1, ""
                 if reply is None:
                     time.sleep(OFF_PAUSE if tries else 0.0)
-                elif self._await(about.off_reply, time.monotonic() + reply.within, []):
+                elif self._await(actuation.off_reply, time.monotonic() + reply.within, []):
                     return
                 else:
                     why = f"no answer within {reply.within:g} s"

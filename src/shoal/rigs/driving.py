@@ -352,7 +352,7 @@ def drive(
         raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
     goal = _goal(problem, known, seed)
     load_drive_kernels(problem)
-    about: dict[str, Any] = {
+    options: dict[str, Any] = {
         "log": log,
         "on_moves": on_moves,
         "test_move": test_move,
@@ -363,7 +363,7 @@ def drive(
         "inlet": inlet if past is None else past.inlet,
         "on_rest": on_rest,
     }
-    return _Driver(rig, problem, goal, seed, **about).run()
+    return _Driver(rig, problem, goal, seed, **options).run()
 
 
 def _state_problem(
@@ -463,8 +463,8 @@ def replay_log(
     """
     rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
     problem = _put_in_view(rig.problem, rig.shape, rig.known)
-    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
-    result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
+    options: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
+    result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **options).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
@@ -538,8 +538,8 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
 @cache
 def _prepare(rule: str, policy: str, task: str, fields: tuple[tuple[str, Any], ...]) -> None:
     workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    about: dict[str, Any] = dict(fields) | {"max_moves": 40}
-    problem = SwarmProblem("rig", rule=rule, policy=policy, task=task, **about)
+    options: dict[str, Any] = dict(fields) | {"max_moves": 40}
+    problem = SwarmProblem("rig", rule=rule, policy=policy, task=task, **options)
     known_map = None if task == "mapping" else workspace
     problem = _put_in_view(problem, workspace.shape, known_map)
     problem.check_at_place()
@@ -694,8 +694,8 @@ class _Driver:
                     raise
                 self._expect_noise(raised)
         assert self.problem.noise is not None
-        about = self.problem.noise, self.problem.confidence
-        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about, inlet=self.inlet)
+        noise, confidence = self.problem.noise, self.problem.confidence
+        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, noise, confidence, inlet=self.inlet)
         swarm.usual = self.usual
         return swarm
 
@@ -1010,8 +1010,8 @@ class _Driver:
         try:
             if not isinstance(failure, OutputError):
                 for alarm in self.alarms:
-                    about = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
-                    self.log.event("alarm", about)
+                    details = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
+                    self.log.event("alarm", details)
             digest = {"moves": self.recorder.moves} | map_digest(self.swarm.observed_map)
             self.log.end(status, {} if status is Status.INTERRUPTED else digest)
         except BaseException as error:  # a full disk, or a second Ctrl-C
@@ -1027,7 +1027,7 @@ class _Driver:
                 " rig carries out requests twice"
             )
             self.alarms.append(Alarm("twice", swarm.moves, text))
-        about: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "trace": self.recorder.trace,
             "status": status,
             "policy": self.policy,
@@ -1044,7 +1044,7 @@ class _Driver:
         return Drive(
             belief=swarm.observed_map,
             cells=swarm.state.cells,
-            episode=self._episode(about),
+            episode=self._episode(fields),
             link=link,
             alarms=tuple(self.alarms),
             trust=trust_of(self.alarms, moved=swarm.moved, doubts=swarm.doubts()),
@@ -1055,7 +1055,7 @@ class _Driver:
             notes=(*self.notes, *self._missing_notes(), *getattr(self.rig, "notes", ())),
             seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
             seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
-            **about,
+            **fields,
         )
 
     def _missing_notes(self) -> list[str]:
@@ -1074,7 +1074,7 @@ class _Driver:
             f" more than {swarm.most_seen}"
         ]
 
-    def _episode(self, about: dict[str, Any]) -> SwarmEpisode | None:
+    def _episode(self, fields: dict[str, Any]) -> SwarmEpisode | None:
         """Return the run as an episode in the map found, or None if no cell is known to be free.
 
         Without noise, every particle moves in the map found exactly as it moved on the rig. With
@@ -1085,18 +1085,18 @@ class _Driver:
         if not free.any():
             return None
         start = tuple(map(tuple, swarm.start.tolist())) or None
-        about = about | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
-        about |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
+        fields = fields | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
+        fields |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
         workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
         if swarm.observations is not None:
-            scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
+            scans = tuple(swarm.observations[: 1 + int(fields["trace"].scanned.sum())])
             problem = (
                 self.problem.replaced(map=workspace, start=start)
                 # noise excludes other tasks and rules on maps, but not on rigs
                 if goal.mapping and swarm.rule == "block"
                 else self.problem.at_place(workspace)
             )
-            return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)
+            return SwarmEpisode(problem=problem, observations=scans, goal=goal, **fields)
         problem = self.problem.replaced(map=workspace, start=start)
         if (
             goal.targets is not None
@@ -1106,11 +1106,11 @@ class _Driver:
             # the episode takes place in the map as it turned out to be, in which walls may cut off
             # target cells
             parts = workspace.components
-            about["targets"] = goal.targets & free & np.isin(parts, parts[tuple(swarm.start.T)])
-            episode = SwarmEpisode(problem=problem, **about)
+            fields["targets"] = goal.targets & free & np.isin(parts, parts[tuple(swarm.start.T)])
+            episode = SwarmEpisode(problem=problem, **fields)
             end = episode.replay.end
             return replace(episode, trace=end.trace, first_frontier=end.first_frontier)
-        return SwarmEpisode(problem=problem, **about)
+        return SwarmEpisode(problem=problem, **fields)
 
 
 def _hidden_share(noise: Noise | None) -> float:

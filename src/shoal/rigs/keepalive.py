@@ -80,10 +80,10 @@ class KeeperLine:
 
     def __init__(self, address: str, *, off: bytes, silence: float, longest: float) -> None:
         self.name = address
-        about = {"address": address, "off": off.hex(), "silence": silence, "longest": longest}
+        settings = {"address": address, "off": off.hex(), "silence": silence, "longest": longest}
         # its own session: neither Ctrl-C nor a closed terminal must reach it
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "shoal.rigs.keepalive", json.dumps(about)],
+            [sys.executable, "-P", "-m", "shoal.rigs.keepalive", json.dumps(settings)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
@@ -305,15 +305,15 @@ def main() -> None:
     for number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    about: dict[str, Any] = json.loads(sys.argv[1])
+    settings: dict[str, Any] = json.loads(sys.argv[1])
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # nothing else may write among the messages
     try:
         keeper = Keeper(
-            open_transport(about["address"]),
-            bytes.fromhex(about["off"]),
-            silence=about["silence"],
-            longest=about["longest"],
+            open_transport(settings["address"]),
+            bytes.fromhex(settings["off"]),
+            silence=settings["silence"],
+            longest=settings["longest"],
             out=out,
         )
         keeper.run(0)

@@ -147,8 +147,8 @@ class DriveLog:
     def command(self, move: int, command: str) -> None:
         """Record a command just before it is sent."""
         if move > self.moves:
-            about = {"kind": "command", "move": move, "command": command}
-            self._write(about | self._request(1) | {"time": self._time()})
+            entry = {"kind": "command", "move": move, "command": command}
+            self._write(entry | self._request(1) | {"time": self._time()})
 
     def scan(self, move: int, cells: NDArray[np.int64], *, placed: bool = False) -> None:
         """Record the cells in which a scan showed particles, and the values that the rig reports in
@@ -156,13 +156,13 @@ class DriveLog:
         elsewhere than the commands would have them, as the drive was interrupted.
         """
         if move >= self.scans or placed:
-            about = {"kind": "scan", "move": move, "cells": cells.tolist()}
-            about |= {"placed": True} if placed else {}
+            entry = {"kind": "scan", "move": move, "cells": cells.tolist()}
+            entry |= {"placed": True} if placed else {}
             values = getattr(self._rig, "values", None)
-            about |= {"values": dict(values)} if values else {}
+            entry |= {"values": dict(values)} if values else {}
             true = getattr(self._rig, "true_cells", None)
-            about |= {"true": np.round(true, 3).tolist()} if true is not None else {}
-            self._write(about | self._request(0) | {"time": self._time()})
+            entry |= {"true": np.round(true, 3).tolist()} if true is not None else {}
+            self._write(entry | self._request(0) | {"time": self._time()})
             self._keep_picture(move)
 
     def _keep_picture(self, move: int) -> None:

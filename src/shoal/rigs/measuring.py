@@ -172,13 +172,13 @@ class PulseRun:
         first, last = frames[0], frames[-1]
         pairs = match(first.points, last.points, (0, 0), self.cell / 3)
         moved = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
-        every = np.vstack(steps)
-        if not len(every) or not len(moved):
+        motions = np.vstack(steps)
+        if not len(motions) or not len(moved):
             raise RigError(
                 "calibration: expected particles that are seen again in the next picture"
             )
         # 1.4826 times the median of the magnitudes is the standard deviation of a normal variable
-        noise = 1.4826 * float(np.median(np.abs(every))) / 2**0.5
+        noise = 1.4826 * float(np.median(np.abs(motions))) / 2**0.5
         drift = np.median(moved, axis=0)
         chance = 6 * noise / len(moved) ** 0.5  # four standard errors of a median of differences
         if float(np.linalg.norm(drift)) < chance:
@@ -224,8 +224,9 @@ class PulseRun:
             pairs = match(frame.points, last.points, (0, 0), 1.5 * self.cell)
             if not len(pairs):
                 break
-            away = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
-            if float(np.median(np.linalg.norm(away, axis=1))) > 4 * self.noise + 0.02 * self.cell:
+            offsets = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
+            offset = float(np.median(np.linalg.norm(offsets, axis=1)))
+            if offset > 4 * self.noise + 0.02 * self.cell:
                 since = self._clock(frame) + between
                 break
         self.latencies.append(since - first + between)
@@ -236,7 +237,7 @@ class PulseRun:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
-        done = []
+        pulses_done = []
         for pair in ("rl", "ud"):
             for preparation in self._preparations(pair):
                 for letter in preparation * 2:
@@ -248,15 +249,15 @@ class PulseRun:
                         pulse = self.push(letter, *pulses[letter], expected[letter])
                         late = late or self.late is not None
                         if cycle and self.late is None:
-                            done.append(replace(pulse, preparation=preparation))
+                            pulses_done.append(replace(pulse, preparation=preparation))
                     cycle += 1
                     cycles += late and cycles < 2 * (1 + self.pairs)  # again
-        if missing := set(pulses) - {pulse.command for pulse in done}:
+        if missing := set(pulses) - {pulse.command for pulse in pulses_done}:
             raise RigError(
                 f"calibration: expected pulses as long as asked at {' and '.join(sorted(missing))}, got"
                 " none, because this computer is busy"
             )
-        return done
+        return pulses_done
 
     @property
     def late(self) -> float | None:
@@ -339,8 +340,8 @@ class PulseRun:
         for letter in preparation:
             del steps[letter][:2]
         return {
-            letter: free_motion(np.vstack(each), self.noise * 2**0.5)
-            for letter, each in steps.items()
+            letter: free_motion(np.vstack(motions), self.noise * 2**0.5)
+            for letter, motions in steps.items()
         }
 
 
@@ -371,13 +372,13 @@ def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> li
         by_preparation.setdefault(pulse.preparation, []).append(motions_of(pulse, matrix))
     groups = []
     for (command, angle, seconds), by_preparation in motions_by_pulse.items():
-        every = [np.vstack(parts) for parts in by_preparation.values()]
-        lengths = [_length(free_motion(motions, noise)[0]) for motions in every]
+        stacks = [np.vstack(parts) for parts in by_preparation.values()]
+        lengths = [_length(free_motion(motions, noise)[0]) for motions in stacks]
         # walls make motions shorter, never longer
         motions = np.vstack(
             [
                 part
-                for part, length in zip(every, lengths, strict=True)
+                for part, length in zip(stacks, lengths, strict=True)
                 if length > 0.9 * max(lengths)
             ]
         )
@@ -422,8 +423,10 @@ def fit_responses(groups: Sequence[_Group], stated: Responses) -> Responses:
 
     def errors(values: Points) -> Points:
         responses = unpack(values)
-        away = np.array([responses.displacement(g.angle, g.seconds) - g.motion for g in groups])
-        return np.asarray((away * weights[:, None]).ravel(), dtype=np.float64)
+        residuals = np.array(
+            [responses.displacement(g.angle, g.seconds) - g.motion for g in groups]
+        )
+        return np.asarray((residuals * weights[:, None]).ravel(), dtype=np.float64)
 
     first = np.zeros(9)
     for at, letter in enumerate(letters):
@@ -431,14 +434,14 @@ def fit_responses(groups: Sequence[_Group], stated: Responses) -> Responses:
         first[2 * at : 2 * at + 2] = np.mean([g.motion / g.seconds for g in same], axis=0)
     fitted = least_squares(errors, first[: 9 if several else 8])
     values = fitted.x
-    away = errors(values) / np.repeat(weights, 2)
+    residuals = errors(values) / np.repeat(weights, 2)
     counts = {
         letter: sum(group.count for group in groups if group.command == letter)
         for letter in letters
     }
     responses = unpack(values)
     return responses.model_copy(
-        update={"residual": float(np.sqrt(2 * np.mean(away**2))), "counts": counts}
+        update={"residual": float(np.sqrt(2 * np.mean(residuals**2))), "counts": counts}
     )
 
 
@@ -531,26 +534,26 @@ def calibrate(
         )
         for letter, speed in speeds.items()
     }
-    done = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
+    measured = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
     if tie is None:
         assert size is not None
-        pixels = _groups(done, _AS_PIXELS, run.noise * 2**0.5)
+        pixels = _groups(measured, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
-        seen = np.vstack([pulse.after for pulse in done])
+        seen = np.vstack([pulse.after for pulse in measured])
         tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    responses = fit_responses(_groups(done, tie.matrix, noise), stated)
+    responses = fit_responses(_groups(measured, tie.matrix, noise), stated)
     _check_plausible(responses)
     if aim is None:
-        aim = max(SHORTEST, min(AIM, LEAP / _fastest(done, tie.matrix, responses)))
+        aim = max(SHORTEST, min(AIM, LEAP / _fastest(measured, tie.matrix, responses)))
     target_motions = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
     for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
         full = {letter: responses.pulse_for(motion) for letter, motion in target_motions.items()}
-        again = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
-        surprise = _surprise(_groups(again, tie.matrix, noise), responses)
-        done = again if surprise else done + again
-        responses = fit_responses(_groups(done, tie.matrix, noise), stated)
+        correction = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
+        surprise = _surprise(_groups(correction, tie.matrix, noise), responses)
+        measured = correction if surprise else measured + correction
+        responses = fit_responses(_groups(measured, tie.matrix, noise), stated)
         _check_plausible(responses)
         if not surprise:
             break
@@ -580,7 +583,7 @@ def calibrate(
         cell_size=cell_size,
         noise=run.noise,
         latency=max(run.latencies),
-        own_gain=_own_gain(done, tie.matrix, responses, noise),
+        own_gain=_own_gain(measured, tie.matrix, responses, noise),
         responses=responses,
         stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,
@@ -617,27 +620,27 @@ def measure_speed(
     """Measure the speed of particles against the frequency of the field, with pulses to the right
     and to the left, and fit the step-out frequency. The frequency of before is restored.
     """
-    usual = float(actuator.frequency)
+    frequency_before = float(actuator.frequency)
     noise = run.noise * 2**0.5 / run.cell
     speeds = []
     try:
         for frequency in sorted(frequencies):
             actuator.set_frequency(frequency)
             magnitudes = []
-            done: dict[str, list[Points]] = {"r": [], "l": []}
+            velocities: dict[str, list[Points]] = {"r": [], "l": []}
             for letter in "rl" * (1 + run.pairs):
                 velocity = np.array(getattr(responses, letter))
                 # half a cell, if the speed is proportional to the frequency
-                seconds = 0.5 / float(np.linalg.norm(velocity)) * usual / frequency
+                seconds = 0.5 / float(np.linalg.norm(velocity)) * frequency_before / frequency
                 pulse = run.push(letter, responses.angles[letter], seconds, (0, 0))
-                done[letter].append(motions_of(pulse, matrix) / seconds)
-            for each in done.values():
-                rates = np.vstack(each[1:])
+                velocities[letter].append(motions_of(pulse, matrix) / seconds)
+            for letter_velocities in velocities.values():
+                rates = np.vstack(letter_velocities[1:])
                 motion, free = free_motion(rates, noise / seconds)
                 magnitudes.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
             speeds.append(float(np.mean(magnitudes)))
     finally:
-        actuator.set_frequency(usual)
+        actuator.set_frequency(frequency_before)
     return fit_speed(sorted(frequencies), speeds)
 
 
@@ -758,10 +761,10 @@ def _own_gain(
         for name, share in zip(pulse.ids[free].tolist(), along[free].tolist(), strict=True):
             shares.setdefault(name, {}).setdefault(pulse.command, []).append(share)
     means, errors = [], []
-    for each in shares.values():
-        if len(each) == len(ANGLES):
-            means.append(np.mean([np.mean(values) for values in each.values()]))
-            errors.append(noise**2 / sum(map(len, each.values())))
+    for by_command in shares.values():
+        if len(by_command) == len(ANGLES):
+            means.append(np.mean([np.mean(values) for values in by_command.values()]))
+            errors.append(noise**2 / sum(map(len, by_command.values())))
     if len(means) < FEWEST:
         return 0.0
     return float(np.sqrt(max(np.var(means, ddof=1) - np.mean(errors), 0.0)))

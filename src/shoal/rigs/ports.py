@@ -397,20 +397,20 @@ class PlantPorts:
         """Return the first picture that was taken after the last push, and then one picture after
         the other.
         """
-        about, plant = self.plant.apparatus, self.plant
-        arrives = self._ended + 1 / about.frame_rate + about.late
+        apparatus, plant = self.plant.apparatus, self.plant
+        arrives = self._ended + 1 / apparatus.frame_rate + apparatus.late
         if self._ended and plant.clock < arrives:
             plant.wait(arrives - plant.clock)
         if self._seen is not None and self._seen.number == self._number_now():
-            plant.wait(1 / about.frame_rate)
+            plant.wait(1 / apparatus.frame_rate)
         _, centroids = plant.picture()
-        pixels = (centroids * [1, -1] + [0, self.shape[0]]) * about.pixels
+        pixels = (centroids * [1, -1] + [0, self.shape[0]]) * apparatus.pixels
         self._seen = Frame(pixels, time.monotonic(), self._number_now())
         return self._seen
 
     def _number_now(self) -> int:
-        about = self.plant.apparatus
-        return max(0, floor((self.plant.clock - about.late) * about.frame_rate + 1e-9))
+        apparatus = self.plant.apparatus
+        return max(0, floor((self.plant.clock - apparatus.late) * apparatus.frame_rate + 1e-9))
 
     def stop(self) -> None:
         """Turn the field off. The plant then refuses further pushes."""
@@ -606,18 +606,19 @@ def _own(spec: str, kind: str, *types: type) -> Any:
     """Return a device of the user, named as MODULE:ATTRIBUTE. Only what the user types gets here."""
     if ":" not in spec:
         raise InvalidInputError(f"{kind}: expected {KNOWN[kind]}, got {spec[:80]!r}")
-    made = configured(Registry[Any](kind), spec)
-    if callable(made) and not isinstance(made, types):
+    device = configured(Registry[Any](kind), spec)
+    if callable(device) and not isinstance(device, types):
         try:
-            made = made()
+            device = device()
         except (Exception, SystemExit) as error:  # code of the user
             raise RigError(f"{kind} {spec}: {describe_error(error)}") from error
-    if not isinstance(made, types):
-        raise InvalidInputError(_not_a(spec, kind, made))
-    return made
+    if not isinstance(device, types):
+        raise InvalidInputError(_not_a(spec, kind, device))
+    return device
 
 
-def _not_a(spec: str, kind: str, made: Any) -> str:
+def _not_a(spec: str, kind: str, device: Any) -> str:
     return (
-        f"{kind}: expected an object with {MEMBERS[kind]}, got {type(made).__name__} from {spec!r}"
+        f"{kind}: expected an object with {MEMBERS[kind]}, got {type(device).__name__} from"
+        f" {spec!r}"
     )

@@ -163,17 +163,18 @@ def _find_inliers(table: Points) -> NDArray[np.bool_]:
     best, inliers = inf, np.ones(len(table), dtype=bool)
     order = np.random.default_rng(0).permutation(len(table))
     for triple in islice(combinations(order.tolist(), 3), 2000):
-        some = table[list(triple)]
+        triple_marks = table[list(triple)]
         try:
-            _check_spread(some[:, :2], "")
+            _check_spread(triple_marks[:, :2], "")
         except InvalidInputError:
             continue
-        away = np.linalg.norm(
-            transform_points(_fit(some, projective=False), table[:, :2]) - table[:, 2:], axis=1
+        distances = np.linalg.norm(
+            transform_points(_fit(triple_marks, projective=False), table[:, :2]) - table[:, 2:],
+            axis=1,
         )
-        if (middle := float(np.median(away))) < best:
+        if (middle := float(np.median(distances))) < best:
             # a camera that looks askew bends all marks a little; an error of reading is larger
-            best, inliers = middle, away <= max(OUTLIER, 5 * middle)
+            best, inliers = middle, distances <= max(OUTLIER, 5 * middle)
     return inliers
 
 
@@ -404,8 +405,8 @@ def _outline_distance(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> flo
     outlines = [_outline(cv2, vessel.astype(np.uint8)), _outline(cv2, laid)]
     squares = []
     for outline, other in (outlines, outlines[::-1]):
-        away = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, 5)
-        squares.append(away[outline] ** 2)
+        distances = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, 5)
+        squares.append(distances[outline] ** 2)
     cell = float(abs(np.linalg.det(matrix[:2, :2]))) ** 0.5
     return float(np.sqrt(np.mean(np.concatenate(squares))) / cell)
 

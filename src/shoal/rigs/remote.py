@@ -218,18 +218,18 @@ class RigSession:
         """Ask the rig what it knows of a session, and go on with it or begin a new one."""
         self.session, self._seq = logged.session, logged.last
         self._welcome = self._connect(new=None)
-        done = self._welcome.seq
+        last_done = self._welcome.seq
         outcome_known = (
             self._welcome.session == logged.session
-            and done > 0
-            and done >= max(logged.last, logged.command) - 1
+            and last_done > 0
+            and last_done >= max(logged.last, logged.command) - 1
         )
-        number = done if outcome_known else logged.carried_out
+        number = last_done if outcome_known else logged.carried_out
         carried_out = None if number is None else number >= logged.command
         outcome = carried_out if logged.outcome is True else logged.outcome
         if outcome_known and not logged.ended:
             # a command that was not carried out gets its number again
-            self._seq = self._carried_out = done
+            self._seq = self._carried_out = last_done
             return Resumption(True, outcome, self._lost_command(logged.last))
         self._before, self.session = self.session, secrets.token_hex(8)
         self._seq = self._carried_out = 0

@@ -138,14 +138,14 @@ def go_on(
     state = getattr(rig if session is None else session, "resumption", None)
     state = state or Resumption(False, None)
     event = log.event if log is not None else lambda _what, _details: None
-    about: dict[str, Any] = {
+    details: dict[str, Any] = {
         "move": swarm.moves,
         "goes_on": state.goes_on,
         "carried_out": state.carried_out,
     }
     if session is not None:
-        about |= {"session": session.session, "seq": session.requests}
-    event("resumed", about)
+        details |= {"session": session.session, "seq": session.requests}
+    event("resumed", details)
     swarm.rig = rig
     tail: str | None = past.tail
     last = ""

@@ -174,11 +174,11 @@ class FirstMoves:
         self.suspicions = suspicions(ndim)
         seen = self._seen(first_scan)
         self._beliefs = []
-        for each in self.suspicions:
-            slip = noise.slip if each.slip is None else max(each.slip, noise.slip)
+        for suspicion in self.suspicions:
+            slip = noise.slip if suspicion.slip is None else max(suspicion.slip, noise.slip)
             assumed_noise = Noise(max(slip, 1e-3), max(noise.misplace, 1e-3), max(noise.miss, 1e-3))
-            about: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
-            self._beliefs.append(NoisyBelief(self._shape, seen, assumed_noise, **about))
+            options: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
+            self._beliefs.append(NoisyBelief(self._shape, seen, assumed_noise, **options))
         self.logs = np.zeros(len(self.suspicions))
         self.noise = noise
 
@@ -203,8 +203,8 @@ class FirstMoves:
         seen = self._seen(cells)
         self._frozen = self._frozen and np.array_equal(cells, self._last)
         self._last = cells
-        for i, (each, belief) in enumerate(zip(self.suspicions, self._beliefs, strict=True)):
-            letter = each.act(self.sent, command)
+        for i, (suspicion, belief) in enumerate(zip(self.suspicions, self._beliefs, strict=True)):
+            letter = suspicion.act(self.sent, command)
             self.logs[i] += belief.weigh_scan(letter, seen)
             if letter:
                 belief.update(letter, seen)
@@ -223,13 +223,17 @@ class FirstMoves:
         """Return whether a command is known to move particles, or whether no suspicion is left."""
         ratios = self.logs - self._honest
         suspects = [
-            i for i, each in enumerate(self.suspicions) if each.kind and dead in (None, each.dead)
+            i
+            for i, suspicion in enumerate(self.suspicions)
+            if suspicion.kind and dead in (None, suspicion.dead)
         ]
         return bool((ratios[suspects] < -CLEARED).all())
 
     @property
     def _honest(self) -> float:
-        return float(max(self.logs[i] for i, each in enumerate(self.suspicions) if not each.kind))
+        return float(
+            max(self.logs[i] for i, suspicion in enumerate(self.suspicions) if not suspicion.kind)
+        )
 
     def alarm(self, move: int) -> Alarm | None:
         """Return the alarm for what is wrong, or None. Among suspicions that explain the scans

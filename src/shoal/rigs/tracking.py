@@ -486,13 +486,13 @@ class ExactRigSwarm(RigSwarm):
     def _contradiction(
         self, after: SwarmState, command: str, steps: int, otherwise: str
     ) -> AlarmRaised:
-        about: dict[str, Any] = {
+        details: dict[str, Any] = {
             "free": self.shown.open,
             "move": self.moves,
             "otherwise": otherwise,
         }
         return AlarmRaised(
-            explain_contradiction(self.state, after, command, self._pushes(steps), **about)
+            explain_contradiction(self.state, after, command, self._pushes(steps), **details)
         )
 
     def _code(self, command: str) -> int:
@@ -862,8 +862,8 @@ class NoisyRigSwarm(RigSwarm):
         that of the end; the command; the command before it; and what the scan shows.
         """
         seen = Board.of_cells(self.layout, self.first_scan)
-        about: dict[str, Any] = {"loss": loss, "rule": self.rule}
-        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, **about)
+        options: dict[str, Any] = {"loss": loss, "rule": self.rule}
+        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, **options)
         belief.state.logit[:] = self.noisy.state.logit
         if number is not None:
             belief.assume_number(number)

@@ -284,12 +284,12 @@ def _item_messages(
 ) -> list[Any]:
     """Return the message of an item and, for vehicles that know float items only, that one too."""
     current = int(seq == 0 and number == 0)
-    about = *address, seq, item.frame, item.command, current, item.autocontinue, *item.params
-    messages = [make.MAVLink_mission_item_int_message(*about, item.x, item.y, item.z, number)]
+    header = *address, seq, item.frame, item.command, current, item.autocontinue, *item.params
+    messages = [make.MAVLink_mission_item_int_message(*header, item.x, item.y, item.z, number)]
     if plain:
         scale = 1e7 if item.frame in _GLOBAL_FRAMES else 1.0
         place = (math.nan if value == UNSET else value / scale for value in (item.x, item.y))
-        messages.append(make.MAVLink_mission_item_message(*about, *place, item.z, number))
+        messages.append(make.MAVLink_mission_item_message(*header, *place, item.z, number))
     return messages
 
 
