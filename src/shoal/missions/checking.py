@@ -19,7 +19,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.geometry import angles_of
 from shoal.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
-from shoal.missions.diagnostics import Diagnostic, Sheet, distinct
+from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
 from shoal.missions.linting import Limits, lint_sheets
@@ -114,14 +114,14 @@ class MissionCheck:
         faults = []
         if self.errors:
             faults.append(
-                f"{count_text(len(distinct(self.errors)), 'mistake')} in the mission files"
+                f"{count_text(len(group_mistakes(self.errors)), 'mistake')} in the mission files"
             )
         if self.coverage is not None and self.coverage.covered_fraction < self.options.least:
             faults.append(
                 f"{100 * self.coverage.covered_fraction:.5g} % of the region is seen, less than"
                 f" {100 * self.options.least:g} %"
             )
-        near, low, separation = self.approach, self.clearance, self.options.kept_apart
+        near, low, separation = self.approach, self.clearance, self.options.required_separation
         if (
             near is not None
             and separation is not None
@@ -141,7 +141,11 @@ class MissionCheck:
 
     def report(self) -> dict[str, Any]:
         """Return the whole result as a mapping that can be written as JSON, without geometries."""
-        seen, separation, sides = self.coverage, self.options.kept_apart, self.options.sides
+        seen, separation, sides = (
+            self.coverage,
+            self.options.required_separation,
+            self.options.sides,
+        )
         return {
             "region": self.region.name,
             "area_m2": self.region.area_m2,
@@ -254,7 +258,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
     region: SearchRegion = options.place
     vehicle, separation, terrain = (
         options.chosen_vehicle,
-        options.kept_apart,
+        options.required_separation,
         options.open_terrain(),
     )
     lint_sheets(

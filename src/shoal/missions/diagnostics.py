@@ -222,7 +222,7 @@ class Diagnostic:
         return {"severity": self.severity, **vars(self)}
 
 
-def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
+def group_mistakes(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """Return the diagnostics in groups, one group for each mistake in a mission.
 
     A mission may have several files, one for each file format. A group contains one diagnostic from

@@ -389,7 +389,7 @@ def circle_ring(place: tuple[float, float], radius: float, *, inclusion: bool) -
     return LocalFrame(*place).to_degrees(reach * unit_vectors(angles))
 
 
-def fenced_region(
+def region_with_barriers(
     region: SearchRegion, most: int, *, places: Points, wing: bool = False
 ) -> SearchRegion:
     """Return a region whose no-go zones are polygons that an autopilot can store, so that a search

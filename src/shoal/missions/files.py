@@ -107,7 +107,7 @@ def write_missions(
                 stack.enter_context(atomic(folder / name)).write_text(
                     text, encoding="utf-8", newline="\n"
                 )
-    for name in _listed(folder) - {*texts}:
+    for name in _read_file_list(folder) - {*texts}:
         (folder / name).unlink(missing_ok=True)
     with atomic(folder / MANIFEST) as temporary:
         temporary.write_text(texts[MANIFEST], encoding="utf-8", newline="\n")
@@ -347,7 +347,7 @@ def _manifest(read: ReadBeside) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _listed(folder: Path) -> set[str]:
+def _read_file_list(folder: Path) -> set[str]:
     """Return the names of the mission files that a folder's manifest lists. Without a valid
     manifest, return an empty set.
     """

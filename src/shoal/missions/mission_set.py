@@ -25,7 +25,7 @@ from shoal.missions.approach import (
 from shoal.missions.checking import MissionCheck, check_sheets
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.diagnostics import Sheet
-from shoal.missions.fence import CORNERS, fenced_region
+from shoal.missions.fence import CORNERS, region_with_barriers
 from shoal.missions.files import (
     format_of,
     mission_of,
@@ -159,7 +159,7 @@ class MissionSet:
                 " no room for its turns or its path: with errors of positions, gaps may remain"
             )
             return missions
-        if options.kept_apart is not None and plan.image is None:
+        if options.required_separation is not None and plan.image is None:
             missions = missions._pick_fastest(plan.alternatives, terrain)
         if not fenced.margin:
             tell_once(
@@ -242,7 +242,7 @@ class MissionSet:
         rally = options.rally
         missions = plan_missions(
             plan,
-            separation=options.kept_apart,
+            separation=options.required_separation,
             rally=None if rally is None else read_points(Path(rally), region, what="rally points"),
             fenced=options.fenced,
             airspace=options.airspace,
@@ -339,7 +339,7 @@ class MissionSet:
             footprint=planned if self.problem is None else self.problem.view,
             angle=self.plan.facing,
             cap=self.options.cap,
-            separation=self.options.kept_apart or (0.0,),
+            separation=self.options.required_separation or (0.0,),
             vehicle=self.plan.vehicle,
         )
 
@@ -353,7 +353,7 @@ class MissionSet:
         """The nearest approach of two vehicles, or None if they always keep the vertical
         separation, or if the options ask for no separation.
         """
-        plan, separation = self.plan, self.options.kept_apart
+        plan, separation = self.plan, self.options.required_separation
         if plan is None or separation is None:
             return None
         return missions_approach(
@@ -380,7 +380,7 @@ class MissionSet:
 
     def report(self) -> dict[str, Any]:
         """Return a summary of planned missions as JSON data."""
-        plan, separation, near = self.plan, self.options.kept_apart, self.approach
+        plan, separation, near = self.plan, self.options.required_separation, self.approach
         assert plan is not None
         vehicle, region = plan.vehicle, plan.grid.region
         homes = (
@@ -420,7 +420,7 @@ def _add_barriers(problem: SearchProblem, options: MissionOptions) -> SearchProb
     """
     region = problem.kept_margin(without_margin(problem.place), fenced=True)
     if options.fenced:
-        region = fenced_region(
+        region = region_with_barriers(
             region,
             CORNERS[options.autopilot],
             places=np.concatenate(problem.known_places(region)),

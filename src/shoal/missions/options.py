@@ -76,7 +76,7 @@ class MissionOptions(Problem):
 
     Examples
     --------
-    >>> MissionOptions(separation=20).kept_apart
+    >>> MissionOptions(separation=20).required_separation
     Separation(horizontal=20.0, vertical=5.0, delay=10.0)
     """
 
@@ -161,7 +161,7 @@ class MissionOptions(Problem):
         _check_effects(self)
 
     @property
-    def kept_apart(self) -> Separation | None:
+    def required_separation(self) -> Separation | None:
         """The separation of vehicles in flight, or None if the planner does not keep vehicles
         apart.
         """
@@ -375,7 +375,7 @@ class CheckOptions(Problem):
         return None if self.vehicle is None else vehicle_of(self.vehicle)
 
     @property
-    def kept_apart(self) -> Separation | None:
+    def required_separation(self) -> Separation | None:
         """The separation that vehicles in flight must keep, or None if the check compares no
         vehicles.
         """

@@ -73,7 +73,7 @@ class Actuation:
         self.form = form
         self.name, self.device, self.limits = form.name, form.device, form.limits
         self._check_field()
-        self._matrix, self._polynomials = self._checked_coils()
+        self._matrix, self._polynomials = self._check_coils()
         self.pulses = {letter: self._pulse_of(letter) for letter in ANGLES}
         self._check_limits()
         own = self._own_names()
@@ -275,7 +275,7 @@ class Actuation:
         elif form.frequency is None:
             raise InvalidInputError(f"field.frequency: expected one for the kind {kind}, got none")
 
-    def _checked_coils(self) -> tuple[NDArray[np.float64], list[list[float] | None]]:
+    def _check_coils(self) -> tuple[NDArray[np.float64], list[list[float] | None]]:
         coils = self.form.coils
         if coils is None:
             return np.zeros((0, 3)), []

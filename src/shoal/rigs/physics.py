@@ -644,7 +644,7 @@ class Plant:
         turn = rng.uniform(0, 2 * np.pi, len(twice))
         twice = twice + radii[doubled, None] * np.column_stack([np.cos(turn), np.sin(turn)])
         ghosts = rng.uniform(0, 1, (int(rng.poisson(apparatus.ghosts)), 2)) * self._size
-        points = _blurred(points, apparatus.blur / apparatus.pixels)
+        points = _blur(points, apparatus.blur / apparatus.pixels)
         points = np.vstack([points, twice, ghosts])
         points = points + rng.normal(0, apparatus.camera_error / apparatus.pixels, points.shape)
         return float(time), np.clip(points, 0, np.nextafter(self._size, 0))
@@ -753,7 +753,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     return list(zip(lines.tolist(), firsts.tolist(), ends.tolist(), strict=True))
 
 
-def _blurred(points: Points, reach: float) -> Points:
+def _blur(points: Points, reach: float) -> Points:
     """Return points, with those that are nearer to each other than ``reach`` as one, at their
     middle.
     """

@@ -195,7 +195,7 @@ class BenchRig:
                 " dimensions"
             )
         self.pulses: dict[str, tuple[float, float]] = dict(
-            checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
+            check_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
         self.rule = check_choice(
             rule, what="rule", choices=[name for name in RULES if name != "tilt"]
@@ -331,7 +331,7 @@ class BenchRig:
             self.sensor.close()
 
 
-def checked_pulses(pulses: Pulses | None, name: str) -> Pulses:
+def check_pulses(pulses: Pulses | None, name: str) -> Pulses:
     """Check that each of the four commands has a pulse."""
     if pulses is None:
         raise InvalidInputError(
@@ -540,7 +540,7 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
         if not path:
             raise InvalidInputError("actuator: expected coils:FILE, got no file")
         return CoilActuator(path)
-    actuator: Actuator = _own(spec, "actuator", Actuator)
+    actuator: Actuator = _open_own(spec, "actuator", Actuator)
     return actuator
 
 
@@ -562,7 +562,7 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
         return RemoteSensor(open_rig(spec, **options))
     if is_camera(spec):
         return open_camera(spec)
-    sensor: Sensor = _own(spec, "sensor", Sensor)
+    sensor: Sensor = _open_own(spec, "sensor", Sensor)
     return sensor
 
 
@@ -578,11 +578,11 @@ def open_own_rig(spec: str) -> Rig:
     ------
     InvalidInputError, UnknownNameError
     """
-    device = _own(spec, "rig", Rig, Actuator)
+    device = _open_own(spec, "rig", Rig, Actuator)
     if isinstance(device, Rig):
         return device
     if not isinstance(device, Sensor):
-        raise InvalidInputError(_not_a(spec, "rig", device))
+        raise InvalidInputError(_type_fault(spec, "rig", device))
     ports: Any = device
     return BenchRig(ports, ports)
 
@@ -602,7 +602,7 @@ MEMBERS = {
 }
 
 
-def _own(spec: str, kind: str, *types: type) -> Any:
+def _open_own(spec: str, kind: str, *types: type) -> Any:
     """Return a device of the user, named as MODULE:ATTRIBUTE. Only what the user types gets here."""
     if ":" not in spec:
         raise InvalidInputError(f"{kind}: expected {KNOWN[kind]}, got {spec[:80]!r}")
@@ -613,11 +613,11 @@ def _own(spec: str, kind: str, *types: type) -> Any:
         except (Exception, SystemExit) as error:  # code of the user
             raise RigError(f"{kind} {spec}: {describe_error(error)}") from error
     if not isinstance(device, types):
-        raise InvalidInputError(_not_a(spec, kind, device))
+        raise InvalidInputError(_type_fault(spec, kind, device))
     return device
 
 
-def _not_a(spec: str, kind: str, device: Any) -> str:
+def _type_fault(spec: str, kind: str, device: Any) -> str:
     return (
         f"{kind}: expected an object with {MEMBERS[kind]}, got {type(device).__name__} from"
         f" {spec!r}"

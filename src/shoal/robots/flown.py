@@ -195,8 +195,8 @@ def check_flown(
             region, options, stretches, widths, angle, flown, frame
         )
     vertical = np.inf
-    if options is not None and options.kept_apart is not None:
-        vertical = options.kept_apart.vertical
+    if options is not None and options.required_separation is not None:
+        vertical = options.required_separation.vertical
     approach, notes = _nearest_approach(flown, vertical)
     return FlownCheck(flown, coverage, region, approach, tuple(notes), uncovered)
 

@@ -300,7 +300,7 @@ def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
     monkeypatch.setattr("shoal.core.notices._told", set())
     monkeypatch.setattr(
-        "shoal.missions.mission_set.fenced_region", lambda region, most, **_: region
+        "shoal.missions.mission_set.region_with_barriers", lambda region, most, **_: region
     )
     region = field(
         [
