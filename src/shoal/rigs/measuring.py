@@ -237,7 +237,7 @@ class PulseRun:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
-        pulses_done = []
+        measured_pulses = []
         for pair in ("rl", "ud"):
             for preparation in self._preparations(pair):
                 for letter in preparation * 2:
@@ -249,15 +249,15 @@ class PulseRun:
                         pulse = self.push(letter, *pulses[letter], expected[letter])
                         late = late or self.late is not None
                         if cycle and self.late is None:
-                            pulses_done.append(replace(pulse, preparation=preparation))
+                            measured_pulses.append(replace(pulse, preparation=preparation))
                     cycle += 1
                     cycles += late and cycles < 2 * (1 + self.pairs)  # again
-        if missing := set(pulses) - {pulse.command for pulse in pulses_done}:
+        if missing := set(pulses) - {pulse.command for pulse in measured_pulses}:
             raise RigError(
                 f"calibration: expected pulses as long as asked at {' and '.join(sorted(missing))}, got"
                 " none, because this computer is busy"
             )
-        return pulses_done
+        return measured_pulses
 
     @property
     def late(self) -> float | None:
@@ -524,36 +524,38 @@ def calibrate(
     if frequencies:
         check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
-    stated = Responses.from_pulses(pulses, only=whole or bool(getattr(actuator, "only", False)))
+    stated_responses = Responses.from_pulses(
+        pulses, only=whole or bool(getattr(actuator, "only", False))
+    )
     run = PulseRun(actuator, sensor, cell, wait)
     speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
-            stated.angles[letter],
+            stated_responses.angles[letter],
             pulses[letter][1] if whole else cell / 2 / float(np.linalg.norm(speed)),
         )
         for letter, speed in speeds.items()
     }
-    measured = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
+    test_pulses = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
     if tie is None:
         assert size is not None
-        pixels = _groups(measured, _AS_PIXELS, run.noise * 2**0.5)
+        pixels = _groups(test_pulses, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
-        seen = np.vstack([pulse.after for pulse in measured])
+        seen = np.vstack([pulse.after for pulse in test_pulses])
         tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    responses = fit_responses(_groups(measured, tie.matrix, noise), stated)
+    responses = fit_responses(_groups(test_pulses, tie.matrix, noise), stated_responses)
     _check_plausible(responses)
     if aim is None:
-        aim = max(SHORTEST, min(AIM, LEAP / _fastest(measured, tie.matrix, responses)))
+        aim = max(SHORTEST, min(AIM, LEAP / _fastest(test_pulses, tie.matrix, responses)))
     target_motions = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
     for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
         full = {letter: responses.pulse_for(motion) for letter, motion in target_motions.items()}
-        correction = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
-        surprise = _surprise(_groups(correction, tie.matrix, noise), responses)
-        measured = correction if surprise else measured + correction
-        responses = fit_responses(_groups(measured, tie.matrix, noise), stated)
+        corrected_pulses = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
+        surprise = _surprise(_groups(corrected_pulses, tie.matrix, noise), responses)
+        test_pulses = corrected_pulses if surprise else test_pulses + corrected_pulses
+        responses = fit_responses(_groups(test_pulses, tie.matrix, noise), stated_responses)
         _check_plausible(responses)
         if not surprise:
             break
@@ -583,7 +585,7 @@ def calibrate(
         cell_size=cell_size,
         noise=run.noise,
         latency=max(run.latencies),
-        own_gain=_own_gain(measured, tie.matrix, responses, noise),
+        own_gain=_own_gain(test_pulses, tie.matrix, responses, noise),
         responses=responses,
         stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,

@@ -207,8 +207,8 @@ def pair(
     InvalidInputError
         If a robot has no mission or no vehicle.
     """
-    chosen = sorted({*robots} or {*cargos} | {*seats})
-    for robot in chosen:
+    robot_numbers = sorted({*robots} or {*cargos} | {*seats})
+    for robot in robot_numbers:
         if robot not in cargos:
             raise InvalidInputError(
                 f"systems: expected robots of the missions ({_numbers(cargos)}), got robot {robot}"
@@ -218,7 +218,7 @@ def pair(
                 f"systems: expected a system id for each robot ({_numbers(cargos)}), got none for"
                 f" robot {robot}"
             )
-    return [(cargos[robot], seats[robot]) for robot in chosen]
+    return [(cargos[robot], seats[robot]) for robot in robot_numbers]
 
 
 def _numbers(by_robot: Mapping[int, object]) -> str:
