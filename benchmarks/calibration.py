@@ -25,7 +25,7 @@ from shoal.rigs import (
     drive,
     tie_by_marks,
 )
-from shoal.rigs.calibration import BenchCalibration, transformed
+from shoal.rigs.calibration import BenchCalibration, transform_points
 from shoal.rigs.physics import TOLD, Plant, PlantProperties
 from shoal.swarm.grid.board import noise_rng, trial_rng
 from shoal.swarm.grid.tasks import place
@@ -53,7 +53,7 @@ class TurnedCamera(PlantPorts):
     def observe(self) -> Frame:
         """Return the positions in turned pixels."""
         frame = super().observe()
-        pixels = transformed(self.matrix, self.calibration.to_cells(frame.points))
+        pixels = transform_points(self.matrix, self.calibration.to_cells(frame.points))
         pixels += self.rng.normal(0, ERROR, pixels.shape)
         return Frame(pixels, frame.time, frame.number)
 
@@ -61,7 +61,7 @@ class TurnedCamera(PlantPorts):
         """Return pixels and cells of marked points, read with an error."""
         rows, columns = self.plant.workspace.shape
         cells = self.rng.uniform(0, (rows - 1, columns - 1), (MARKS, 2)).round()
-        pixels = transformed(self.matrix, cells)
+        pixels = transform_points(self.matrix, cells)
         return np.hstack([pixels + self.rng.normal(0, ERROR, pixels.shape), cells])
 
 
@@ -84,12 +84,12 @@ def drive_bench(
     start = place(vessel, PARTICLES, "uniform", trial_rng(seed))
     tie = tie_by_marks(bench.marks())
     corners = np.array([(0, 0), (0, vessel.shape[1]), (vessel.shape[0], 0), vessel.shape], float)
-    away = transformed(tie.matrix, transformed(bench.matrix, corners)) - corners
+    away = transform_points(tie.matrix, transform_points(bench.matrix, corners)) - corners
     about = {"residual": tie.residual or 0.0, "corner": float(np.linalg.norm(away, axis=1).max())}
     found = calibrate(bench, bench, pulses=bench.pulses, tie=tie, shape=vessel.shape)
     about["pulses"] = found.responses.residual
     pulses = found.pulses if "calibrated" in way else bench.pulses
-    responses = found.responses if "calibrated" in way else Responses.stated(bench.pulses)
+    responses = found.responses if "calibrated" in way else Responses.from_pulses(bench.pulses)
     noise = 2**0.5 * found.noise / found.pixels_per_cell
     trim = PulseTrim(responses, noise=noise) if "trimmed" in way else None
     rig = BenchRig(bench, bench, found, shape=vessel.shape, pulses=pulses, trim=trim)

@@ -93,7 +93,7 @@ def problem_of(number: int, folder: Path) -> SearchProblem:
 
 def searching(mission: Mission, frame: LocalFrame, vehicle: Vehicle) -> Trajectory:
     """Return the part of a mission's trajectory between the ends of its search, by its file."""
-    way = mission.way_in(frame)
+    way = mission.path_in(frame)
     flown = trajectory(way, vehicle, rate=mission.rates(vehicle))
     points = frame.to_metres(mission.waypoints)
     whole, out = partial_sums(step_lengths(way)), mission.searched

@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from shoal.rigs import Frame, PlantPorts
-from shoal.rigs.calibration import transformed
+from shoal.rigs.calibration import transform_points
 from shoal.rigs.physics import Plant, PlantProperties
 from shoal.swarm.grid.board import noise_rng, trial_rng
 from shoal.swarm.grid.tasks import place
@@ -58,13 +58,13 @@ class SeenPlant(PlantPorts):
             self.plant.wait(1 / self.plant.apparatus.frame_rate)
         _, points = self.plant.picture()
         cells = np.column_stack([rows - 0.5 - points[:, 1], points[:, 0] - 0.5])
-        pixels = transformed(self.matrix, cells)
+        pixels = transform_points(self.matrix, cells)
         pixels = self.rng.permutation(pixels + self.rng.normal(0, self.error, pixels.shape))
         self._seen = Frame(pixels, time.monotonic(), self._number_now())
         return self._seen
 
     def marks(self, cells, error=0.0):
-        pixels = transformed(self.matrix, cells)
+        pixels = transform_points(self.matrix, cells)
         return np.hstack([pixels + self.rng.normal(0, error, pixels.shape), cells])
 
 
@@ -80,7 +80,7 @@ def render(vessel, points, matrix, size, rng, *, radius=0.35, bright=True, noise
     picture = cv2.warpPerspective(drawn, matrix @ to_cells, size, flags=cv2.INTER_AREA)
     picture = cv2.GaussianBlur(150 * picture + 60, (3, 3), 0)
     cell = abs(np.linalg.det(matrix[:2, :2])) ** 0.5
-    for x, y in transformed(matrix, points) if len(points) else ():
+    for x, y in transform_points(matrix, points) if len(points) else ():
         at = round(float(x) * 16), round(float(y) * 16)
         cv2.circle(picture, at, round(radius * cell * 16), 15, -1, cv2.LINE_AA, 4)
     if not bright:

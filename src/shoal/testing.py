@@ -35,7 +35,7 @@ from shoal.missions.formats import FORMATS as MISSION_FORMATS
 from shoal.missions.formats import MissionFormat
 from shoal.missions.mission import KINDS, Mission
 from shoal.rigs import Actuator, Frame, Rig, Sensor
-from shoal.rigs.ports import checked_pulses
+from shoal.rigs.ports import check_pulses
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
 from shoal.search.allocation.costs import TourCost
@@ -624,7 +624,7 @@ def check_actuator(actuator: Actuator, *, seconds: float = 0.01) -> None:
     pulses = getattr(actuator, "pulses", None)
     if pulses is not None:
         try:
-            checked_pulses(pulses, name)
+            check_pulses(pulses, name)
         except (InvalidInputError, TypeError, ValueError) as error:
             raise AssertionError(f"{name}: {error}") from error
     pushes = [(45.0 * turn, seconds) for turn in range(8)]

@@ -166,7 +166,7 @@ def local_steering_rig(problem: SteeringProblem, rig: str, seed: int) -> Any:
 
         remote = open_rig(rig)
         try:
-            return SteeringBench(remote, Responses.stated(remote.pulses))
+            return SteeringBench(remote, Responses.from_pulses(remote.pulses))
         except BaseException:
             remote.close()
             raise
@@ -186,7 +186,7 @@ def steering_bench(devices: Any, view: tuple[int, ...] | None, calibration: Any)
     moves, sees = devices
     if calibration is None:
         bench = BenchRig(moves, sees, shape=getattr(sees, "shape", view))
-        stated = Responses.stated(pulses_of(moves), only=bool(getattr(moves, "only", False)))
+        stated = Responses.from_pulses(pulses_of(moves), only=bool(getattr(moves, "only", False)))
         return SteeringBench(bench, stated)
     simulated = hasattr(sees, "frame_rate")  # its clock is not that of this computer
     latency = 0.0 if simulated else calibration.latency

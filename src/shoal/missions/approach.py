@@ -11,7 +11,7 @@ import numpy as np
 from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums, step_lengths
 from shoal.missions.mission import Mission
-from shoal.missions.rules import ROUNDING, inside_of, searching
+from shoal.missions.rules import ROUNDING, inside_of, search_slice
 from shoal.search.flight.legs import complete_path
 from shoal.search.flight.separation import Approach, Separation, nearest_approach
 from shoal.search.flight.terrain import Terrain, ground_profile
@@ -25,7 +25,7 @@ _FINE = 0.1
 
 
 def mission_trajectory(
-    mission: Mission, way: Floats, vehicle: Vehicle, rate: float | Floats, stay: float
+    mission: Mission, path: Floats, vehicle: Vehicle, rate: float | Floats, stay: float
 ) -> Trajectory:
     """Return the trajectory of a vehicle that follows its mission.
 
@@ -33,19 +33,19 @@ def mission_trajectory(
     trajectory.
     """
     if mission.loiter is None:
-        return trajectory(way, vehicle, rate=rate)
-    before = trajectory(way[:-1], vehicle, rate=rate if isinstance(rate, float) else rate[:-1])
+        return trajectory(path, vehicle, rate=rate)
+    before = trajectory(path[:-1], vehicle, rate=rate if isinstance(rate, float) else rate[:-1])
     times = np.append(before.times, before.times[-1] + stay)
     return Trajectory(times, np.vstack([before.points, before.points[-1:]]), mission.loiter)
 
 
-def common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
+def common_path(mission: Mission, frame: LocalFrame | None) -> Floats:
     """Return the path of a mission with heights above sea level, or above home if home's height
     above sea level is unknown.
     """
-    way = mission.way_in(frame)
-    way[:, 2] += mission.elevation or 0.0
-    return way
+    path = mission.path_in(frame)
+    path[:, 2] += mission.elevation or 0.0
+    return path
 
 
 def constant_speed(mission: Mission) -> Vehicle:
@@ -69,9 +69,9 @@ def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
     shapely.prepare(region.outline)
     most = 0.0
     for mission in missions:
-        way = mission.way_in(region.frame)[1:-1, :2]
-        inside = inside_of(region, way)
-        outside = way[1:-1][searching(inside, mission.kind)]
+        path = mission.path_in(region.frame)[1:-1, :2]
+        inside = inside_of(region, path)
+        outside = path[1:-1][search_slice(inside, mission.kind)]
         most = max(
             most, float(shapely.distance(region.outline, shapely.points(outside)).max(initial=0.0))
         )
@@ -194,48 +194,53 @@ class _Flights:
     ) -> None:
         self.missions, self.separation = missions, separation
         self.vehicles = {
-            key: constant_speed(one) if vehicle is None else vehicle
-            for key, one in missions.items()
+            key: constant_speed(mission) if vehicle is None else vehicle
+            for key, mission in missions.items()
         }
-        self.ways = {key: common_way(one, frame) for key, one in missions.items()}
-        self.flown = {key: self._flown(key, 0.0) for key in missions}
+        self.paths = {key: common_path(mission, frame) for key, mission in missions.items()}
+        self.trajectories = {key: self._trajectory(key, 0.0) for key in missions}
         self.starts: dict[tuple[int, int], float] = {}
         for key in sorted(missions, key=lambda key: key[::-1]):
             before = [
-                start + self.flown[one].duration
-                for one, start in self.starts.items()
-                if one[1] < key[1]
+                start + self.trajectories[earlier].duration
+                for earlier, start in self.starts.items()
+                if earlier[1] < key[1]
             ]
             earliest = max(before) + separation.delay if before else 0.0
             planned = missions[key].start
             self.starts[key] = earliest if planned is None else planned
         last = (
             max(
-                (start + self.flown[key].duration for key, start in self.starts.items()),
+                (start + self.trajectories[key].duration for key, start in self.starts.items()),
                 default=0.0,
             )
             + separation.delay
         )
         for key, mission in missions.items():
             if mission.loiter is not None and (key[0], key[1] + 1) not in missions:
-                self.flown[key] = self._flown(
-                    key, last - self.starts[key] - self.flown[key].duration
+                self.trajectories[key] = self._trajectory(
+                    key, last - self.starts[key] - self.trajectories[key].duration
                 )
 
-    def _flown(self, key: tuple[int, int], stay: float) -> Trajectory:
+    def _trajectory(self, key: tuple[int, int], stay: float) -> Trajectory:
         mission, vehicle = self.missions[key], self.vehicles[key]
-        return mission_trajectory(mission, self.ways[key], vehicle, mission.rates(vehicle), stay)
+        return mission_trajectory(mission, self.paths[key], vehicle, mission.rates(vehicle), stay)
 
-    def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
+    def approach(self, first: tuple[int, int], second: tuple[int, int]) -> Approach | None:
         """Return the nearest approach on two missions, or None if the vehicles always keep the
         vertical separation.
         """
-        there, here, apart = self.flown[one], self.flown[other], self.separation
-        later = self.starts[other] - self.starts[one]
-        if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
+        first_flight, second_flight = self.trajectories[first], self.trajectories[second]
+        apart = self.separation
+        later = self.starts[second] - self.starts[first]
+        earliest, latest = (
+            -second_flight.duration - apart.delay,
+            first_flight.duration + apart.delay,
+        )
+        if not earliest <= later <= latest:
             return None
         return nearest_approach(
-            there, here, vertical=apart.vertical, later=later, tolerance=apart.delay
+            first_flight, second_flight, vertical=apart.vertical, later=later, tolerance=apart.delay
         )
 
 
@@ -336,23 +341,23 @@ def _heights_of(
     points = np.vstack([mission.home, mission.waypoints, mission.end])
     points = points if frame is None else frame.to_metres(points)
     ground = terrain.at(points, frame)
-    known = mission.heights is not None or mission.altitude_frame != "ground"
-    ups = mission.heights_above_home + ground[0] if known else mission.levels + ground[1:-1]
+    height_known = mission.heights is not None or mission.altitude_frame != "ground"
+    ups = mission.heights_above_home + ground[0] if height_known else mission.levels + ground[1:-1]
     climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
-    way = complete_path(
+    path = complete_path(
         points[0],
         np.column_stack([points[1:-1], ups]),
         points[-1],
         climb=climb,
         glides=mission.glides,
     )
-    way = way[1 + (mission.kind == "fixed-wing") : -1]
-    profile = ground_profile(terrain, way[:, :2], frame, error=_FINE)
-    far = partial_sums(step_lengths(profile.points))
-    flown = np.interp(far, far[profile.vertices], way[:, 2])
-    places = np.vstack([profile.points, way[:, :2]])
+    path = path[1 + (mission.kind == "fixed-wing") : -1]
+    profile = ground_profile(terrain, path[:, :2], frame, error=_FINE)
+    distances = partial_sums(step_lengths(profile.points))
+    flown = np.interp(distances, distances[profile.vertices], path[:, 2])
+    places = np.vstack([profile.points, path[:, :2]])
     return places, np.concatenate(
-        [flown - profile.heights, way[:, 2] - profile.heights[profile.vertices]]
+        [flown - profile.heights, path[:, 2] - profile.heights[profile.vertices]]
     )
 
 
@@ -428,11 +433,11 @@ def near_homes(
     """
     import shapely
 
-    known = sorted({*places})
-    if not known:
+    homes = sorted({*places})
+    if not homes:
         return None
-    robots = np.array([robot for robot, _ in known])
-    points = np.array([place for _, place in known])
+    robots = np.array([robot for robot, _ in homes])
+    points = np.array([place for _, place in homes])
     points = points if frame is None else frame.to_metres(points)
     shapes = shapely.points(points)
     first, second = shapely.STRtree(shapes).query(

@@ -19,13 +19,13 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.geometry import angles_of
 from shoal.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
-from shoal.missions.diagnostics import Diagnostic, Sheet, distinct
+from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
 from shoal.missions.linting import Limits, lint_sheets
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
-from shoal.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
+from shoal.missions.rules import ROUNDING, inside_of, metres_of, path_of, search_slice
 from shoal.search.flight.deviation import deviated
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
@@ -114,14 +114,14 @@ class MissionCheck:
         faults = []
         if self.errors:
             faults.append(
-                f"{count_text(len(distinct(self.errors)), 'mistake')} in the mission files"
+                f"{count_text(len(group_mistakes(self.errors)), 'mistake')} in the mission files"
             )
         if self.coverage is not None and self.coverage.covered_fraction < self.options.least:
             faults.append(
                 f"{100 * self.coverage.covered_fraction:.5g} % of the region is seen, less than"
                 f" {100 * self.options.least:g} %"
             )
-        near, low, separation = self.approach, self.clearance, self.options.kept_apart
+        near, low, separation = self.approach, self.clearance, self.options.required_separation
         if (
             near is not None
             and separation is not None
@@ -141,7 +141,11 @@ class MissionCheck:
 
     def report(self) -> dict[str, Any]:
         """Return the whole result as a mapping that can be written as JSON, without geometries."""
-        seen, separation, sides = self.coverage, self.options.kept_apart, self.options.sides
+        seen, separation, sides = (
+            self.coverage,
+            self.options.required_separation,
+            self.options.sides,
+        )
         return {
             "region": self.region.name,
             "area_m2": self.region.area_m2,
@@ -167,10 +171,10 @@ class MissionCheck:
             "bands": [
                 {
                     "altitude_m": up,
-                    "covered_fraction": one.covered_fraction,
-                    "uncovered_m2": one.uncovered_m2,
+                    "covered_fraction": coverage.covered_fraction,
+                    "uncovered_m2": coverage.uncovered_m2,
                 }
-                for up, one in zip(self.bands, self.coverages, strict=False)
+                for up, coverage in zip(self.bands, self.coverages, strict=False)
             ],
             "separation_m": (
                 None if separation is None else [separation.horizontal, separation.vertical]
@@ -254,7 +258,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
     region: SearchRegion = options.place
     vehicle, separation, terrain = (
         options.chosen_vehicle,
-        options.kept_apart,
+        options.required_separation,
         options.open_terrain(),
     )
     lint_sheets(
@@ -271,7 +275,9 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
     )
     if terrain is not None:  # it tells the height above ground
         for sheet in sheets:
-            sheet.diagnostics = [one for one in sheet.diagnostics if one.rule != "below-home"]
+            sheet.diagnostics = [
+                diagnostic for diagnostic in sheet.diagnostics if diagnostic.rule != "below-home"
+            ]
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if options.format is not None:
         FORMATS.get(options.format)
@@ -284,17 +290,19 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         if name == chosen and sheet.readable
     ]
     coverages, errors, bands, region = _coverages(flown, region, options)
-    read = [mission for sheet in flown if (mission := _mission(sheet, region)) is not None]
+    read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
         None
         if terrain is None
-        else _clearance(missions, terrain, region, wrong={one.file for one in _errors(sheets)})
+        else _clearance(
+            missions, terrain, region, wrong={diagnostic.file for diagnostic in _errors(sheets)}
+        )
     )
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     flights: tuple[dict[str, Any], ...] = ()
     if vehicle is not None:
-        reports = {mission: _flight(mission, vehicle) for mission in missions}
+        reports = {mission: _flight_report(mission, vehicle) for mission in missions}
         missions = tuple(mission for mission, report in reports.items() if report is not None)
         flights = tuple(report for report in reports.values() if report is not None)
     return MissionCheck(
@@ -329,19 +337,18 @@ def _coverages(
         return (), None, (), region
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
-    ways = [
-        _searching_way(sheet, region, side)
-        for sheet, side in zip(flown, sides.tolist(), strict=True)
+    paths = [
+        _search_path(sheet, region, side) for sheet, side in zip(flown, sides.tolist(), strict=True)
     ]
     facing = options.angle
     if facing is None:
         facing = next((sheet.footprint_angle for sheet in flown), None)
-    angle, image = facing_of(facing, image, [run[:, :2] for way in ways for run in _runs(way)])
+    angle, image = facing_of(facing, image, [run[:, :2] for path in paths for run in _runs(path)])
     least = float(np.min(sides if flown else footprint))
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
-    stretches = [*_by_band(ways, sides, bands, _spread(bands, vehicle), least)]
+    stretches = [*_by_band(paths, sides, bands, _spread(bands, vehicle), least)]
     checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
     coverages = tuple(
         coverage_check(region, own, widths if own else least, **checked)
@@ -349,11 +356,11 @@ def _coverages(
     )
     errors = None
     if vehicle is not None and vehicle.cross_track:
-        errors = _with_errors(stretches, vehicle, region, least, checked)
+        errors = _coverage_with_errors(stretches, vehicle, region, least, checked)
     return coverages, errors, tuple(bands or ()), region
 
 
-def _with_errors(
+def _coverage_with_errors(
     stretches: Sequence[tuple[list[NDArray[np.float64]], list[float] | float]],
     vehicle: Vehicle,
     region: SearchRegion,
@@ -367,40 +374,40 @@ def _with_errors(
 
     rng, inside = np.random.default_rng(0), without_margin(region).free.buffer(ROUNDING)
     shapely.prepare(inside)
-    found, outside = [], 0.0
+    coverages, outside = [], 0.0
     for own, widths in stretches:
-        flown = [deviated(way, vehicle, rng) for way in own]
-        for planned, way in zip(own, flown, strict=True):
-            if len(way) > 1 and inside.covers(shapely.linestrings(planned)):
-                line = shapely.linestrings(way)
+        flown = [deviated(path, vehicle, rng) for path in own]
+        for planned, path in zip(own, flown, strict=True):
+            if len(path) > 1 and inside.covers(shapely.linestrings(planned)):
+                line = shapely.linestrings(path)
                 if not inside.covers(line):
                     outside += float(line.difference(inside).length)
-        found.append(coverage_check(region, flown, widths if own else least, **checked))
-    return replace(together(found), outside_m=outside)
+        coverages.append(coverage_check(region, flown, widths if own else least, **checked))
+    return replace(together(coverages), outside_m=outside)
 
 
 def facing_of(
-    facing: float | str | None, image: Image | None, ways: Sequence[NDArray[np.float64]]
+    facing: float | str | None, image: Image | None, paths: Sequence[NDArray[np.float64]]
 ) -> tuple[float, Image | None]:
     """Return the angle of footprints, and the image of a camera or of footprints that turn with
     their vehicles.
 
     The angle ``facing`` is a number of degrees, `TURNING`, or None for the direction of most legs
-    of ``ways``.
+    of ``paths``.
     """
     if facing == TURNING and image is None:
         image = Image(1.0, 1.0)
-    angle = angle_of(ways) if facing is None or isinstance(facing, str) else facing
+    angle = angle_of(paths) if facing is None or isinstance(facing, str) else facing
     return angle, image
 
 
-def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
+def _read_mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
     """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0 or a
     waypoint on another continent.
 
     Diagnostics report such values.
     """
-    if way_of(sheet) is None or not np.isfinite(metres_of(sheet, region)).all():
+    if path_of(sheet) is None or not np.isfinite(metres_of(sheet, region)).all():
         return None
     try:
         return mission_of(sheet, sheet.file)
@@ -409,7 +416,12 @@ def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
 
 
 def _errors(sheets: Sequence[Sheet]) -> Iterator[Diagnostic]:
-    return (one for sheet in sheets for one in sheet.diagnostics if one.severity == "error")
+    return (
+        diagnostic
+        for sheet in sheets
+        for diagnostic in sheet.diagnostics
+        if diagnostic.severity == "error"
+    )
 
 
 def _clearance(
@@ -428,7 +440,7 @@ def _clearance(
         return clearance_of(right, terrain, region.frame)
 
 
-def _flight(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:
+def _flight_report(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:
     """Return the duration of a mission, or None if it is too slow for the wind, as diagnostics
     report.
     """
@@ -438,16 +450,16 @@ def _flight(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:
         return None
 
 
-def _runs(way: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _runs(path: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return the sections of a path between its points that are too far from the region to be in
     its frame; at least one.
     """
-    near = np.isfinite(way).all(axis=1)
-    return [run[np.isfinite(run).all(axis=1)] for run in np.split(way, np.flatnonzero(~near))]
+    near = np.isfinite(path).all(axis=1)
+    return [run[np.isfinite(run).all(axis=1)] for run in np.split(path, np.flatnonzero(~near))]
 
 
 def _by_band(
-    ways: Sequence[NDArray[np.float64]],
+    paths: Sequence[NDArray[np.float64]],
     sides: NDArray[np.float64],
     bands: Sequence[float] | None,
     spread: NDArray[np.float64],
@@ -461,23 +473,23 @@ def _by_band(
     if not bands:
         runs = [
             (run[:, :2], side)
-            for way, side in zip(ways, sides.tolist(), strict=True)
-            for run in _runs(way)
+            for path, side in zip(paths, sides.tolist(), strict=True)
+            for run in _runs(path)
             if len(run)
         ]
         yield [run for run, _ in runs], [side for _, side in runs]
         return
-    found: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
+    sections: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
     for run, side in (
-        (run, side) for way, side in zip(ways, sides.tolist(), strict=True) for run in _runs(way)
+        (run, side) for path, side in zip(paths, sides.tolist(), strict=True) for run in _runs(path)
     ):
         band = np.searchsorted(bands, run[:, 2] + _RAISED, side="right") - 1
         borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(run)]
         for begin, end in pairwise(borders):
             if begin < end and band[begin] >= 0:
-                found[band[begin]][0].append(run[begin:end, :2])
-                found[band[begin]][1].append(side * float(spread[band[begin]]))
-    for flown, footprints in found:
+                sections[band[begin]][0].append(run[begin:end, :2])
+                sections[band[begin]][1].append(side * float(spread[band[begin]]))
+    for flown, footprints in sections:
         yield flown, footprints if flown else least
 
 
@@ -491,12 +503,12 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
     return np.asarray(seen / seen[:1])
 
 
-def _searching_way(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
+def _search_path(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k,
     3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see
-    `searching`). In their place, the result contains the points where these paths cross the
+    `search_slice`). In their place, the result contains the points where these paths cross the
     region's border. If the sheet gives the numbers of waypoints on these paths, the result leaves
     out only these waypoints. Fixed wings turn outside the region, so that both ends of a leg that
     searches can be outside: their result is the path from the first to the last leg that sees any
@@ -504,34 +516,36 @@ def _searching_way(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[n
     """
     import shapely
 
-    way = metres_of(sheet, region)
-    near = np.asarray(np.isfinite(way).all(axis=1))
-    inside = inside_of(region, way)
-    here = searching(inside, sheet.kind)
+    path = metres_of(sheet, region)
+    near = np.asarray(np.isfinite(path).all(axis=1))
+    inside = inside_of(region, path)
+    searched = search_slice(inside, sheet.kind)
     ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
-    way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
+    path = np.column_stack([path, ups[np.clip(np.arange(len(path)) - 1, 0, len(ups) - 1)]])
     if sheet.waypoints_out is not None:
-        return way[1 + sheet.waypoints_out : len(way) - 1 - (sheet.waypoints_home or 0)]
+        return path[1 + sheet.waypoints_out : len(path) - 1 - (sheet.waypoints_home or 0)]
     if sheet.kind == "fixed-wing":
         usable = near[1:-2] & near[2:-1]
         legs = np.where(
-            usable[:, None, None], np.stack([way[1:-2, :2], way[2:-1, :2]], axis=1), 0.0
+            usable[:, None, None], np.stack([path[1:-2, :2], path[2:-1, :2]], axis=1), 0.0
         )
         seeing = np.flatnonzero(
             usable & shapely.dwithin(region.free, shapely.linestrings(legs), side / 2 + ROUNDING)
         )
         if len(seeing):
-            return way[1:-1][seeing[0] : seeing[-1] + 2]
-    kept = [way[1:-1][here]]
-    if here.start > 0 and inside[here.start + 1] and near[here.start]:
-        kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])
-    if here.stop < len(way) - 2 and inside[here.stop] and near[here.stop + 1]:
-        kept.append(_inner(region, way[here.stop], way[here.stop + 1]))
-    return np.concatenate(kept)
+            return path[1:-1][seeing[0] : seeing[-1] + 2]
+    pieces = [path[1:-1][searched]]
+    if searched.start > 0 and inside[searched.start + 1] and near[searched.start]:
+        pieces.insert(
+            0, _border_crossing(region, path[searched.start + 1], path[searched.start])[::-1]
+        )
+    if searched.stop < len(path) - 2 and inside[searched.stop] and near[searched.stop + 1]:
+        pieces.append(_border_crossing(region, path[searched.stop], path[searched.stop + 1]))
+    return np.concatenate(pieces)
 
 
-def _inner(
-    region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]
+def _border_crossing(
+    region: SearchRegion, start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the first point at which a leg that starts inside the region leaves the region;
     float64, shape (1, 3).
@@ -542,16 +556,16 @@ def _inner(
 
     pieces = shapely.get_parts(
         shapely.intersection(
-            shapely.linestrings([here[:2], there[:2]]), region.free.buffer(0.99 * ROUNDING)
+            shapely.linestrings([start[:2], end[:2]]), region.free.buffer(0.99 * ROUNDING)
         )
     )
-    nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here[:2]))))]
+    nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(start[:2]))))]
     ends = shapely.get_coordinates(nearest)
-    farthest = ends[int(np.argmax(np.hypot(*(ends - here[:2]).T)))]
-    return np.append(farthest, here[2])[None]
+    farthest = ends[int(np.argmax(np.hypot(*(ends - start[:2]).T)))]
+    return np.append(farthest, start[2])[None]
 
 
-def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
+def angle_of(paths: Sequence[NDArray[np.float64]]) -> float:
     """Return the angle of the rows of cells: the direction with the largest total length of legs,
     from 0 to below 90 degrees.
 
@@ -563,14 +577,14 @@ def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
     >>> angle_of([np.array([(0.0, 0.0), (100.0, 0.001), (100.0, 10.0), (0.0, 10.0)])])
     0.0
     """
-    legs = np.concatenate([np.zeros((0, 2)), *(np.diff(way, axis=0) for way in ways)])
+    legs = np.concatenate([np.zeros((0, 2)), *(np.diff(path, axis=0) for path in paths)])
     lengths, tenths = np.hypot(*legs.T), np.degrees(angles_of(legs)) % 90.0 * 10
     if not lengths.sum():
         return 0.0
     mode = float(np.bincount(np.rint(tenths).astype(np.int64) % 900, weights=lengths).argmax())
-    away = (tenths - mode + 450) % 900 - 450
-    near = np.abs(away) <= 1
-    mean = mode + float(np.average(away[near], weights=lengths[near]))
+    deviations = (tenths - mode + 450) % 900 - 450
+    near = np.abs(deviations) <= 1
+    mean = mode + float(np.average(deviations[near], weights=lengths[near]))
     return (mode if abs(mean - mode) < _ROUNDED else mean) / 10 % 90.0
 
 

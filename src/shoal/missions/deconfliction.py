@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions.approach import common_way, constant_speed, mission_trajectory
+from shoal.missions.approach import common_path, constant_speed, mission_trajectory
 from shoal.missions.fence import CORNERS, fence_of
 from shoal.missions.mission import Autopilot, Mission, split_missions
 from shoal.search.flight.dubins import LINK, Airspace
@@ -93,7 +93,7 @@ def plan_missions(
             None if airspace is None else region.free.buffer(airspace),
             region.free,
             # exclusion polygons contain the zones: where these leave no room, there is none
-            dead_ends={key: dict(known) for key, known in plan.airspace.dead_ends.items()},
+            dead_ends={key: dict(ends) for key, ends in plan.airspace.dead_ends.items()},
         )
 
     def sorties(robot: int, layer: int) -> RobotMissions:
@@ -103,7 +103,7 @@ def plan_missions(
         flight = _flight(plan, robot, vehicle, ending, where)
         if altitudes is not None:
             flight = replace(flight, altitudes=altitudes)
-        return _split(plan, robot, flight, autopilot=autopilot, cap=cap)
+        return _split_route(plan, robot, flight, autopilot=autopilot, cap=cap)
 
     robots = range(len(plan.places))
     by_robot = [sorties(robot, 0) for robot in robots]
@@ -114,7 +114,7 @@ def plan_missions(
             _start_in_turn(missions, plan, float(delay))
             for missions, delay in zip(by_robot, plan.delays, strict=True)
         ]
-    return _fenced_missions(
+    return _add_fence(
         [mission for missions in by_robot for mission in missions],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
@@ -143,15 +143,15 @@ def _flight(
     )
 
 
-def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> RobotMissions:
+def _split_route(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> RobotMissions:
     """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
-    out, way = plan.flown_route(robot, stops)
-    if way.shape[1] == 3:
-        way = way + np.array([0.0, 0.0, flight.vehicle.height - plan.vehicle.height])
-    return split_missions(way, flight, robot=robot + 1, ways=plan.leg, out=out, **limits)
+    out, path = plan.flown_route(robot, stops)
+    if path.shape[1] == 3:
+        path = path + np.array([0.0, 0.0, flight.vehicle.height - plan.vehicle.height])
+    return split_missions(path, flight, robot=robot + 1, ways=plan.leg, out=out, **limits)
 
 
 def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
@@ -161,13 +161,13 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     import shapely
 
     radius = Flight(plan.vehicle, place).radius
-    room = blocked.buffer(radius + ROUNDED)
-    if not shapely.intersects_xy(room, *place):
+    obstacles = blocked.buffer(radius + ROUNDED)
+    if not shapely.intersects_xy(obstacles, *place):
         return place
     allowed = (
-        shapely.box(*shapely.union_all([plan.grid.region.outline, room]).bounds)
+        shapely.box(*shapely.union_all([plan.grid.region.outline, obstacles]).bounds)
         .buffer(radius)
-        .difference(room)
+        .difference(obstacles)
     )
     if allowed.is_empty:
         raise InvalidInputError(
@@ -190,7 +190,7 @@ def _start_in_turn(missions: RobotMissions, plan: SearchPlan, start: float) -> R
     return tuple(timed)
 
 
-def _in_own_layer(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
+def _keep_layer(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
     return flights  # its layer is fixed
 
 
@@ -259,7 +259,7 @@ class _Schedule:
             ]
             layers = np.argsort(np.argsort(durations, kind="stable")).tolist()
         elif layered:
-            first_flights = [partial(self._raised_flights, by_robot, robot) for robot in robots]
+            first_flights = [partial(self._flights_in_layer, by_robot, robot) for robot in robots]
             layers = stagger_starts(first_flights, self.separation, earliest=plan.delays)[
                 0
             ].tolist()
@@ -285,7 +285,7 @@ class _Schedule:
                 if other_robot != robot
             ]
             _, (start,) = stagger_starts(
-                [partial(_in_own_layer, flights[robot][number])],
+                [partial(_keep_layer, flights[robot][number])],
                 self.separation,
                 [0],
                 np.array([since]),
@@ -305,7 +305,7 @@ class _Schedule:
         ]
         last = max(ends, default=0.0) + self.separation.delay
         return [
-            self._with_starts(other_robot, robot, starts, layers)
+            self._set_starts(other_robot, robot, starts, layers)
             for robot, other_robot in enumerate(by_robot)
         ], last
 
@@ -320,30 +320,32 @@ class _Schedule:
         earliest = self.plan.delays
         if not stacked:
             delays = stagger_starts(
-                [partial(_in_own_layer, one[0] if one else ()) for one in flights],
+                [partial(_keep_layer, sorties[0] if sorties else ()) for sorties in flights],
                 self.separation,
                 layers,
                 earliest,
             )[1]
-            return {(robot, 0): float(delays[robot]) for robot, one in enumerate(flights) if one}
+            return {
+                (robot, 0): float(delays[robot]) for robot, sorties in enumerate(flights) if sorties
+            }
         starts: dict[tuple[int, int], float] = {}
         for robot in np.argsort(layers, kind="stable")[::-1].tolist():
             if flights[robot]:
                 others = [(flights[other][0], at) for (other, _), at in starts.items()]
                 since = np.array([max([float(earliest[robot]), *starts.values()])])
                 _, (start,) = stagger_starts(
-                    [partial(_in_own_layer, flights[robot][0])], self.separation, [0], since, others
+                    [partial(_keep_layer, flights[robot][0])], self.separation, [0], since, others
                 )
                 starts[robot, 0] = float(start)
         return starts
 
-    def _raised_flights(
+    def _flights_in_layer(
         self, by_robot: Sequence[RobotMissions], robot: int, layer: int
     ) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
         return self._flights(by_robot, robot, 0, layer * self.separation.vertical)
 
-    def _with_starts(
+    def _set_starts(
         self,
         sorties: RobotMissions,
         robot: int,
@@ -395,24 +397,24 @@ class _Schedule:
         if number >= len(by_robot[robot]):
             return ()
         mission, plan = by_robot[robot][number], self.plan
-        way = common_way(mission, plan.grid.region.frame)
-        way[1 : len(way) - 1, 2] += up
+        path = common_path(mission, plan.grid.region.frame)
+        path[1 : len(path) - 1, 2] += up
         stay = self._stay(by_robot, robot, number)
-        as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
-        return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
+        as_flown = mission_trajectory(mission, path, plan.vehicle, float(plan.rates[robot]), stay)
+        return as_flown, mission_trajectory(mission, path, constant_speed(mission), 1.0, stay)
 
 
-def _fenced_missions(
+def _add_fence(
     missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
 ) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""
     region = plan.grid.region
     if not missions:
         return ()
-    ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
-    ways += [circle for mission in missions if len(circle := mission.circle_in(region.frame))]
+    paths = [mission.path_in(region.frame)[:, :2] for mission in missions]
+    paths += [circle for mission in missions if len(circle := mission.circle_in(region.frame))]
     most = CORNERS[missions[0].autopilot] if fenced else None
-    fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=most)
+    fence = fence_of(region, [*paths, *(point[None] for point in rally)], most=most)
     area = fence.area(region.frame)
     import shapely
 

@@ -242,7 +242,7 @@ class Diagnostic:
         return {"severity": self.severity, **vars(self)}
 
 
-def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
+def group_mistakes(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """Return the diagnostics in groups, one group for each mistake in a mission.
 
     A mission may have several files, one for each file format. A group contains one diagnostic from
@@ -251,13 +251,14 @@ def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """
     groups: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
-    for one in diagnostics:
+    for diagnostic in diagnostics:
         # formats round differently
-        sentence = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence)
-        so_far[one.file, one.rule, sentence] += 1
+        sentence = re.sub(r"\d+\.\d+", lambda match: f"{float(match[0]):.6f}", diagnostic.sentence)
+        so_far[diagnostic.file, diagnostic.rule, sentence] += 1
+        number = so_far[diagnostic.file, diagnostic.rule, sentence]
         groups.setdefault(
-            (Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []
-        ).append(one)
+            (Path(diagnostic.file).stem, diagnostic.rule, sentence, number), []
+        ).append(diagnostic)
     return list(groups.values())
 
 

@@ -92,19 +92,19 @@ def enclosing_polygons(
     free: list[Clear] = list(clear) if len(clear) else [None] * len(shapes)
     shapely.prepare([kept_clear[0] for kept_clear in free if kept_clear is not None])
     rings = [
-        _Ring(_widened(_rough(shape, kept_clear)), kept_clear)
+        _Ring(_widen(_coarsen(shape, kept_clear)), kept_clear)
         for shape, kept_clear in zip(shapes, free, strict=True)
     ]
     while sum(len(ring.points) for ring in rings) > most:
         best = min(rings, key=lambda ring: ring.least, default=None)
         if best is not None and best.least < inf:
             best.reduce()
-        elif merge is None or not _merged(rings, merge):
+        elif merge is None or not _merge_neighbours(rings, merge):
             break
     return [ring.shape for ring in rings]
 
 
-def _widened(shape: Any) -> Any:
+def _widen(shape: Any) -> Any:
     """Return a polygon that is wider than a given one by more than its rounding errors, with the
     same number of corners.
     """
@@ -130,7 +130,7 @@ def _near(shape: Any, clear: Clear) -> bool:
     return clear is not None and bool(shapely.dwithin(clear[0], shape, max(clear[1] - _HAIR, 0.0)))
 
 
-def _rough(shape: Any, clear: Clear) -> Any:
+def _coarsen(shape: Any, clear: Clear) -> Any:
     """Return a polygon of at most a few hundred corners that contains a given polygon, or the given
     polygon.
     """
@@ -145,7 +145,7 @@ def _rough(shape: Any, clear: Clear) -> Any:
         if wider.geom_type != "Polygon" or not wider.covers(shape) or _near(wider, clear):
             continue
         wider = type(shape)(wider.exterior)
-        best = min(best, wider, key=lambda one: len(one.exterior.coords))
+        best = min(best, wider, key=lambda polygon: len(polygon.exterior.coords))
         if corners_of([best]) <= _MANY:
             break
     return best
@@ -164,7 +164,7 @@ class _Ring:
         import shapely
 
         self.points, self.shape = points, shapely.Polygon(points)
-        self._removals = sorted(self._all_removals(), key=lambda one: one[0])
+        self._removals = sorted(self._all_removals(), key=lambda removal: removal[0])
         self._settle()
 
     @property
@@ -176,11 +176,11 @@ class _Ring:
 
     def reduce(self) -> None:
         """Remove a corner."""
-        self._take(self._without(*self._removals[0][1:3]))
+        self._take(self._without_corner(*self._removals[0][1:3]))
 
     def _settle(self) -> None:
         """Drop removals until the cheapest one is possible."""
-        while self._removals and not self._possible(*self._removals[0][1:]):
+        while self._removals and not self._is_possible(*self._removals[0][1:]):
             self._removals.pop(0)
 
     def _all_removals(self) -> Iterator[tuple[float, int, Points | None, Points]]:
@@ -201,18 +201,18 @@ class _Ring:
         side_before, side_after = points - before, after - next_after
         across = cross(side_before, side_after)
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = cross(after - points, side_after) / across
+            extensions = cross(after - points, side_after) / across
             back = cross(after - points, side_before) / across
         outwards = (
             (turns > 0)
             & (np.roll(turns, -1) > 0)
-            & (far > 0)
+            & (extensions > 0)
             & (back > 0)
-            & np.isfinite(far)
+            & np.isfinite(extensions)
             & np.isfinite(back)
         )
         for k in np.flatnonzero(outwards).tolist():
-            meeting = points[k] + far[k] * side_before[k]
+            meeting = points[k] + extensions[k] * side_before[k]
             triangle = np.array([points[k], meeting, after[k]])
             yield (
                 abs(float(cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
@@ -237,7 +237,7 @@ class _Ring:
             ring = np.array([vertex, vertex + total * first_side, vertex + total * second_side])
             yield area * total**2 / 2 - float(self.shape.area), -1, ring, ring
 
-    def _without(self, corner: int, meeting: Points | None) -> Points:
+    def _without_corner(self, corner: int, meeting: Points | None) -> Points:
         """Return the ring without a corner, with a new corner in place of a corner and the next
         one, or another ring.
         """
@@ -249,13 +249,13 @@ class _Ring:
         points[corner] = meeting
         return np.delete(points, (corner + 1) % len(points), axis=0)
 
-    def _possible(self, corner: int, meeting: Points | None, triangle: Points) -> bool:
+    def _is_possible(self, corner: int, meeting: Points | None, triangle: Points) -> bool:
         import shapely
 
         added = shapely.Polygon(triangle)
         if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
             return False
-        reduced = shapely.Polygon(self._without(corner, meeting))
+        reduced = shapely.Polygon(self._without_corner(corner, meeting))
         return bool(
             reduced.is_valid
             and reduced.area > 0
@@ -265,7 +265,7 @@ class _Ring:
         )
 
 
-def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
+def _merge_neighbours(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
     """Replace the two rings whose convex hull adds the least area by this hull; return whether a
     pair could be merged.
     """
@@ -344,7 +344,7 @@ class Fence:
         inside = shapely.union_all(outlines) if inside.is_empty else inside
         return inside.difference(shapely.union_all(zones))
 
-    def clearances(self, ways: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
+    def clearances(self, paths: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the distance in metres of each path from the nearest border of the fence; float64,
         shape (k,).
 
@@ -353,7 +353,7 @@ class Fence:
 
         Parameters
         ----------
-        ways : sequence of ndarray of float64, each of shape (n, 2)
+        paths : sequence of ndarray of float64, each of shape (n, 2)
             Paths in metres of the local frame; a path of one point is a point.
         frame : LocalFrame or None
         """
@@ -364,17 +364,20 @@ class Fence:
         allowed = area.buffer(ROUNDED / 2)  # a path along a side is rounded apart from the side
         shapely.prepare([allowed, border])
         lines = np.array(
-            [shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways],
+            [
+                shapely.linestrings(path) if len(path) > 1 else shapely.points(path[0])
+                for path in paths
+            ],
             dtype=object,
         )
-        away = np.asarray(shapely.distance(border, lines))
+        distances = np.asarray(shapely.distance(border, lines))
         for index in np.flatnonzero(~shapely.covers(allowed, lines)).tolist():
             beyond = shapely.difference(lines[index], area)
             ends = shapely.points(shapely.get_coordinates(beyond))
-            away[index] = -max(
+            distances[index] = -max(
                 float(beyond.length), float(shapely.distance(area, ends).max(initial=0.0))
             )
-        return away
+        return distances
 
 
 def circle_ring(place: tuple[float, float], radius: float, *, inclusion: bool) -> Points:
@@ -386,7 +389,7 @@ def circle_ring(place: tuple[float, float], radius: float, *, inclusion: bool) -
     return LocalFrame(*place).to_degrees(reach * unit_vectors(angles))
 
 
-def fenced_region(
+def region_with_barriers(
     region: SearchRegion, most: int, *, places: Points, wing: bool = False
 ) -> SearchRegion:
     """Return a region whose no-go zones are polygons that an autopilot can store, so that a search
@@ -415,13 +418,13 @@ def fenced_region(
     ]
     window = _window(shapely.union_all([region.outline, launch_points]))
     zones = [
-        _clipped(zone, window)
+        _clip(zone, window)
         for zone in _solid_parts(shapely.union_all([region.no_go, *closed_holes]), region.outline)
         if zone.intersects(window)
     ]
-    inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
-    room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
-    if not zones or corners_of(zones) <= room:
+    inclusion = corners_of(_solid_parts(_fill_holes(region).convex_hull)) + _LEAST_INCLUSION
+    budget = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
+    if not zones or corners_of(zones) <= budget:
         return region
     clear = (launch_points, region.margin + ROUNDED) if len(places) else None
     plain = without_margin(region)
@@ -433,8 +436,8 @@ def fenced_region(
         largest = max(shapely.area(shapely.get_parts(free)).tolist(), default=0.0)
         return largest > _LEAST_KEPT * float(region.parts[0].area)
 
-    barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=undivided)
-    if corners_of(barriers) > room:
+    barriers = enclosing_polygons(zones, budget, clear=[clear] * len(zones), merge=undivided)
+    if corners_of(barriers) > budget:
         return region
     try:
         barred_region = with_margin(plain, region.margin, barriers=barriers, pointed=wing)
@@ -453,7 +456,7 @@ def fenced_region(
     return barred_region
 
 
-def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
+def fence_of(region: SearchRegion, paths: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return a fence around a region and the paths of all vehicles, in the unit of the region
     (degrees or metres).
 
@@ -471,16 +474,16 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     Parameters
     ----------
     region : SearchRegion
-    ways : sequence of ndarray of float64, each of shape (k, 2)
+    paths : sequence of ndarray of float64, each of shape (k, 2)
         Paths in metres, including launch and landing points.
     most : int, optional
         Maximum number of corners of all rings together that the autopilot stores.
     """
     import shapely
 
-    legs = np.concatenate([_legs(way) for way in ways] or [np.zeros(0, dtype=object)])
+    legs = np.concatenate([_legs(path) for path in paths] or [np.zeros(0, dtype=object)])
     flown = shapely.geometrycollections(legs)
-    filled = _filled(region)
+    filled = _fill_holes(region)
     shapely.prepare([flown, filled])
     outside = legs[~shapely.covers(filled, legs)]
     strips = [shapely.difference(outside, filled)]
@@ -499,20 +502,20 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         shapely.Polygon(covered.exterior) if covered.geom_type == "Polygon" else covered.convex_hull
     )
     zones, holes = _zones(region, flown, _window(outer))
-    zones, beyond = _split(zones, outer)
-    holes, _ = _split(holes, outer)
-    simple = _simplified(outer, [*zones, *holes], beyond, flown, most)
+    zones, beyond = _split_by_overlap(zones, outer)
+    holes, _ = _split_by_overlap(holes, outer)
+    simple = _simplify(outer, [*zones, *holes], beyond, flown, most)
     if most is not None and corners_of(simple) > most and beyond:
-        simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
+        simple = _simplify(outer, [*zones, *beyond, *holes], [], flown, most)
     if most is not None and corners_of(simple) > most:
-        simple = _largest(outer, [*zones, *beyond], holes, flown, most)
+        simple = _keep_largest(outer, [*zones, *beyond], holes, flown, most)
     (outline, *_), *others = (
-        _written(part, region.frame, whole=not number) for number, part in enumerate(simple)
+        _round_rings(part, region.frame, whole=not number) for number, part in enumerate(simple)
     )
     return Fence(outline, tuple(ring for rings in others for ring in rings))
 
 
-def _written(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Points]:
+def _round_rings(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Points]:
     """Return the rounded rings of a polygon without holes for a mission file, which neither touch
     nor cross themselves.
 
@@ -548,7 +551,9 @@ def _written(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Point
     return rings
 
 
-def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int) -> list[Any]:
+def _keep_largest(
+    outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int
+) -> list[Any]:
     """Return the outline and the largest zones of a fence, as many as have room, and print how many
     are left out.
     """
@@ -557,12 +562,12 @@ def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: i
         *sorted(holes, key=lambda hole: -hole.area),
     ]
     count = len(ranked)
-    simple = _simplified(outer, ranked, [], flown, most)
+    simple = _simplify(outer, ranked, [], flown, most)
     while count and (over := corners_of(simple) - most) > 0:
         while count and over > 0:
             over -= corners_of([simple[count]])
             count -= 1
-        simple = _simplified(outer, ranked[:count], [], flown, most)
+        simple = _simplify(outer, ranked[:count], [], flown, most)
     omitted = ranked[count:]
     nearest = min(
         (float(zone.distance(flown)) for zone in omitted if not flown.is_empty), default=0.0
@@ -575,7 +580,7 @@ def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: i
     return simple
 
 
-def _simplified(
+def _simplify(
     outer: Any, zones: list[Any], beyond: list[Any], flown: Any, most: int | None
 ) -> list[Any]:
     """Return the outline and the zones of a fence, with at most ``most`` corners if this is
@@ -596,18 +601,18 @@ def _simplified(
     return enclosing_polygons(shapes, most, clear=clear)
 
 
-def _legs(way: Points) -> NDArray[Any]:
+def _legs(path: Points) -> NDArray[Any]:
     """Return the legs of a path as Shapely lines, or its only point."""
     import shapely
 
     return np.asarray(
-        shapely.points(way[:1])
-        if len(way) == 1
-        else shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+        shapely.points(path[:1])
+        if len(path) == 1
+        else shapely.linestrings(np.stack([path[:-1], path[1:]], axis=1))
     )
 
 
-def _filled(region: SearchRegion) -> Any:
+def _fill_holes(region: SearchRegion) -> Any:
     """Return the outline of a region without its holes."""
     import shapely
 
@@ -623,7 +628,7 @@ def _window(shape: Any) -> Any:
     return shapely.box(*shape.bounds).buffer(_BEYOND, join_style="mitre")
 
 
-def _clipped(zone: Any, window: Any) -> Any:
+def _clip(zone: Any, window: Any) -> Any:
     """Return the part of a zone inside a window, if this part is a polygon with fewer corners than
     the zone.
     """
@@ -681,7 +686,7 @@ def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], li
             zone for zone in zones if not any(barrier.covers(zone) for barrier in region.barriers)
         ] + list(region.barriers)
     solid = _solid_parts(shapely.union_all(zones), region.outline)
-    zones = [_clipped(zone, window) for zone in solid if zone.intersects(window)]
+    zones = [_clip(zone, window) for zone in solid if zone.intersects(window)]
     barred = shapely.union_all(zones) if zones else shapely.Polygon()
     holes = [hole for hole in region.holes if not barred.covers(hole.buffer(-TOUCH))]
     least = max(region.margin - ROUNDED, 0.0)
@@ -693,7 +698,7 @@ def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], li
     return zones, free
 
 
-def _split(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
+def _split_by_overlap(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
     """Return the shapes that overlap a polygon, and the other shapes."""
     groups: tuple[list[Any], list[Any]] = ([], [])
     for shape in shapes:

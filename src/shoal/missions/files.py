@@ -108,7 +108,7 @@ def write_missions(
                 stack.enter_context(atomic(folder / name)).write_text(
                     text, encoding="utf-8", newline="\n"
                 )
-    for name in _listed(folder) - {*texts}:
+    for name in _read_file_list(folder) - {*texts}:
         (folder / name).unlink(missing_ok=True)
     with atomic(folder / MANIFEST) as temporary:
         temporary.write_text(texts[MANIFEST], encoding="utf-8", newline="\n")
@@ -212,23 +212,28 @@ def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, di
     the mission's name.
     """
     flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
-    told = {
+    times = {
         _STARTS: {mission.name: mission.start for mission in missions if mission.start is not None},
         "durations_s": {flight["mission"]: flight["duration_s"] for flight in flights},
         "usable_fractions": {
-            one["mission"]: one["usable_fraction"]
-            for one in flights
-            if one["usable_fraction"] is not None
+            flight["mission"]: flight["usable_fraction"]
+            for flight in flights
+            if flight["usable_fraction"] is not None
         },
     }
-    return {name: values for name, values in told.items() if values}
+    return {name: values for name, values in times.items() if values}
 
 
 def _starts_text(missions: Sequence[Mission], vehicle: Vehicle | None) -> str:
     """Return a table of the start times of missions, in the order of these times."""
     rows = [("start", "mission", "lasts", "altitude")]
     for mission in sorted(
-        missions, key=lambda one: (inf if one.start is None else one.start, one.robot, one.sortie)
+        missions,
+        key=lambda mission: (
+            inf if mission.start is None else mission.start,
+            mission.robot,
+            mission.sortie,
+        ),
     ):
         start = "when its vehicle is back" if mission.start is None else _clock(mission.start)
         lasts = "" if vehicle is None else _clock(mission.duration(vehicle))
@@ -242,8 +247,8 @@ def _starts_text(missions: Sequence[Mission], vehicle: Vehicle | None) -> str:
 
 
 def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+    minutes, remainder = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{remainder:02d}"
 
 
 def _texts_beside(missions: Sequence[Mission]) -> dict[str, str]:
@@ -319,8 +324,8 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
                 continue
             content = parse(text, name)
         except InvalidInputError as error:
-            place, _, said = str(error).rpartition(": expected")
-            beside[0].add("beside", place, f"expected{said}")
+            place, _, reason = str(error).rpartition(": expected")
+            beside[0].add("beside", place, f"expected{reason}")
             continue
         for sheet in beside:
             setattr(sheet, field, content)
@@ -368,7 +373,7 @@ def _manifest(read: ReadBeside) -> dict[str, Any]:
     return content
 
 
-def _listed(folder: Path) -> set[str]:
+def _read_file_list(folder: Path) -> set[str]:
     """Return the names of the mission files that a folder's manifest lists. Without a valid
     manifest, return an empty set.
     """
@@ -404,12 +409,12 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 def format_of(path: Path) -> str:
     """Return the name of the format of a mission file."""
-    known = formats_by_suffix()
-    if path.suffix.lower() not in known:
+    formats = formats_by_suffix()
+    if path.suffix.lower() not in formats:
         raise InvalidInputError(
-            f"{path}: expected a mission file ({' '.join(known)}), got the suffix {path.suffix!r}"
+            f"{path}: expected a mission file ({' '.join(formats)}), got the suffix {path.suffix!r}"
         )
-    return known[path.suffix.lower()]
+    return formats[path.suffix.lower()]
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
@@ -558,21 +563,21 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
                 f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}"
             )
     kind = sheet.kind if sheet.kind in KINDS else "multirotor"
-    usual = Vehicle(preset=kind)
+    defaults = Vehicle(preset=kind)
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
-    same = {one.name for one in fields(Sheet)} & {one.name for one in fields(Mission)}
-    told = {name: getattr(sheet, name) for name in same} | {
+    same = {field.name for field in fields(Sheet)} & {field.name for field in fields(Mission)}
+    values = {name: getattr(sheet, name) for name in same} | {
         "robot": sheet.robot or 1,
         "sortie": sheet.sortie or 1,
         "kind": kind,
         "autopilot": "ardupilot" if sheet.autopilot == "ardupilot" else "px4",
-        "altitude": sheet.altitudes[0] if sheet.altitudes else usual.height,
-        "speed": usual.cruise if sheet.speed is None else sheet.speed,
+        "altitude": sheet.altitudes[0] if sheet.altitudes else defaults.height,
+        "speed": defaults.cruise if sheet.speed is None else sheet.speed,
         "altitude_frame": sheet.altitude_frame or "home",
         "speeds": None if sheet.speeds is None else np.array(sheet.speeds),
         "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
         "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
     }
     with errors_at(path):
-        return Mission(sheet.points, **told)
+        return Mission(sheet.points, **values)

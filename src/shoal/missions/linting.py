@@ -20,7 +20,7 @@ from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
 from shoal.missions.files import mission_of, open_sheets
 from shoal.missions.formats.fences import FENCE
 from shoal.missions.mission import CAPS
-from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, way_of
+from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, path_of
 from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.projection import LocalFrame
@@ -113,7 +113,8 @@ def lint_sheets(
     if limits.fence_distance is not None:
         check_number(limits.fence_distance, what="fence_distance", least=0)
         hidden = any(
-            not sheet.readable or any(one.rule == "beside" for one in sheet.diagnostics)
+            not sheet.readable
+            or any(diagnostic.rule == "beside" for diagnostic in sheet.diagnostics)
             for sheet in sheets
         )
         if not hidden and not any(sheet.fence is not None for sheet in sheets):
@@ -159,17 +160,17 @@ def _check_whole(sheet: Sheet) -> None:
                 np.vstack([sheet.points, sheet.landing or sheet.home])
             )
     except InvalidInputError as error:
-        if not any(RULES[one.rule].severity == "error" for one in sheet.diagnostics):
-            _, _, said = str(error).partition(": expected ")
-            sheet.add("invalid", "", f"expected {said}")
+        if not any(RULES[diagnostic.rule].severity == "error" for diagnostic in sheet.diagnostics):
+            _, _, reason = str(error).partition(": expected ")
+            sheet.add("invalid", "", f"expected {reason}")
 
 
 def _check_curves(sheet: Sheet, radius: float) -> None:
     """Add diagnostics for turns of a fixed wing that are too narrow, and for a landing that is too
     steep.
     """
-    way = way_of(sheet) if sheet.kind == "fixed-wing" else None
-    if way is None:
+    path = path_of(sheet) if sheet.kind == "fixed-wing" else None
+    if path is None:
         return
     if (
         sheet.landing is not None
@@ -177,15 +178,15 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
         and sheet.altitudes
         and sheet.altitude_frame != "sea"
     ):
-        away = float(np.hypot(*(way[-1] - way[-2])))
-        if sheet.altitudes[-1] > away * math.tan(math.radians(_STEEPEST)):
-            said = (
+        distance = float(np.hypot(*(path[-1] - path[-2])))
+        if sheet.altitudes[-1] > distance * math.tan(math.radians(_STEEPEST)):
+            message = (
                 f"expected an approach of at most {_STEEPEST:g} degrees, got"
-                f" {sheet.altitudes[-1]:g} m down over {away:.4g} m"
+                f" {sheet.altitudes[-1]:g} m down over {distance:.4g} m"
             )
-            sheet.add("approach", sheet.places[-1], said)
-    numbers = np.flatnonzero(step_lengths(way) > ROUNDING)
-    legs = np.diff(way, axis=0)[numbers]
+            sheet.add("approach", sheet.places[-1], message)
+    numbers = np.flatnonzero(step_lengths(path) > ROUNDING)
+    legs = np.diff(path, axis=0)[numbers]
     lengths, bearings = np.hypot(*legs.T), angles_of(legs)
     bends = np.abs((np.diff(bearings) + math.pi) % (2 * math.pi) - math.pi)
     # a circle that touches both legs begins at this distance before their vertex
@@ -211,44 +212,44 @@ def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
     reserve.
     """
     try:
-        lasting = mission_of(sheet, sheet.file).duration(vehicle)
+        duration = mission_of(sheet, sheet.file).duration(vehicle)
     except InvalidInputError as error:
         if str(error).startswith("wind_speed"):  # too slow a flight for the wind
             sheet.add("speed", "", f"expected{str(error).partition('expected')[2]}")
         return  # other rules report what else is invalid, and heights above ground give no climbs
-    if lasting > vehicle.usable_seconds:
-        said = (
+    if duration > vehicle.usable_seconds:
+        message = (
             f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance"
-            f" without the reserve, got {lasting / 60:.4g} min"
+            f" without the reserve, got {duration / 60:.4g} min"
         )
-        sheet.add("endurance", "", said)
+        sheet.add("endurance", "", message)
 
 
 def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for the steepest leg of a fixed wing if the vehicle cannot climb or sink so
     fast.
     """
-    way = (
-        way_of(sheet)
+    path = (
+        path_of(sheet)
         if sheet.kind == "fixed-wing" and len(sheet.altitudes) == len(sheet.points)
         else None
     )
-    if way is None or sheet.altitude_frame == "ground":
+    if path is None or sheet.altitude_frame == "ground":
         return
     base = sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0
     glides = sheet.landing is not None and sheet.loiter is None
     ups = np.diff(np.array([base, *sheet.altitudes, *[base] * glides]))
-    level = np.column_stack([way[: len(ups) + 1], np.zeros(len(ups) + 1)])
-    usual = vehicle.cruise if sheet.speed is None else sheet.speed
-    speeds = np.array(sheet.speeds or [usual] * (len(ups) + 1))[: len(ups)]
-    lasting = leg_seconds(level, vehicle, rate=speeds / vehicle.cruise)
+    level = np.column_stack([path[: len(ups) + 1], np.zeros(len(ups) + 1)])
+    cruise = vehicle.cruise if sheet.speed is None else sheet.speed
+    speeds = np.array(sheet.speeds or [cruise] * (len(ups) + 1))[: len(ups)]
+    durations = leg_seconds(level, vehicle, rate=speeds / vehicle.cruise)
     extra = vehicle.vertical_seconds(
         np.sign(ups) * np.maximum(np.abs(ups) - ROUNDING, 0.0)
-    ) - lasting * (1 + _ROUGH)
+    ) - durations * (1 + _ROUGH)
     worst = int(np.argmax(extra))
     if extra[worst] > 0:
         rate, most = (
-            ups[worst] / max(lasting[worst], ROUNDING),
+            ups[worst] / max(durations[worst], ROUNDING),
             vehicle.climb_speed if ups[worst] > 0 else vehicle.sink_speed,
         )
         verb = "climb" if ups[worst] > 0 else "sink"
@@ -268,10 +269,10 @@ def _check_homes(sheets: list[Sheet]) -> None:
     readable = [sheet for sheet in sheets if sheet.readable and sheet.geographic]
     if len(readable) < 3:
         return
-    usual = np.median([sheet.home for sheet in readable if sheet.home is not None], axis=0)
+    median_home = np.median([sheet.home for sheet in readable if sheet.home is not None], axis=0)
     for sheet in readable:
         assert sheet.home is not None
-        check_elsewhere(sheet, sheet.home, usual, "the other missions' home", "home")
+        check_elsewhere(sheet, sheet.home, median_home, "the other missions' home", "home")
 
 
 def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
@@ -334,14 +335,14 @@ def _check_sorties(sheets: list[Sheet]) -> None:
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:
             numbers[Path(sheet.file).suffix, sheet.robot][sheet.sortie] = sheet
-    for (_, robot), found in numbers.items():
-        missing = next(number for number in count(1) if number not in found)
-        if missing < max(found):
-            sheet = found[max(found)]
+    for (_, robot), by_sortie in numbers.items():
+        missing = next(number for number in count(1) if number not in by_sortie)
+        if missing < max(by_sortie):
+            sheet = by_sortie[max(by_sortie)]
             sheet.add(
                 "sortie-missing",
                 "",
-                f"expected sorties 1 to {max(found)} of robot {robot}, got none with number"
+                f"expected sorties 1 to {max(by_sortie)} of robot {robot}, got none with number"
                 f" {missing}",
             )
 
@@ -352,10 +353,12 @@ def _check_formats(sheets: list[Sheet]) -> None:
     for sheet in sheets:
         if not sheet.readable or sheet.robot is None or sheet.sortie is None:
             continue
-        known = first.setdefault((sheet.robot, sheet.sortie), sheet)
-        what = _difference(known, sheet)
-        if what:
-            sheet.add("formats-differ", "", f"expected the content of {known.file}, got {what}")
+        reference = first.setdefault((sheet.robot, sheet.sortie), sheet)
+        difference = _difference(reference, sheet)
+        if difference:
+            sheet.add(
+                "formats-differ", "", f"expected the content of {reference.file}, got {difference}"
+            )
 
 
 def _check_fences(sheets: list[Sheet]) -> None:
@@ -371,17 +374,17 @@ def _check_fences(sheets: list[Sheet]) -> None:
                 sheet.add("fence-differs", "", f"expected a fence, as {fenced} has one, got none")
 
 
-def _difference(one: Sheet, other: Sheet) -> str:
+def _difference(sheet: Sheet, other: Sheet) -> str:
     """Return a text about the difference between two sheets of one sortie, or an empty text if the
     sheets agree.
     """
-    same = _SAME_PLACE if one.geographic else _SAME_METRES
-    if one.geographic != other.geographic:
+    same = _SAME_PLACE if sheet.geographic else _SAME_METRES
+    if sheet.geographic != other.geographic:
         return "metres beside degrees"
-    if len(one.points) != len(other.points):
-        return f"{len(other.points)} waypoints instead of {len(one.points)}"
+    if len(sheet.points) != len(other.points):
+        return f"{len(other.points)} waypoints instead of {len(sheet.points)}"
     apart = np.abs(
-        np.vstack([one.points, np.array([one.home])])
+        np.vstack([sheet.points, np.array([sheet.home])])
         - np.vstack([other.points, np.array([other.home])])
     ).max(axis=1)
     if apart[-1] > same:
@@ -389,14 +392,14 @@ def _difference(one: Sheet, other: Sheet) -> str:
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
     for name in ("autopilot", "kind", "speed", "waypoints_out", "waypoints_home"):
-        mine, theirs = getattr(one, name), getattr(other, name)
-        if None not in (mine, theirs) and mine != theirs:
-            return f"{theirs!r} as {name} instead of {mine!r}"
-    if one.speeds != other.speeds and None not in (one.speed, other.speed):
+        value, other_value = getattr(sheet, name), getattr(other, name)
+        if None not in (value, other_value) and value != other_value:
+            return f"{other_value!r} as {name} instead of {value!r}"
+    if sheet.speeds != other.speeds and None not in (sheet.speed, other.speed):
         return "other speeds on some legs"
-    same_frame = (one.altitude_frame or "home") == (other.altitude_frame or "home")
-    if same_frame and one.altitudes and len(one.altitudes) == len(other.altitudes):
-        for mine, theirs in zip(one.altitudes, other.altitudes, strict=True):
-            if abs(mine - theirs) > 0.011:
-                return f"a height of {theirs:g} m instead of {mine:g} m"
+    same_frame = (sheet.altitude_frame or "home") == (other.altitude_frame or "home")
+    if same_frame and sheet.altitudes and len(sheet.altitudes) == len(other.altitudes):
+        for value, other_value in zip(sheet.altitudes, other.altitudes, strict=True):
+            if abs(value - other_value) > 0.011:
+                return f"a height of {other_value:g} m instead of {value:g} m"
     return ""

@@ -262,12 +262,12 @@ class Mission:
 
         For coordinates in degrees, the length is measured on the WGS84 ellipsoid.
         """
-        way = np.vstack([self.home, self.waypoints, self.end])
+        path = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
-            return float(step_lengths(way).sum())
+            return float(step_lengths(path).sum())
         from pyproj import Geod
 
-        return float(Geod(ellps="WGS84").line_length(way[:, 0], way[:, 1]))
+        return float(Geod(ellps="WGS84").line_length(path[:, 0], path[:, 1]))
 
     @property
     def heights_above_home(self) -> NDArray[np.float64]:
@@ -308,12 +308,12 @@ class Mission:
         InvalidInputError
             If heights above home are unknown, or if a waypoint is too far from home.
         """
-        way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
-        return trajectory(way, vehicle, rate=self.rates(vehicle)).duration
+        path = self.path_in(LocalFrame(*self.home) if self.geographic else None)
+        return trajectory(path, vehicle, rate=self.rates(vehicle)).duration
 
     def rates(self, vehicle: Vehicle) -> float | NDArray[np.float64]:
         """Return the speed of the mission divided by the vehicle's cruise speed: one number, or one
-        for each leg of `way_in`.
+        for each leg of `path_in`.
         """
         if self.speeds is None:
             return self.speed / vehicle.cruise
@@ -324,11 +324,11 @@ class Mission:
         """Return the duration and the usable fraction of the mission, for a given vehicle, as a
         mapping for JSON.
         """
-        lasting, usable = self.duration(vehicle), vehicle.usable_seconds
+        duration, usable = self.duration(vehicle), vehicle.usable_seconds
         return {
             "mission": self.name,
-            "duration_s": lasting,
-            "usable_fraction": None if usable == inf else lasting / usable,
+            "duration_s": duration,
+            "usable_fraction": None if usable == inf else duration / usable,
         }
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
@@ -339,7 +339,7 @@ class Mission:
         """
         return circle_around(self.end, self.loiter, frame)
 
-    def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
+    def path_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the vehicle's path from take-off to landing, in metres of a local frame; float64,
         shape (n, 3).
 
@@ -454,28 +454,31 @@ def split_missions(
     if flight.home is None:
         flight = replace(flight, home=points[0, :2])
     vehicle, frame = flight.vehicle, flight.frame
-    settings = _settings(vehicle)
+    settings = _mission_settings(vehicle)
     beside = OVERHEAD[vehicle.kind] + sum(
         count for name, count in EXTRA.items() if settings[name] is not None
     )
     most = CAPS[autopilot] if cap is None else cap
-    room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
+    # at least two waypoints
+    most_waypoints = check_integer(most, what="cap", least=2 + beside) - beside
     check_number(tolerance, what="tolerance", least=0)
     check_integer(out, what="out", least=0, most=len(points) - 1)
-    way_out, way = (
+    path_out, path = (
         merge_straight_legs(points[: out + 1], tolerance)[:-1],
         merge_straight_legs(points[out:], tolerance),
     )
-    parts = Sorties(np.vstack([way_out, way]), flight, room, ways, robot, len(way_out)).parts()
+    parts = Sorties(
+        np.vstack([path_out, path]), flight, most_waypoints, ways, robot, len(path_out)
+    ).parts()
 
-    def placed(array: Points) -> Points:
+    def to_frame(array: Points) -> Points:
         return array if frame is None else frame.to_degrees(array)
 
-    home, last = (tuple(place) for place in placed(np.stack([flight.home, flight.end])).tolist())
+    home, last = (tuple(place) for place in to_frame(np.stack([flight.home, flight.end])).tolist())
     ends = [None] * len(parts) if flight.ending == "return" else [home] * (len(parts) - 1) + [last]
     return tuple(
         Mission(
-            placed(part[:, :2]),
+            to_frame(part[:, :2]),
             home,
             robot,
             number,
@@ -518,7 +521,7 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) ->
     return levels
 
 
-def _settings(vehicle: Vehicle) -> dict[str, Any]:
+def _mission_settings(vehicle: Vehicle) -> dict[str, Any]:
     """Return the settings of a vehicle that a mission stores, except for the speed."""
     flies = vehicle.kind != "rover"
     pitch = (

@@ -25,7 +25,7 @@ from shoal.missions.approach import (
 from shoal.missions.checking import MissionCheck, check_sheets
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.diagnostics import Sheet
-from shoal.missions.fence import CORNERS, fenced_region
+from shoal.missions.fence import CORNERS, region_with_barriers
 from shoal.missions.files import (
     format_of,
     mission_of,
@@ -131,18 +131,18 @@ class MissionSet:
         if reserve:
             problem = problem.replaced(cross_track=reserve).at_place(problem.place)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
-        fenced = _fenced_problem(problem, options)
+        fenced = _add_barriers(problem, options)
         widest = fenced.margin or 0.0
         refusal: InvalidInputError | None = None
         for turned, share in attempts(problem, widest):
             if refusal is not None and problem.margin is None:
                 narrower = problem.replaced(margin=share * widest).at_place(problem.place)
-                fenced = _fenced_problem(narrower, options)
+                fenced = _add_barriers(narrower, options)
             try:
                 plan = plan_at_margin(fenced, seed=seed, turned=turned)
                 if turned:  # a run of the problem makes the same plan
                     fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
-                made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
+                missions = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
                 break
             except InvalidInputError as error:
                 # another angle or margin is tried for room alone, but may fail for any reason
@@ -153,22 +153,22 @@ class MissionSet:
             assert refusal is not None
             if not (reserve and isinstance(refusal, NoRoomError)):
                 raise refusal
-            made = cls.from_problem(bare, options, seed=seed)
+            missions = cls.from_problem(bare, options, seed=seed)
             tell_once(
                 f"cross_track: 0 m in place of {reserve:.3g} m, because with narrower rows a vehicle has"
                 " no room for its turns or its path: with errors of positions, gaps may remain"
             )
-            return made
-        if options.kept_apart is not None and plan.image is None:
-            made = made._fastest(plan.alternatives, terrain)
+            return missions
+        if options.required_separation is not None and plan.image is None:
+            missions = missions._pick_fastest(plan.alternatives, terrain)
         if not fenced.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
             )
         if fenced.margin != widest:
             tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
-        made._tell_if_late()
-        return made
+        missions._tell_if_late()
+        return missions
 
     def _tell_if_late(self) -> None:
         """Tell if the last vehicle is back later than the limit of a plan with a prior."""
@@ -185,7 +185,9 @@ class MissionSet:
                 " others that they are kept apart from, or follow the ground"
             )
 
-    def _fastest(self, alternatives: Sequence[SearchPlan], terrain: Terrain | None) -> MissionSet:
+    def _pick_fastest(
+        self, alternatives: Sequence[SearchPlan], terrain: Terrain | None
+    ) -> MissionSet:
         """Return these missions, or those of an alternative plan whose last vehicle is back
         earlier, because fewer vehicles wait for others.
         """
@@ -195,12 +197,12 @@ class MissionSet:
             if without_delays(plan) >= best.end:
                 break
             # a run of the problem with these names makes the same plan
-            found = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
+            choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
             named = problem.replaced(
-                **{key: name for key, name in found.items() if getattr(problem, key) == AUTO}
+                **{key: name for key, name in choices.items() if getattr(problem, key) == AUTO}
             )
             try:
-                other = self.from_plan(
+                alternative = self.from_plan(
                     plan,
                     self.options,
                     problem=named.at_place(problem.place),
@@ -209,7 +211,7 @@ class MissionSet:
                 )
             except InvalidInputError:
                 continue
-            best = other if other.end < best.end else best
+            best = alternative if alternative.end < best.end else best
         return best
 
     @property
@@ -240,7 +242,7 @@ class MissionSet:
         rally = options.rally
         missions = plan_missions(
             plan,
-            separation=options.kept_apart,
+            separation=options.required_separation,
             rally=None if rally is None else read_points(Path(rally), region, what="rally points"),
             fenced=options.fenced,
             airspace=options.airspace,
@@ -337,7 +339,7 @@ class MissionSet:
             footprint=planned if self.problem is None else self.problem.view,
             angle=self.plan.facing,
             cap=self.options.cap,
-            separation=self.options.kept_apart or (0.0,),
+            separation=self.options.required_separation or (0.0,),
             vehicle=self.plan.vehicle,
         )
 
@@ -351,7 +353,7 @@ class MissionSet:
         """The nearest approach of two vehicles, or None if they always keep the vertical
         separation, or if the options ask for no separation.
         """
-        plan, separation = self.plan, self.options.kept_apart
+        plan, separation = self.plan, self.options.required_separation
         if plan is None or separation is None:
             return None
         return missions_approach(
@@ -378,7 +380,7 @@ class MissionSet:
 
     def report(self) -> dict[str, Any]:
         """Return a summary of planned missions as JSON data."""
-        plan, separation, near = self.plan, self.options.kept_apart, self.approach
+        plan, separation, near = self.plan, self.options.required_separation, self.approach
         assert plan is not None
         vehicle, region = plan.vehicle, plan.grid.region
         homes = (
@@ -412,13 +414,13 @@ class MissionSet:
         }
 
 
-def _fenced_problem(problem: SearchProblem, options: MissionOptions) -> SearchProblem:
+def _add_barriers(problem: SearchProblem, options: MissionOptions) -> SearchProblem:
     """Return a problem with the margin of missions, and with exclusion polygons that the autopilot
     can store.
     """
     region = problem.kept_margin(without_margin(problem.place), fenced=True)
     if options.fenced:
-        region = fenced_region(
+        region = region_with_barriers(
             region,
             CORNERS[options.autopilot],
             places=np.concatenate(problem.known_places(region)),

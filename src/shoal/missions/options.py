@@ -53,18 +53,18 @@ def check_separation(value: Any) -> tuple[float, ...] | Separation:
     """
     if isinstance(value, Separation):
         return value
-    given = value if isinstance(value, list | tuple | np.ndarray) else (value,)
-    if not 1 <= len(given) <= 2:
+    distances = value if isinstance(value, list | tuple | np.ndarray) else (value,)
+    if not 1 <= len(distances) <= 2:
         raise InvalidInputError(
             "separation: expected a horizontal and a vertical distance in metres, got"
             f" {shortened(value)}"
         )
-    horizontal = check_number(given[0], what="separation", least=0)
+    horizontal = check_number(distances[0], what="separation", least=0)
     if not horizontal:
         return (0.0,)
     return horizontal, (
-        check_number(given[1], what="separation, vertically", least=0.1)
-        if len(given) > 1
+        check_number(distances[1], what="separation, vertically", least=0.1)
+        if len(distances) > 1
         else VERTICAL
     )
 
@@ -76,7 +76,7 @@ class MissionOptions(Problem):
 
     Examples
     --------
-    >>> MissionOptions(separation=20).kept_apart
+    >>> MissionOptions(separation=20).required_separation
     Separation(horizontal=20.0, vertical=5.0, delay=10.0)
     """
 
@@ -161,7 +161,7 @@ class MissionOptions(Problem):
         _check_effects(self)
 
     @property
-    def kept_apart(self) -> Separation | None:
+    def required_separation(self) -> Separation | None:
         """The separation of vehicles in flight, or None if the planner does not keep vehicles
         apart.
         """
@@ -375,7 +375,7 @@ class CheckOptions(Problem):
         return None if self.vehicle is None else vehicle_of(self.vehicle)
 
     @property
-    def kept_apart(self) -> Separation | None:
+    def required_separation(self) -> Separation | None:
         """The separation that vehicles in flight must keep, or None if the check compares no
         vehicles.
         """

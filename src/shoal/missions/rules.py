@@ -48,11 +48,11 @@ def check_coordinates(sheet: Sheet) -> None:
         if abs(longitude) <= 180 and abs(latitude) <= 90:
             continue
         swapped = abs(longitude) <= 90 and abs(latitude) <= 180
-        said = (
+        message = (
             f"expected a longitude within ±180 and a latitude within ±90, got {longitude:.10g} and"
             f" {latitude:.10g}"
         )
-        sheet.add("axes-swapped" if swapped else "out-of-range", place, said)
+        sheet.add("axes-swapped" if swapped else "out-of-range", place, message)
     if sheet.readable:
         check_elsewhere(sheet, sheet.points[0], sheet.home, "home", sheet.places[0])
         _check_meridian(sheet)
@@ -72,29 +72,31 @@ def _check_numbers(sheet: Sheet) -> None:
         sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
 
 
-def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
+def check_elsewhere(sheet: Sheet, point: Any, reference: Any, name: str, place: str) -> None:
     """Add a diagnostic if a point is far from a known position, but near this position after a swap
     of longitude and latitude.
     """
-    distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
-    if distance > _ELSEWHERE and other < _ELSEWHERE:
+    distance = _metres_between(point, reference)
+    swapped_distance = _metres_between(point[::-1], reference)
+    if distance > _ELSEWHERE and swapped_distance < _ELSEWHERE:
         sheet.add(
             "axes-swapped",
             place,
-            f"expected longitude and latitude near {name} {text_of(known)}, got {text_of(point)},"
+            f"expected longitude and latitude near {name} {text_of(reference)}, got"
+            f" {text_of(point)},"
             f" {distance / 1000:.0f} km away: the two swapped are near it",
         )
 
 
 def _check_meridian(sheet: Sheet) -> None:
     assert sheet.home is not None
-    way = np.vstack([sheet.home, sheet.points])
-    for index in np.flatnonzero(np.abs(np.diff(way[:, 0])) > 180).tolist():
-        said = (
-            f"expected no leg across the 180° meridian, got a leg from {text_of(way[index])} to"
-            f" {text_of(way[index + 1])}"
+    path = np.vstack([sheet.home, sheet.points])
+    for index in np.flatnonzero(np.abs(np.diff(path[:, 0])) > 180).tolist():
+        message = (
+            f"expected no leg across the 180° meridian, got a leg from {text_of(path[index])} to"
+            f" {text_of(path[index + 1])}"
         )
-        sheet.add("antimeridian", sheet.places[index], said)
+        sheet.add("antimeridian", sheet.places[index], message)
 
 
 def check_sense(
@@ -120,8 +122,8 @@ def check_sense(
     _check_altitude(sheet)
     _check_acceptance(sheet)
     _check_rally(sheet)
-    if sheet.fence is not None and (way := way_of(sheet)) is not None:
-        _check_fence(sheet, way, sheet.fence)
+    if sheet.fence is not None and (path := path_of(sheet)) is not None:
+        _check_fence(sheet, path, sheet.fence)
         if fence_distance is not None:
             _check_near_fence(sheet, fence_distance)
     if sheet.speed is not None and not 0 < sheet.speed <= FASTEST:
@@ -136,10 +138,10 @@ def check_sense(
             "",
             f"expected coordinates with at least 7 decimals, got {sheet.decimals}",
         )
-    again = np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)
+    repeats = np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)
     if len(sheet.altitudes) == len(sheet.points):
-        again &= np.abs(np.diff(sheet.altitudes)) <= _SAME_HEIGHT
-    for index in np.flatnonzero(again).tolist():
+        repeats &= np.abs(np.diff(sheet.altitudes)) <= _SAME_HEIGHT
+    for index in np.flatnonzero(repeats).tolist():
         sheet.add(
             "duplicate",
             sheet.places[index + 1],
@@ -158,11 +160,13 @@ def check_sense(
 
 def _check_cap(sheet: Sheet, cap: int | None, autopilot: str | None) -> None:
     items = sheet.n_items or len(sheet.points) + OVERHEAD[sheet.kind or "multirotor"]
-    known = sheet.autopilot or autopilot
-    most = cap if cap is not None else CAPS[known] if known is not None else max(CAPS.values())
+    autopilot = sheet.autopilot or autopilot
+    most = (
+        cap if cap is not None else CAPS[autopilot] if autopilot is not None else max(CAPS.values())
+    )
     if items > most:
         sheet.add("cap", "", f"expected at most {most} items, home included, got {items}")
-    elif cap is None and known is None and items > CAPS["ardupilot"]:
+    elif cap is None and autopilot is None and items > CAPS["ardupilot"]:
         sheet.add(
             "cap-ardupilot",
             "",
@@ -174,9 +178,9 @@ def _check_altitude(sheet: Sheet) -> None:
     flies = sheet.kind != "rover"
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     # otherwise the height of home is unknown
-    known = sheet.altitude_frame != "sea" or sheet.elevation is not None
+    comparable = sheet.altitude_frame != "sea" or sheet.elevation is not None
     lowest = min(sheet.altitudes, default=0.0)
-    if flies and known and lowest <= base:
+    if flies and comparable and lowest <= base:
         place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
         # A mission over a valley goes below home, and is above home elsewhere.
         if lowest == base or max(sheet.altitudes) <= base or sheet.altitude_frame == "ground":
@@ -229,11 +233,11 @@ def _check_altitude(sheet: Sheet) -> None:
         and count == 1
     ):  # wings climb on the way
         low, high = min(sheet.altitudes), max(sheet.altitudes)
-        said = (
+        message = (
             f"expected one height, or several waypoints at each, got {rare:g} m once among heights"
             f" from {low:g} to {high:g} m"
         )
-        sheet.add("altitude-varies", "", said)
+        sheet.add("altitude-varies", "", message)
 
 
 def _check_acceptance(sheet: Sheet) -> None:
@@ -261,19 +265,19 @@ def _check_acceptance(sheet: Sheet) -> None:
         )
 
 
-def way_of(sheet: Sheet) -> Points | None:
+def path_of(sheet: Sheet) -> Points | None:
     """Return home, the waypoints and the end point in metres, or None if these points are too far
     apart for a local frame.
     """
     assert sheet.home is not None
-    way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
+    path = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
     try:
-        return LocalFrame(*sheet.home).to_metres(way) if sheet.geographic else way
+        return LocalFrame(*sheet.home).to_metres(path) if sheet.geographic else path
     except InvalidInputError:
         return None
 
 
-def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
+def _check_fence(sheet: Sheet, path: Points, fence: Fence) -> None:
     """Add diagnostics for legs that leave the fence, including the legs from home and to the
     landing point.
     """
@@ -286,7 +290,7 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
     except InvalidInputError:
         return  # too far from home
     shapely.prepare(area)
-    lines = shapely.linestrings(segments_of(way))
+    lines = shapely.linestrings(segments_of(path))
     names = [
         "from home",
         *(f"to {place}" for place in sheet.places[1:]),
@@ -297,11 +301,11 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
     if len(circle):
         lines = np.append(lines, shapely.linestrings(circle))
     for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
-        said = (
+        message = (
             "expected paths inside the fence, got a path that leaves the fence or enters a zone,"
             f" {names[index]}"
         )
-        sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)
+        sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], message)
 
 
 def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.float64]]:
@@ -312,8 +316,8 @@ def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.
     the mission is too far away for a local frame, the result is empty.
     """
     assert sheet.home is not None
-    way = way_of(sheet)
-    if way is None:
+    path = path_of(sheet)
+    if path is None:
         return [], np.zeros(0)
     frame = LocalFrame(*sheet.home) if sheet.geographic else None
     names = [
@@ -321,16 +325,16 @@ def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.
         *(f"{place}, the path to it" for place in sheet.places[1:]),
         "the path to its end",
     ]
-    ways = [way[k : k + 2] for k in range(len(way) - 1)]
+    paths = [path[k : k + 2] for k in range(len(path) - 1)]
     circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
     rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 2)
     try:
         points = rally if frame is None else frame.to_metres(rally)
-        ways += [circle] * bool(len(circle)) + [point[None] for point in points]
+        paths += [circle] * bool(len(circle)) + [point[None] for point in points]
         names += ["the last circle"] * bool(len(circle)) + [
             f"rally point {k}" for k in range(1, len(rally) + 1)
         ]
-        return names, fence.clearances(ways, frame)
+        return names, fence.clearances(paths, frame)
     except InvalidInputError:
         return [], np.zeros(0)
 
@@ -340,14 +344,14 @@ def _check_near_fence(sheet: Sheet, least: float) -> None:
     do not leave the fence.
     """
     assert sheet.fence is not None
-    for name, away in zip(*fence_clearances(sheet, sheet.fence), strict=True):
-        if -ROUNDING <= away < least - ROUNDING:
-            place, _, what = name.partition(", ")
-            said = (
+    for name, distance in zip(*fence_clearances(sheet, sheet.fence), strict=True):
+        if -ROUNDING <= distance < least - ROUNDING:
+            place, _, detail = name.partition(", ")
+            message = (
                 f"expected at least {least:g} m between all paths and the fence, got"
-                f" {max(away, 0.0):.3g} m"
+                f" {max(distance, 0.0):.3g} m"
             )
-            sheet.add("fence-near", place if what else "", f"{said}, {what or name}")
+            sheet.add("fence-near", place if detail else "", f"{message}, {detail or name}")
 
 
 def _check_rally(sheet: Sheet) -> None:
@@ -366,11 +370,11 @@ def _check_rally(sheet: Sheet) -> None:
     except InvalidInputError:
         inside = np.zeros(len(sheet.rally), dtype=np.bool_)  # too far away for one local frame
     for number in np.flatnonzero(~inside).tolist():
-        said = (
+        message = (
             "expected rally points inside the fence and outside its zones, got"
             f" {text_of(sheet.rally[number])}"
         )
-        sheet.add("rally", f"rally point {number + 1}", said)
+        sheet.add("rally", f"rally point {number + 1}", message)
 
 
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
@@ -380,14 +384,14 @@ def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
     return np.array([_metres_between(point, place) for point in sheet.points.tolist()])
 
 
-def _metres_between(one: Any, other: Any) -> float:
+def _metres_between(first: Any, second: Any) -> float:
     """Return the distance in metres between two points in degrees, on a sphere. For an invalid
     point, return infinity.
     """
-    if max(abs(one[1]), abs(other[1])) > 90:
+    if max(abs(first[1]), abs(second[1])) > 90:
         return math.inf
-    low, high = math.radians(one[1]), math.radians(other[1])
-    width = math.radians(other[0] - one[0])
+    low, high = math.radians(first[1]), math.radians(second[1])
+    width = math.radians(second[0] - first[0])
     chord = (
         math.sin((high - low) / 2) ** 2 + math.cos(low) * math.cos(high) * math.sin(width / 2) ** 2
     )
@@ -416,7 +420,9 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
     InvalidInputError
         If the mission is in degrees and the region in metres, or the reverse.
     """
-    way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
+    path = np.vstack(
+        [np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])]
+    )
     if sheet.geographic != (region.frame is not None):
         units = ["metres", "degrees"]
         raise InvalidInputError(
@@ -424,27 +430,27 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
             f" {region.name!r} is, got one in {units[sheet.geographic]}"
         )
     if region.frame is None:
-        return way
+        return path
     origin = (region.frame.longitude, region.frame.latitude)
-    near = np.array([_metres_between(point, origin) < 1.5 * REACH for point in way.tolist()])
-    metres = np.full(way.shape, np.inf)
-    metres[near] = region.frame.to_metres(way[near])
+    near = np.array([_metres_between(point, origin) < 1.5 * REACH for point in path.tolist()])
+    metres = np.full(path.shape, np.inf)
+    metres[near] = region.frame.to_metres(path[near])
     return metres
 
 
-def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+def inside_of(region: SearchRegion, path: Points) -> NDArray[np.bool_]:
     """Return, for each point, whether robots may be there, with a tolerance for rounded
     coordinates; bool, shape (n,).
     """
     import shapely
 
-    near = np.asarray(np.isfinite(way).all(axis=1))
+    near = np.asarray(np.isfinite(path).all(axis=1))
     allowed = region.free.buffer(ROUNDING)
     shapely.prepare(allowed)
-    return np.asarray(near & shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0.0).T))
+    return np.asarray(near & shapely.intersects_xy(allowed, *np.where(near[:, None], path, 0.0).T))
 
 
-def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
+def search_slice(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
     """Return the slice of the waypoints that belong to the search, without the paths from home and
     to the end.
 
@@ -456,14 +462,14 @@ def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
 
     Examples
     --------
-    >>> searching(np.array([False, False, True, False, True, False]))
+    >>> search_slice(np.array([False, False, True, False, True, False]))
     slice(1, 4, None)
     """
-    there = np.flatnonzero(inside[1:-1])
-    if not len(there):
+    indices = np.flatnonzero(inside[1:-1])
+    if not len(indices):
         return slice(0, len(inside) - 2)
     first, last = inside[[0, -1]] & (kind != "fixed-wing")
-    return slice(0 if first else int(there[0]), len(inside) - 2 if last else int(there[-1]) + 1)
+    return slice(0 if first else int(indices[0]), len(inside) - 2 if last else int(indices[-1]) + 1)
 
 
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
@@ -473,7 +479,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     Turns of fixed wings may leave the region by at most ``airspace`` metres, or by any distance if
     ``airspace`` is None.
     """
-    way = metres_of(sheet, region)
+    path = metres_of(sheet, region)
     if region.frame is not None:
         check_elsewhere(
             sheet,
@@ -486,7 +492,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             return
     import shapely
 
-    near = np.asarray(np.isfinite(way).all(axis=1))
+    near = np.asarray(np.isfinite(path).all(axis=1))
     allowed = region.free.buffer(ROUNDING)
     forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
@@ -498,35 +504,37 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
                 f"rally point {number}",
                 f"expected rally points outside the no-go zones, got {text_of(rally)}",
             )
-    inside = inside_of(region, way)
-    barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
-    here = searching(inside, sheet.kind)
-    passed = _between_parts(sheet, region, way)
+    inside = inside_of(region, path)
+    barred = near & np.asarray(
+        shapely.intersects_xy(forbidden, *np.where(near[:, None], path, 0).T)
+    )
+    searched = search_slice(inside, sheet.kind)
+    passed = _between_parts(sheet, region, path)
     stray = ~inside[1:-1]
-    stray[: here.start] = stray[here.stop :] = False
-    gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], way, 0.0)))
+    stray[: searched.start] = stray[searched.stop :] = False
+    gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], path, 0.0)))
     elsewhere = ~near | (gaps > _ELSEWHERE)
     if elsewhere[-1] and sheet.landing is not None:
-        said = (
+        message = (
             f"expected an end of the mission near the region {region.name!r}, got"
             f" {text_of(sheet.landing)}, far outside"
         )
-        sheet.add("outside-region", "end", said)
+        sheet.add("outside-region", "end", message)
     for index in np.flatnonzero(stray | barred[1:-1] | elsewhere[1:-1]).tolist():
         point, place = text_of(sheet.points[index]), sheet.places[index]
         if elsewhere[index + 1]:
-            said = (
+            message = (
                 f"expected a waypoint in the region {region.name!r}{region.margin_text}, got"
                 f" {point}, far outside"
             )
             x, y = sheet.points[index].tolist()
-            other = _in_plane((y, x), region)
-            swapped = region.frame is not None and max(other) < math.inf
-            swapped = swapped and region.free.distance(shapely.Point(other)) < _ELSEWHERE
+            swapped_point = _in_plane((y, x), region)
+            swapped = region.frame is not None and max(swapped_point) < math.inf
+            swapped = swapped and region.free.distance(shapely.Point(swapped_point)) < _ELSEWHERE
             sheet.add(
                 "outside-region",
                 place,
-                f"{said}{': latitude and longitude swapped are near it' * swapped}",
+                f"{message}{': latitude and longitude swapped are near it' * swapped}",
             )
         elif barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
@@ -534,31 +542,31 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             if sheet.kind == "fixed-wing" or passed[index]:
                 # the vehicle turns there, or flies from part to part: its legs are reported instead
                 continue
-            where = region.outside_text(way[index + 1])
-            said = (
+            where = region.outside_text(path[index + 1])
+            message = (
                 f"expected a waypoint in the region {region.name!r}{region.margin_text}, got"
                 f" {point}, {where}"
             )
-            sheet.add("outside-region", place, said)
-    outside = _check_legs(sheet, way, here, allowed, forbidden)
+            sheet.add("outside-region", place, message)
+    outside = _check_legs(sheet, path, searched, allowed, forbidden)
     if sheet.kind == "fixed-wing" and outside.any():
-        ends = way[1:][np.concatenate([outside[:-1] | outside[1:], outside[-1:]])]
-        away = float(shapely.distance(region.free, shapely.points(ends)).max())
+        ends = path[1:][np.concatenate([outside[:-1] | outside[1:], outside[-1:]])]
+        distance = float(shapely.distance(region.free, shapely.points(ends)).max())
         if airspace is None:
             sheet.add(
                 "transit",
                 "",
-                f"expected turns inside the region, got turns up to {away:.3g} m outside",
+                f"expected turns inside the region, got turns up to {distance:.3g} m outside",
             )
-        elif away > airspace + ROUNDING:
+        elif distance > airspace + ROUNDING:
             sheet.add(
                 "airspace",
                 "",
-                f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m",
+                f"expected turns up to {airspace:g} m outside the region, got {distance:.3g} m",
             )
 
 
-def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+def _between_parts(sheet: Sheet, region: SearchRegion, path: Points) -> NDArray[np.bool_]:
     """Return, for each waypoint, whether a flight may pass it on its way around no-go zones from
     one part of a region to another.
 
@@ -572,14 +580,14 @@ def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[n
     if len(region.parts) > 1 or sheet.fence is None or region.no_go.is_empty:
         return np.full(len(sheet.points), len(region.parts) > 1)
     area = sheet.fence.area(region.frame).buffer(ROUNDING)
-    near = np.asarray(np.isfinite(way[1:-1]).all(axis=1))
+    near = np.asarray(np.isfinite(path[1:-1]).all(axis=1))
     return np.asarray(
-        near & shapely.intersects_xy(area, *np.where(near[:, None], way[1:-1], 0.0).T)
+        near & shapely.intersects_xy(area, *np.where(near[:, None], path[1:-1], 0.0).T)
     )
 
 
 def _check_legs(
-    sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any
+    sheet: Sheet, path: Points, searched: slice, allowed: Any, forbidden: Any
 ) -> NDArray[np.bool_]:
     """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
 
@@ -589,15 +597,15 @@ def _check_legs(
     """
     import shapely
 
-    finite = np.asarray(np.isfinite(way).all(axis=1))
+    finite = np.asarray(np.isfinite(path).all(axis=1))
     usable = np.asarray(finite[:-1] & finite[1:])
-    lines = shapely.linestrings(np.where(usable[:, None, None], segments_of(way), 0.0))
+    lines = shapely.linestrings(np.where(usable[:, None, None], segments_of(path), 0.0))
     outside = usable & ~np.asarray(shapely.covers(allowed, lines))
     through = usable & np.asarray(shapely.intersects(forbidden, lines))
-    if here.start or not shapely.intersects_xy(allowed, *way[0]):
-        outside[: here.start + 1] = False
-    if here.stop < len(sheet.points) or not shapely.intersects_xy(allowed, *way[-1]):
-        outside[here.stop :] = False
+    if searched.start or not shapely.intersects_xy(allowed, *path[0]):
+        outside[: searched.start + 1] = False
+    if searched.stop < len(sheet.points) or not shapely.intersects_xy(allowed, *path[-1]):
+        outside[searched.stop :] = False
     turned = outside & ~through if sheet.kind == "fixed-wing" else np.zeros_like(outside)
     turned[[0, -1]] = False
     outside &= ~turned

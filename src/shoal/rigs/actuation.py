@@ -73,7 +73,7 @@ class Actuation:
         self.form = form
         self.name, self.device, self.limits = form.name, form.device, form.limits
         self._check_field()
-        self._matrix, self._polynomials = self._checked_coils()
+        self._matrix, self._polynomials = self._check_coils()
         self.pulses = {letter: self._pulse_of(letter) for letter in ANGLES}
         self._check_limits()
         own = self._own_names()
@@ -133,13 +133,13 @@ class Actuation:
             raise InvalidInputError(
                 f"seconds: expected at most {self.limits.pulse:g} (limits.pulse), got {seconds:g}"
             )
-        found = {
+        values = {
             "number": float(number),
             "seconds": seconds,
             "milliseconds": 1e3 * seconds,
             "microseconds": 1e6 * seconds,
         }
-        return found | (
+        return values | (
             self._custom(angle) if self.form.field is None else self._field(angle, time)
         )
 
@@ -147,16 +147,16 @@ class Actuation:
         for letter, (at, _) in self.pulses.items():
             if abs((angle - at + 180) % 360 - 180) <= WHOLE:
                 return dict(self._command(letter).values or {})
-        known = ", ".join(f"{at:g}" for at, _ in self.pulses.values())
+        angles = ", ".join(f"{at:g}" for at, _ in self.pulses.values())
         raise InvalidInputError(
-            f"angle: expected a direction of the custom commands ({known} degrees), got {angle:g}"
+            f"angle: expected a direction of the custom commands ({angles} degrees), got {angle:g}"
         )
 
     def _field(self, angle: float, time: float) -> dict[str, float]:
         form, kind = self.form.field, self.form.kind
         assert form is not None
         direction = (angle + form.heading) % 360
-        found = {
+        values = {
             "angle": direction,
             "angle_rad": radians(direction),
             "magnitude": form.magnitude,
@@ -168,7 +168,7 @@ class Actuation:
             assert form.frequency is not None
             tilt = 90.0 if form.tilt is None else form.tilt
             axis = (direction + (90 if kind == "roll" else 0)) % 360
-            found |= {
+            values |= {
                 "frequency": form.frequency,
                 "tilt": tilt,
                 "tilt_rad": radians(tilt),
@@ -179,8 +179,8 @@ class Actuation:
             turning = np.array([across, np.cross(_spherical(axis, tilt), across)], dtype=np.float64)
             phase = 2 * pi * form.frequency * time
             vector = cos(phase) * turning[0] + sin(phase) * turning[1]
-        found |= dict(zip(COMPONENTS, vector.tolist(), strict=True))
-        return found | self._levels(vector, turning)
+        values |= dict(zip(COMPONENTS, vector.tolist(), strict=True))
+        return values | self._levels(vector, turning)
 
     def _levels(
         self, vector: NDArray[np.float64], turning: NDArray[np.float64]
@@ -201,16 +201,16 @@ class Actuation:
             currents = np.maximum(currents, 0.0)
             if len(turning) == 1:
                 largest = currents
-        found = {}
+        levels = {}
         for name, current, most, polynomial in zip(
             coils.names, currents.tolist(), largest.tolist(), self._polynomials, strict=True
         ):
             self._check(most, limits.current, "current", name, "mA")
-            found[name] = current if polynomial is None else _duty(polynomial, current)
+            levels[name] = current if polynomial is None else _duty(polynomial, current)
             if polynomial is not None:
-                self._check(found[name], limits.duty, "duty", name, "")
+                self._check(levels[name], limits.duty, "duty", name, "")
                 self._check(_duty(polynomial, most), limits.duty, "duty", name, "")
-        return found
+        return levels
 
     def _check(self, value: float, limit: float | None, what: str, where: str, unit: str) -> None:
         if limit is not None and abs(value) > limit * (1 + ROUNDING):
@@ -220,7 +220,7 @@ class Actuation:
             )
 
     def _command(self, letter: str) -> CommandForm:
-        own = (one for name, one in self.form.commands.items() if name == letter)
+        own = (command for name, command in self.form.commands.items() if name == letter)
         return next(own, CommandForm())
 
     def _pulse_of(self, letter: str) -> tuple[float, float]:
@@ -231,7 +231,7 @@ class Actuation:
     def _own_names(self) -> tuple[str, ...]:
         """Return the names that templates may contain besides number and times."""
         if self.form.kind == "custom":
-            wanted: dict[str, tuple[str, ...]] = {}
+            names: dict[str, tuple[str, ...]] = {}
             for letter in ANGLES:
                 own = self._command(letter)
                 if own.values is None:
@@ -239,14 +239,14 @@ class Actuation:
                         f"commands.{letter}.values: expected the values of each command for the"
                         " kind custom, got none"
                     )
-                wanted[letter] = tuple(own.values)
-                if set(wanted[letter]) != set(wanted["r"]):
+                names[letter] = tuple(own.values)
+                if set(names[letter]) != set(names["r"]):
                     raise InvalidInputError(
                         f"commands.{letter}.values: expected the names"
-                        f" {', '.join(wanted['r'])}, got {', '.join(wanted[letter])}"
+                        f" {', '.join(names['r'])}, got {', '.join(names[letter])}"
                     )
-            _check_names(wanted["r"], "commands.r.values", TIMES)
-            return wanted["r"]
+            _check_names(names["r"], "commands.r.values", TIMES)
+            return names["r"]
         for letter, own in self.form.commands.items():
             if own.values is not None:
                 raise InvalidInputError(
@@ -275,7 +275,7 @@ class Actuation:
         elif form.frequency is None:
             raise InvalidInputError(f"field.frequency: expected one for the kind {kind}, got none")
 
-    def _checked_coils(self) -> tuple[NDArray[np.float64], list[list[float] | None]]:
+    def _check_coils(self) -> tuple[NDArray[np.float64], list[list[float] | None]]:
         coils = self.form.coils
         if coils is None:
             return np.zeros((0, 3)), []
@@ -300,13 +300,13 @@ class Actuation:
         if polynomial is None:
             return np.array(coils.matrix, dtype=np.float64), [None] * n
         nested = bool(polynomial) and isinstance(polynomial[0], list)
-        each = polynomial if nested else [polynomial] * n
-        if len(each) != n or not all(each):
+        polynomials = polynomial if nested else [polynomial] * n
+        if len(polynomials) != n or not all(polynomials):
             raise InvalidInputError(
                 f"coils.polynomial: expected coefficients, or a list of them for each of {n} coils,"
                 f" got {shortened(polynomial)}"
             )
-        return np.array(coils.matrix, dtype=np.float64), each
+        return np.array(coils.matrix, dtype=np.float64), polynomials
 
     def _check_limits(self) -> None:
         """Refuse limits that would have no effect, and a field beyond its limit."""
@@ -332,18 +332,18 @@ class Actuation:
                     f" (limits.pulse), got {seconds:g}"
                 )
 
-    def _packet(self, what: str, template: Template | None, names: Any) -> Any:
+    def _packet(self, name: str, template: Template | None, names: Any) -> Any:
         if template is None:
             return None
-        with errors_at(f"device.{what}"):
-            answer = what in ("reply", "off_reply", "error")
+        with errors_at(f"device.{name}"):
+            answer = name in ("reply", "off_reply", "error")
             return Packet(self.device.packets, template, names, answer=answer)
 
     def _check_device(self, own: tuple[str, ...]) -> None:
         """Refuse what the device cannot do, and fields without effect."""
         device = self.device
-        kind, _, rest = device.connection.partition(":")
-        if kind not in ("serial", "tcp") or not rest:
+        kind, _, endpoint = device.connection.partition(":")
+        if kind not in ("serial", "tcp") or not endpoint:
             raise InvalidInputError(
                 "device.connection: expected serial:DEVICE[@BAUD] or tcp:HOST:PORT, got"
                 f" {shortened(device.connection)}"
@@ -381,9 +381,9 @@ class Actuation:
                     f"device.{name}: expected the name number, as the answers to the"
                     f" {packet.lines} lines of a packet look alike, got none"
                 )
-        reports = [one for one in (self.reply, self.off_reply) if one is not None]
+        reports = [packet for packet in (self.reply, self.off_reply) if packet is not None]
         if self.limits.temperature is not None and not any(
-            "temperature" in one.names for one in reports
+            "temperature" in packet.names for packet in reports
         ):
             raise InvalidInputError(
                 "limits.temperature: expected the name temperature in device.reply or"

@@ -81,7 +81,8 @@ class Responses(_Form):
         """Return the motion (x, y) in cells that a pulse causes in the open."""
         towards = unit_at(angle)
         _, shares, velocities = max(
-            (self._shares(towards, pair, of="angles") for pair in PAIRS), key=lambda one: one[0]
+            (self._shares(towards, pair, of="angles") for pair in PAIRS),
+            key=lambda solution: solution[0],
         )
         return shares @ velocities * (seconds - self.dead)
 
@@ -94,26 +95,27 @@ class Responses(_Form):
         InvalidInputError
             Raised if no pulse causes the motion.
         """
-        wanted = np.asarray(motion, dtype=np.float64)
-        if not wanted.any():
+        vector = np.asarray(motion, dtype=np.float64)
+        if not vector.any():
             raise InvalidInputError("pulse: expected a motion other than 0")
         if self.only:
             lengths = {
-                letter: float(wanted @ getattr(self, letter)) / hypot(*getattr(self, letter))
+                letter: float(vector @ getattr(self, letter)) / hypot(*getattr(self, letter))
                 for letter in ANGLES
             }
             nearest = max(lengths, key=lambda letter: lengths[letter])
             seconds = lengths[nearest] / hypot(*getattr(self, nearest))
             return self.angles[nearest], seconds + self.dead
         outside, shares, directions = max(
-            (self._shares(wanted, pair, of="velocities") for pair in PAIRS), key=lambda one: one[0]
+            (self._shares(vector, pair, of="velocities") for pair in PAIRS),
+            key=lambda solution: solution[0],
         )
         if outside < -1e-6 * max(1.0, float(np.abs(shares).max())):
             raise InvalidInputError("pulse: the measured directions do not reach all around")
         x, y = shares @ directions
         return degrees(atan2(y, x)) % 360, max(hypot(x, y) + self.dead, 0.0)
 
-    def _shares(self, wanted: Points, pair: str, *, of: str) -> tuple[float, Points, Points]:
+    def _shares(self, vector: Points, pair: str, *, of: str) -> tuple[float, Points, Points]:
         """Return the shares of two neighbouring commands that make a vector: their least (below 0
         outside the quadrant), both, and what they are shares of otherwise (shape (2, 2)).
         """
@@ -122,11 +124,13 @@ class Responses(_Form):
         basis, others = (directions, velocities) if of == "angles" else (velocities, directions)
         if abs(np.linalg.det(basis)) < 1e-12:
             return -inf, np.zeros(2), others
-        shares = np.linalg.solve(basis.T, wanted)
+        shares = np.linalg.solve(basis.T, vector)
         return float(shares.min()), shares, others
 
     @classmethod
-    def stated(cls, pulses: Mapping[str, tuple[float, float]], *, only: bool = False) -> Responses:
+    def from_pulses(
+        cls, pulses: Mapping[str, tuple[float, float]], *, only: bool = False
+    ) -> Responses:
         """Return the answers of particles that each pulse (angle, seconds) of a command moves by
         exactly one cell.
         """
@@ -220,11 +224,11 @@ class BenchCalibration(_Form):
 
     def to_cells(self, points: ArrayLike) -> Points:
         """Return pixels (x, y) as float (row, column) (both of shape (n, 2))."""
-        return transformed(np.array(self.matrix), points)
+        return transform_points(np.array(self.matrix), points)
 
     def to_pixels(self, cells: ArrayLike) -> Points:
         """Return float (row, column) as pixels (x, y) (both of shape (n, 2))."""
-        return transformed(np.linalg.inv(np.array(self.matrix)), cells)
+        return transform_points(np.linalg.inv(np.array(self.matrix)), cells)
 
     def pulse(self, command: str) -> tuple[float, float]:
         """Return angle and seconds of the pulse for a command (a letter of ``lurd``)."""
@@ -273,15 +277,15 @@ class BenchCalibration(_Form):
         parse = parse_toml if where.endswith(".toml") else parse_json
         data = parse(text, where=where)
         try:
-            found = cls.model_validate(data)
+            calibration = cls.model_validate(data)
         except ValidationError as error:
             raise InvalidInputError(validation_message(error, where=where)) from None
-        if abs(np.linalg.det(np.array(found.matrix))) < 1e-12:
+        if abs(np.linalg.det(np.array(calibration.matrix))) < 1e-12:
             raise InvalidInputError(f"{where}: matrix: expected one that can be inverted")
-        return found
+        return calibration
 
 
-def transformed(matrix: Points, points: ArrayLike) -> Points:
+def transform_points(matrix: Points, points: ArrayLike) -> Points:
     """Return points (shape (n, 2)) under a projective map of shape (3, 3)."""
     flat = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     mapped = np.column_stack([flat, np.ones(len(flat))]) @ matrix.T
@@ -292,5 +296,5 @@ def cell_in_pixels(matrix: Points, shape: tuple[int, int]) -> float:
     """Return the mean side of a cell in the middle of a grid, in pixels."""
     middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
     around = middle + np.array([(0, 0), (0, 1), (1, 0)])
-    corner, *sides = transformed(np.asarray(np.linalg.inv(matrix)), around)
+    corner, *sides = transform_points(np.asarray(np.linalg.inv(matrix)), around)
     return float(np.mean([np.linalg.norm(side - corner) for side in sides]))

@@ -183,7 +183,7 @@ class Detector:
         """
         cv2, vision = self._cv, self.vision
         bright = grey(picture).astype(np.float32)
-        signal = bright if self.background is None else self._over(bright)
+        signal = bright if self.background is None else self._difference_to_background(bright)
         threshold, side = self._threshold(signal, float(bright.max()))
         if not side:
             if self.background is not None:
@@ -217,9 +217,9 @@ class Detector:
         total = np.maximum(np.bincount(names, weights, count), 1e-9)
         x = np.bincount(names, weights * columns, count) / total
         y = np.bincount(names, weights * rows, count) / total
-        several = good & self._several(areas, good)
+        several = good & self._are_several(areas, good)
         divided = [
-            self._divided(labels == label, areas[label], areas[good])
+            self._divide(labels == label, areas[label], areas[good])
             for label in np.flatnonzero(several).tolist()
         ]
         single = np.column_stack([x, y])[good & ~several]
@@ -232,14 +232,14 @@ class Detector:
         cv2, vision = self._cv, self.vision
         smooth = cv2.medianBlur(signal, 3)  # single pixels are no particles
         step = max(1, round((signal.size / SAMPLE) ** 0.5))
-        some = signal[::step, ::step]
-        ground = float(np.median(some))
-        noise = 1.4826 * float(np.median(np.abs(some - smooth[::step, ::step])))
+        sample = signal[::step, ::step]
+        ground = float(np.median(sample))
+        noise = 1.4826 * float(np.median(np.abs(sample - smooth[::step, ::step])))
         ends = {1: float(smooth.max()), -1: float(smooth.min())}
         sides = {"bright": (1,), "dark": (-1,), "auto": (1, -1)}[vision.particles]
         if self.background is not None:
             sides = (1,)  # what is darker than the background is above 0 as well
-        side = max(sides, key=lambda one: abs(ends[one] - ground))
+        side = max(sides, key=lambda side: abs(ends[side] - ground))
         least = max(CONTRAST * max(brightest, 255.0) / 255, OUTSTANDING * noise)
         if (ends[side] - ground) * side < least:
             return 0.0, 0
@@ -255,7 +255,7 @@ class Detector:
             side = 1 if (signal > threshold).mean() <= 0.5 else -1
         return threshold, side
 
-    def _over(self, bright: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _difference_to_background(self, bright: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return how far each pixel differs from the background, particles above 0."""
         assert self.background is not None
         if self.background.shape != bright.shape:
@@ -268,20 +268,22 @@ class Detector:
             return np.abs(over)
         return np.maximum(over if self.vision.particles == "bright" else -over, 0)
 
-    def _one(self, areas: NDArray[np.float64]) -> float:
+    def _single_area(self, areas: NDArray[np.float64]) -> float:
         """Return the area of one particle, or inf if nothing tells it."""
         if self.vision.area:
             return self.vision.area
         low, middle, high = np.quantile(areas, [0.25, 0.5, 0.75])
         return float(middle) if len(areas) >= 4 and high - low <= SIMILAR * middle else np.inf
 
-    def _several(self, areas: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        one = self._one(areas[good]) if good.any() else np.inf
-        return np.asarray(areas >= SINGLE * one)
+    def _are_several(
+        self, areas: NDArray[np.float64], good: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        single_area = self._single_area(areas[good]) if good.any() else np.inf
+        return np.asarray(areas >= SINGLE * single_area)
 
-    def _divided(self, blob: NDArray[np.bool_], area: float, areas: NDArray[np.float64]) -> Points:
+    def _divide(self, blob: NDArray[np.bool_], area: float, areas: NDArray[np.float64]) -> Points:
         """Return the middles of the particles that touch in one blob (k-means of its pixels)."""
-        parts = max(2, round(area / self._one(areas)))
+        parts = max(2, round(area / self._single_area(areas)))
         rows, columns = np.nonzero(blob)
         pixels = np.column_stack([columns, rows]).astype(np.float32)
         ends = (self._cv.TERM_CRITERIA_EPS + self._cv.TERM_CRITERIA_MAX_ITER, 30, 0.01)
@@ -391,7 +393,7 @@ class MicroManagerSource:
             self.core.unloadAllDevices()
             # A core tells its events in a thread of its own, and aborts the program if Python ends
             # meanwhile. pymmcore-plus hides the method that ends the thread.
-            base = next(one for one in type(self.core).__mro__ if one.__name__ == "CMMCore")
+            base = next(cls for cls in type(self.core).__mro__ if cls.__name__ == "CMMCore")
             base.registerCallback(self.core, None)  # type: ignore[attr-defined]
 
 
@@ -473,7 +475,7 @@ class CameraSensor:
         try:
             self._wait(lambda: self._number > 0, OPENING)
             if self.detector.waits_for:
-                self.detector.learn(self._several(self.detector.waits_for))
+                self.detector.learn(self._take_pictures(self.detector.waits_for))
         except BaseException:
             self.close()
             raise
@@ -518,7 +520,7 @@ class CameraSensor:
             raise type(error)(str(error)) from None
         raise RigError(f"sensor {self.name}: {describe_error(error)}")  # type: ignore[arg-type]
 
-    def _several(self, count: int) -> list[Picture]:
+    def _take_pictures(self, count: int) -> list[Picture]:
         pictures = []
         for _ in range(count):
             pictures.append(grey(self.picture()))
@@ -599,8 +601,8 @@ def open_camera(spec: str) -> CameraSensor:
     ------
     InvalidInputError, UnknownNameError, MissingExtraError, RigError
     """
-    kind, _, rest = spec.partition(":")
-    name, *pairs = re.split(r",(?=[a-z-]+=)", rest)
+    kind, _, settings = spec.partition(":")
+    name, *pairs = re.split(r",(?=[a-z-]+=)", settings)
     options: dict[str, str] = {}
     for pair in pairs:
         option, _, value = pair.partition("=")

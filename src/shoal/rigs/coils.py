@@ -120,20 +120,24 @@ class CoilActuator:
     """
 
     def __init__(self, actuation: Actuation | str | Path) -> None:
-        about = actuation if isinstance(actuation, Actuation) else read_actuation(actuation)
-        self.actuation, self.pulses, self.name = about, dict(about.pulses), about.name
-        device = about.device
-        self.only = about.form.field is None  # custom commands have no directions between them
-        self.longest = about.limits.pulse
+        actuation = actuation if isinstance(actuation, Actuation) else read_actuation(actuation)
+        self.actuation, self.pulses, self.name = actuation, dict(actuation.pulses), actuation.name
+        device = actuation.device
+        self.only = actuation.form.field is None  # custom commands have no directions between them
+        self.longest = actuation.limits.pulse
         self.temperature: float | None = None
         self.last: dict[str, float] = {}
         self.late: float | None = None
         self._all_late: list[tuple[float, float]] = []  # seconds, and those asked for
-        self._number, self._most = 0, about.largest_number
+        self._number, self._most = 0, actuation.largest_number
         self._stopped = self._closed = False
         self._ended, self._pause = -1e9, 0.0  # of the last pulse, and how long the coils must cool
         self._writing, self._pusher = threading.Lock(), 0
-        answers = [one for one in (about.error, about.reply, about.off_reply) if one is not None]
+        answers = [
+            packet
+            for packet in (actuation.error, actuation.reply, actuation.off_reply)
+            if packet is not None
+        ]
         self._splitter = Splitter(device.packets, answers)
         self._line = self._make_line(device.connection)
         try:
@@ -146,7 +150,7 @@ class CoilActuator:
         atexit.register(self.close)
         try:
             if device.ready:  # a device that begins anew may not hear the first packet
-                self._write(about.off.encode({"number": 0.0}), on=False)
+                self._write(actuation.off.encode({"number": 0.0}), on=False)
                 time.sleep(device.ready)
             self._turn_off()
         except BaseException as error:
@@ -185,10 +189,10 @@ class CoilActuator:
         transport = open_transport(address, what="device.connection")
         if device.keep_alive is None:
             return PlainLine(transport)
-        from shoal.rigs.keepalive import KeptLine
+        from shoal.rigs.keepalive import KeeperLine
 
         within = device.reply.within if device.reply else 0.0
-        return KeptLine(
+        return KeeperLine(
             address,
             off=self.actuation.off.encode({"number": 0.0}),
             silence=device.keep_alive,
@@ -241,8 +245,10 @@ class CoilActuator:
     @property
     def values(self) -> dict[str, float]:
         """What was commanded and measured at the last push, by name; each value in one unit."""
-        found = self.last | ({} if self.temperature is None else {"temperature": self.temperature})
-        return {name: round(value, 6) for name, value in found.items() if name not in CONVERTED}
+        readings = self.last | (
+            {} if self.temperature is None else {"temperature": self.temperature}
+        )
+        return {name: round(value, 6) for name, value in readings.items() if name not in CONVERTED}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -281,15 +287,15 @@ class CoilActuator:
 
     def _acts(self, began: float, angle: float, seconds: float) -> Acts:
         """Return what must be done while the field is on, and how often (in seconds)."""
-        about, device = self.actuation, self.actuation.device
+        actuation, device = self.actuation, self.actuation.device
 
         def say_alive() -> None:
-            assert about.alive is not None
-            self._write(about.alive.encode({"number": float(self._number)}), on=True)
+            assert actuation.alive is not None
+            self._write(actuation.alive.encode({"number": float(self._number)}), on=True)
 
         def update() -> None:
             passed = min(time.monotonic() - began, seconds)
-            self._write(about.packet(angle, seconds, number=self._number, time=passed), on=True)
+            self._write(actuation.packet(angle, seconds, number=self._number, time=passed), on=True)
 
         acts: Acts = []
         if device.keep_alive is not None:
@@ -310,29 +316,29 @@ class CoilActuator:
                 if due[at] <= now:
                     act()
                     due[at] = max(due[at] + gap, now)
-            if self._heard(answer, max(0.0, min([until, *due]) - time.monotonic())):
+            if self._read_answer(answer, max(0.0, min([until, *due]) - time.monotonic())):
                 return True
             if self._stopped and acts:
                 break
         return False
 
-    def _heard(self, answer: Packet | None, timeout: float) -> bool:
+    def _read_answer(self, answer: Packet | None, timeout: float) -> bool:
         """Read what the device sends for some time. Return whether the answer is among it."""
-        found = False
+        answered = False
         sent = self.last | {"number": float(self._number)}
         for message in self._splitter.messages(self._line.read(timeout)):
             if self.actuation.error is not None:
                 wrong = self.actuation.error.read(message, sent)
                 if wrong is not None:
-                    raise RigError(f"{self.name}: the coils report {_shown(message)}")
-            said = None if answer is None else answer.read(message, sent)
-            if said is not None:
-                found = True
-                self.temperature = said.get("temperature", self.temperature)
+                    raise RigError(f"{self.name}: the coils report {_message_text(message)}")
+            reading = None if answer is None else answer.read(message, sent)
+            if reading is not None:
+                answered = True
+                self.temperature = reading.get("temperature", self.temperature)
         why, self._line.why = self._line.why, ""
-        if why and not found:
+        if why and not answered:
             raise RigError(f"{self.name}: the keep-alive process has turned the field off: {why}")
-        return found
+        return answered
 
     def _write(self, data: bytes, *, on: bool) -> None:
         with self._writing:
@@ -363,8 +369,8 @@ class CoilActuator:
         """Send the packet that turns the field off, and wait for its answer if there is one. Open a
         lost line again for it.
         """
-        about, reply = self.actuation, self.actuation.device.off_reply
-        packet = about.off.encode({"number": float(self._number)})
+        actuation, reply = self.actuation, self.actuation.device.off_reply
+        packet = actuation.off.encode({"number": float(self._number)})
         until, why = time.monotonic() + REOPENING, ""
         tries = OFF_TIMES if reply is not None else times
         while tries:
@@ -374,7 +380,7 @@ class CoilActuator:
                 tries, why = tries - 1, ""
                 if reply is None:
                     time.sleep(OFF_PAUSE if tries else 0.0)
-                elif self._await(about.off_reply, time.monotonic() + reply.within, []):
+                elif self._await(actuation.off_reply, time.monotonic() + reply.within, []):
                     return
                 else:
                     why = f"no answer within {reply.within:g} s"
@@ -432,7 +438,7 @@ class CoilActuator:
             self._line.close()
 
 
-def _shown(message: bytes) -> str:
+def _message_text(message: bytes) -> str:
     """Return a message of a device for people."""
     text = message.decode(errors="replace")
     return repr(text[:80]) if text.isprintable() else message[:40].hex(" ")

@@ -135,14 +135,14 @@ class Drive(WithTrace):
     @property
     def reason(self) -> str:
         """Return one sentence that explains the status of the run."""
-        rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
+        ending = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
         failed = [alarm.text for alarm in self.alarms if alarm.kind in ("failure", "outside")]
         if self.status is Status.INTERRUPTED and failed:
             moves = count_text(self.moves, "move")
-            return f"stopped by a failure of the rig after {moves}: {failed[0]}{rest}"
+            return f"stopped by a failure of the rig after {moves}: {failed[0]}{ending}"
         if self.status is Status.ALARM:
-            rest = f": {self.alarms[-1].text}" if self.alarms else rest
-        return f"{REASONS[self.status]} after {count_text(self.moves, 'move')}{rest}"
+            ending = f": {self.alarms[-1].text}" if self.alarms else ending
+        return f"{REASONS[self.status]} after {count_text(self.moves, 'move')}{ending}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
         """Return the number of obstacles that the run classified as free, and the number of free
@@ -331,7 +331,7 @@ def drive(
     if resume is not None:
         past = resume if isinstance(resume, RecordedRig) else read_log(resume)
         check_same_rig(rig, past)
-        seed, problem = _settings(past, seed, fields)
+        seed, problem = _resumed_settings(past, seed, fields)
         check_resumable(past, problem.max_moves)
         if is_finished(past):
             return replay_log(past)[0]
@@ -343,7 +343,7 @@ def drive(
         )
         log = DriveLog(past.path, append=True) if log is None else log
     else:
-        problem, cautious = _told(rig, known, exact, fields)
+        problem, cautious = _state_problem(rig, known, exact, fields)
         if inlet is not None:
             inlet = tuple(check_cells([inlet], rig.shape, what="inlet", rim=0)[0].tolist())
     if isinstance(log, str | os.PathLike):
@@ -352,7 +352,7 @@ def drive(
         raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
     goal = _goal(problem, known, seed)
     load_drive_kernels(problem)
-    about: dict[str, Any] = {
+    options: dict[str, Any] = {
         "log": log,
         "on_moves": on_moves,
         "test_move": test_move,
@@ -363,24 +363,24 @@ def drive(
         "inlet": inlet if past is None else past.inlet,
         "on_rest": on_rest,
     }
-    return _Driver(rig, problem, goal, seed, **about).run()
+    return _Driver(rig, problem, goal, seed, **options).run()
 
 
-def _told(
-    rig: Rig, known: GridWorkspace | None, exact: bool | None, fields: dict[str, Any]
+def _state_problem(
+    rig: Rig, known_map: GridWorkspace | None, exact: bool | None, fields: dict[str, Any]
 ) -> tuple[SwarmProblem, bool]:
     """Return the problem that the arguments of `drive` state, and whether the drive may go on with
     noise.
     """
-    if known is not None and not isinstance(known, GridWorkspace):
-        raise InvalidInputError(f"known: expected a GridWorkspace, got {shortened(known)}")
-    if known is not None and known.shape != tuple(rig.shape):
+    if known_map is not None and not isinstance(known_map, GridWorkspace):
+        raise InvalidInputError(f"known: expected a GridWorkspace, got {shortened(known_map)}")
+    if known_map is not None and known_map.shape != tuple(rig.shape):
         raise InvalidInputError(
             f"known: expected a map of shape {tuple(rig.shape)}, as the rig {rig.name} sees, got"
-            f" {known.name} of shape {known.shape}"
+            f" {known_map.name} of shape {known_map.shape}"
         )
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
-    problem = _in_view(problem, tuple(rig.shape), known)
+    problem = _put_in_view(problem, tuple(rig.shape), known_map)
     problem.check_at_place()
     if exact and problem.noise is not None:
         raise InvalidInputError("exact: expected a rig without error rates, got error rates")
@@ -393,7 +393,7 @@ def _told(
     return problem, problem.noise is None and unsure
 
 
-def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal:
+def _goal(problem: SwarmProblem, known_map: GridWorkspace | None, seed: int) -> Goal:
     """Return what a drive is to do. ``seed`` determines random target cells."""
     setup = problem.setup
     if isinstance(setup.task, Gathering):
@@ -401,15 +401,17 @@ def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal
             "task: expected mapping, coverage, subset-coverage or target on a rig, got gathering,"
             " for which no scan tells surely that no particle is elsewhere"
         )
-    if known is None and not setup.mapping:
+    if known_map is None and not setup.mapping:
         raise InvalidInputError(
             f"known: expected a known map for the task {problem.task_name}, got none"
         )
-    targets = None if known is None else setup.task.choose_targets(known, trial_rng(seed))
-    return Goal(setup.task, known, targets)
+    targets = None if known_map is None else setup.task.choose_targets(known_map, trial_rng(seed))
+    return Goal(setup.task, known_map, targets)
 
 
-def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int, SwarmProblem]:
+def _resumed_settings(
+    past: RecordedRig, seed: int, fields: dict[str, Any]
+) -> tuple[int, SwarmProblem]:
     """Return the seed and the problem of a log, with a larger limit of moves if it is given.
 
     Raises
@@ -425,14 +427,17 @@ def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int
             " Shoal run code, got none"
         )
     problem = past.problem.replaced(**fields) if fields else past.problem
-    told = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
-    given = {"seed": seed or past.seed} | {name: getattr(problem, name) for name in fields}
-    for name in told:
-        if name != "max_moves" and told[name] != given[name]:
+    logged_values = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
+    requested_values = {"seed": seed or past.seed} | {
+        name: getattr(problem, name) for name in fields
+    }
+    for name in logged_values:
+        if name != "max_moves" and logged_values[name] != requested_values[name]:
             raise InvalidInputError(
-                f"{name}: expected {told[name]} as in {past.path}, got {given[name]}"
+                f"{name}: expected {logged_values[name]} as in {past.path}, got"
+                f" {requested_values[name]}"
             )
-    problem = _in_view(problem, past.shape, past.known)
+    problem = _put_in_view(problem, past.shape, past.known)
     problem.check_at_place()
     return past.seed, problem
 
@@ -457,9 +462,9 @@ def replay_log(
         Raised if the recorded positions violate the move rule.
     """
     rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
-    problem = _in_view(rig.problem, rig.shape, rig.known)
-    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
-    result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
+    problem = _put_in_view(rig.problem, rig.shape, rig.known)
+    options: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
+    result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **options).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
@@ -499,12 +504,12 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     Call the function before a rig is connected. It drives a simulated rig of six cells with the
     settings of the problem.
     """
-    known = isinstance(problem.policy, str) and (
+    builtin = isinstance(problem.policy, str) and (
         problem.policy == "auto" or problem.policy.partition(":")[0] in POLICIES
     )
     policy = (
         problem.policy
-        if known and problem.policy.partition(":")[0] != Manual.kind
+        if builtin and problem.policy.partition(":")[0] != Manual.kind
         else "closest-frontier"
     )
     fields = {
@@ -533,24 +538,24 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
 @cache
 def _prepare(rule: str, policy: str, task: str, fields: tuple[tuple[str, Any], ...]) -> None:
     workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    about: dict[str, Any] = dict(fields) | {"max_moves": 40}
-    problem = SwarmProblem("rig", rule=rule, policy=policy, task=task, **about)
-    known = None if task == "mapping" else workspace
-    problem = _in_view(problem, workspace.shape, known)
+    options: dict[str, Any] = dict(fields) | {"max_moves": 40}
+    problem = SwarmProblem("rig", rule=rule, policy=policy, task=task, **options)
+    known_map = None if task == "mapping" else workspace
+    problem = _put_in_view(problem, workspace.shape, known_map)
     problem.check_at_place()
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
-    _Driver(rig, problem, _goal(problem, known, 0), 0).run()
+    _Driver(rig, problem, _goal(problem, known_map, 0), 0).run()
 
 
-def _in_view(
-    problem: SwarmProblem, shape: tuple[int, ...], known: GridWorkspace | None
+def _put_in_view(
+    problem: SwarmProblem, shape: tuple[int, ...], known_map: GridWorkspace | None
 ) -> SwarmProblem:
     """Return the problem in the field of view of a rig, of which only the size is known, or a
     map.
     """
-    return problem.at_place(known or GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
+    return problem.at_place(known_map or GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
 class _TakenOver(Exception):  # noqa: N818 - it is no error
@@ -689,8 +694,8 @@ class _Driver:
                     raise
                 self._expect_noise(raised)
         assert self.problem.noise is not None
-        about = self.problem.noise, self.problem.confidence
-        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about, inlet=self.inlet)
+        noise, confidence = self.problem.noise, self.problem.confidence
+        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, noise, confidence, inlet=self.inlet)
         swarm.usual = self.usual
         return swarm
 
@@ -765,7 +770,7 @@ class _Driver:
         if self.runs is not None:
             status = self._replay(self.runs)
             if self.past is None:
-                return self._checked_end(status)
+                return self._end_status(status)
             if self.swarm.rig is self.past:
                 go_on(self.rig, self.swarm, self.past, self.log, self.recorder)
                 self._check()
@@ -774,7 +779,7 @@ class _Driver:
         swarm = self.swarm
         # after an interruption, a policy with random decisions draws others
         rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
-        self._decide_anew(rng)
+        self._make_decider(rng)
         for _ in range(CLOSING):
             status = self._follow(rng)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -783,7 +788,7 @@ class _Driver:
                 self._prove_exactness()
             if status is not Status.COMPLETE or swarm.finished:
                 break
-        return self._checked_end(status)
+        return self._end_status(status)
 
     def _prove_exactness(self) -> None:
         """Send commands that must move particles, until the drive has shown that the rig makes
@@ -819,20 +824,20 @@ class _Driver:
                     self.decider,
                     max_moves=self.most,
                     mapping=self.goal.mapping,
-                    on_moves=lambda _moves, _frontier: self._rest(in_loop=True),
+                    on_moves=lambda _moves, _frontier: self._pause(in_loop=True),
                     on_trace=lambda _trace: self._check(),
                     recorder=self.recorder,
                 )
             except _TakenOver:
-                self._decide_anew(rng)
+                self._make_decider(rng)
             else:
                 return status
 
-    def _decide_anew(self, rng: np.random.Generator) -> None:
+    def _make_decider(self, rng: np.random.Generator) -> None:
         swarm = self.swarm
         self.decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
 
-    def _rest(self, *, in_loop: bool = False) -> None:
+    def _pause(self, *, in_loop: bool = False) -> None:
         """Tell of the moves made, and let others wait or send commands while the rig is at rest."""
         moves = self.recorder.moves
         if self.on_moves is not None:
@@ -847,23 +852,23 @@ class _Driver:
         self._tell_log("manual", {"move": self.recorder.moves + 1})
         self._carry_out(command, 1, scan=True)
 
-    def _checked_end(self, status: Status) -> Status:
+    def _end_status(self, status: Status) -> Status:
         complete = status is Status.COMPLETE
         return Status.STALLED if complete and not self.swarm.finished else status
 
     def _replay(self, runs: _RecordedRuns) -> Status:
         """Carry out the commands of a log, of which some may be carried out already."""
         if not self.swarm.moves:
-            self._place_as_in(runs.rig)
-        for command, steps in runs.rest():
+            self._replay_placement(runs.rig)
+        for command, steps in runs.remaining():
             self._note_completion()
-            if runs.unknown:
+            if runs.outcome_unknown:
                 for _ in range(steps):
                     runs.rig.send(command)
                 self.recorder.add(command, self.swarm.skip(command, steps), scanned=False)
             else:
-                self._carry_out(command, steps, scan=runs.due)
-            self._place_as_in(runs.rig)
+                self._carry_out(command, steps, scan=runs.scan_due)
+            self._replay_placement(runs.rig)
         self._note_completion()
         return Status.COMPLETE if self.was_complete else Status.LIMIT
 
@@ -872,13 +877,13 @@ class _Driver:
         swarm = self.swarm
         self.was_complete = self.was_complete or (swarm.belief.complete and swarm.finished)
 
-    def _place_as_in(self, recorded: RecordedRig) -> None:
+    def _replay_placement(self, recorded: RecordedRig) -> None:
         """Take over the scans that showed particles elsewhere when the drive went on."""
         move = self.swarm.moves
         for cells in recorded.placed.get(move, ()):
-            found = np.array(cells, dtype=np.int64).reshape(-1, len(recorded.shape))
-            known = (0, *recorded.scans, *(at for at in recorded.placed if at < move))
-            self.swarm.place(found, since=max(at for at in known if at <= move))
+            positions = np.array(cells, dtype=np.int64).reshape(-1, len(recorded.shape))
+            scanned_moves = (0, *recorded.scans, *(at for at in recorded.placed if at < move))
+            self.swarm.place(positions, since=max(at for at in scanned_moves if at <= move))
 
     def _test_rig(self) -> None:
         """Send commands in all directions in turn until it is clear whether they move particles."""
@@ -911,7 +916,7 @@ class _Driver:
 
     def _send(self, command: str) -> None:
         self._carry_out(command, 1, scan=True)
-        self._rest()
+        self._pause()
 
     def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
         rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
@@ -1005,9 +1010,9 @@ class _Driver:
         try:
             if not isinstance(failure, OutputError):
                 for alarm in self.alarms:
-                    about = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
-                    self.log.event("alarm", about)
-            digest = {"moves": self.recorder.moves} | map_digest(self.swarm.found)
+                    details = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
+                    self.log.event("alarm", details)
+            digest = {"moves": self.recorder.moves} | map_digest(self.swarm.observed_map)
             self.log.end(status, {} if status is Status.INTERRUPTED else digest)
         except BaseException as error:  # a full disk, or a second Ctrl-C
             return failure or error
@@ -1022,7 +1027,7 @@ class _Driver:
                 " rig carries out requests twice"
             )
             self.alarms.append(Alarm("twice", swarm.moves, text))
-        about: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "trace": self.recorder.trace,
             "status": status,
             "policy": self.policy,
@@ -1031,29 +1036,29 @@ class _Driver:
         timed = self.recorded is None
         targets = self.goal.targets
         n_targets = None if targets is None else int(targets.sum())
-        left = len(swarm.belief.frontier) + len(swarm.unvisited)
+        remaining = len(swarm.belief.frontier) + len(swarm.unvisited)
         before = 0 if self.past is None else len(self.past.commands)
         sent, scans = swarm.moves - before, swarm.scans
         if self.past is not None:
             scans -= len(self.past.scans)
         return Drive(
-            belief=swarm.found,
+            belief=swarm.observed_map,
             cells=swarm.state.cells,
-            episode=self._episode(about),
+            episode=self._episode(fields),
             link=link,
             alarms=tuple(self.alarms),
             trust=trust_of(self.alarms, moved=swarm.moved, doubts=swarm.doubts()),
             rates=swarm.rates(),
             task=self.problem.task_name,
             targets=n_targets,
-            visited=None if n_targets is None else n_targets - left,
-            notes=(*self.notes, *self._unseen(), *getattr(self.rig, "notes", ())),
+            visited=None if n_targets is None else n_targets - remaining,
+            notes=(*self.notes, *self._missing_notes(), *getattr(self.rig, "notes", ())),
             seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
             seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
-            **about,
+            **fields,
         )
 
-    def _unseen(self) -> list[str]:
+    def _missing_notes(self) -> list[str]:
         """Return a sentence about expected particles that no scan has shown, or none if that is
         chance.
         """
@@ -1061,7 +1066,7 @@ class _Driver:
         if expected is None or self.inlet is not None or self.rig.rule == "merge":
             return []
         noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
-        unseen = tail(expected - swarm.most_seen, expected, _hidden(noise))
+        unseen = tail(expected - swarm.most_seen, expected, _hidden_share(noise))
         if swarm.most_seen >= expected or unseen**swarm.scans >= UNLIKELY:
             return []
         return [
@@ -1069,29 +1074,29 @@ class _Driver:
             f" more than {swarm.most_seen}"
         ]
 
-    def _episode(self, about: dict[str, Any]) -> SwarmEpisode | None:
+    def _episode(self, fields: dict[str, Any]) -> SwarmEpisode | None:
         """Return the run as an episode in the map found, or None if no cell is known to be free.
 
         Without noise, every particle moves in the map found exactly as it moved on the rig. With
         noise, the scans are replayed.
         """
         swarm, goal = self.swarm, self.goal
-        free = swarm.found.open.inner
+        free = swarm.observed_map.open.inner
         if not free.any():
             return None
         start = tuple(map(tuple, swarm.start.tolist())) or None
-        about = about | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
-        about |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
+        fields = fields | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
+        fields |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
         workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
         if swarm.observations is not None:
-            scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
+            scans = tuple(swarm.observations[: 1 + int(fields["trace"].scanned.sum())])
             problem = (
                 self.problem.replaced(map=workspace, start=start)
                 # noise excludes other tasks and rules on maps, but not on rigs
                 if goal.mapping and swarm.rule == "block"
                 else self.problem.at_place(workspace)
             )
-            return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)
+            return SwarmEpisode(problem=problem, observations=scans, goal=goal, **fields)
         problem = self.problem.replaced(map=workspace, start=start)
         if (
             goal.targets is not None
@@ -1101,14 +1106,14 @@ class _Driver:
             # the episode takes place in the map as it turned out to be, in which walls may cut off
             # target cells
             parts = workspace.components
-            about["targets"] = goal.targets & free & np.isin(parts, parts[tuple(swarm.start.T)])
-            episode = SwarmEpisode(problem=problem, **about)
+            fields["targets"] = goal.targets & free & np.isin(parts, parts[tuple(swarm.start.T)])
+            episode = SwarmEpisode(problem=problem, **fields)
             end = episode.replay.end
             return replace(episode, trace=end.trace, first_frontier=end.first_frontier)
-        return SwarmEpisode(problem=problem, **about)
+        return SwarmEpisode(problem=problem, **fields)
 
 
-def _hidden(noise: Noise | None) -> float:
+def _hidden_share(noise: Noise | None) -> float:
     """Return the probability that a scan does not show a particle, or shows it elsewhere, where it
     may fall on another.
     """
@@ -1123,7 +1128,7 @@ def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -
     missed, or if a misplaced one falls on another: the probability of the number seen or of fewer
     must not be below `UNLIKELY`.
     """
-    hidden = _hidden(noise)
+    hidden = _hidden_share(noise)
     if seen > expected or tail(expected - seen, expected, hidden) < UNLIKELY:
         chance = "" if not hidden or seen > expected else ", too few for the stated noise"
         raise InvalidInputError(
@@ -1147,12 +1152,12 @@ class _RecordedRuns:
         self._last_placed = max(rig.placed, default=-1)
 
     @property
-    def due(self) -> bool:
+    def scan_due(self) -> bool:
         """Whether the log contains a scan after the last run of commands."""
         return self._at in self.rig.scans
 
     @property
-    def unknown(self) -> bool:
+    def outcome_unknown(self) -> bool:
         """Whether nobody knows what the last run of commands has done: particles were placed before
         the next scan.
         """
@@ -1161,7 +1166,7 @@ class _RecordedRuns:
         scans, placed = self.rig.scans, self.rig.placed
         return next(at for at in count(self._at) if at in scans or at in placed) not in scans
 
-    def rest(self) -> Iterator[tuple[str, int]]:
+    def remaining(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
         while (run := self._next()) is not None:
             yield run

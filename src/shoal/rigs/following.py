@@ -61,13 +61,13 @@ def free_motion(motions: Points, noise: float) -> tuple[Points, NDArray[np.bool_
     free = np.zeros(len(motions), dtype=bool)
     if not len(moving):
         return np.full(2, np.nan), free
-    some = motions[moving]
+    candidates = motions[moving]
     band = max(BAND * most, 3 * noise)
-    near = np.linalg.norm(some[:, None] - some[None], axis=2) <= band
-    middle = np.median(some[near[near.sum(1).argmax()]], axis=0)
-    inside = np.linalg.norm(some - middle, axis=1) <= band
+    near = np.linalg.norm(candidates[:, None] - candidates[None], axis=2) <= band
+    middle = np.median(candidates[near[near.sum(1).argmax()]], axis=0)
+    inside = np.linalg.norm(candidates - middle, axis=1) <= band
     free[moving[inside]] = True
-    return np.median(some[inside], axis=0), free
+    return np.median(candidates[inside], axis=0), free
 
 
 def likely_shift(before: Points, after: Points, least: float, most: float) -> Points:
@@ -79,13 +79,13 @@ def likely_shift(before: Points, after: Points, least: float, most: float) -> Po
     shift : ndarray of float64, shape (2,)
         0 if no difference has such a length.
     """
-    every = (after[None, :, :] - before[:, None, :]).reshape(-1, 2)
-    lengths = np.linalg.norm(every, axis=1)
-    every = every[(lengths >= least) & (lengths <= most)]
-    if not len(every):
+    shifts = (after[None, :, :] - before[:, None, :]).reshape(-1, 2)
+    lengths = np.linalg.norm(shifts, axis=1)
+    shifts = shifts[(lengths >= least) & (lengths <= most)]
+    if not len(shifts):
         return np.zeros(2)
     from scipy.spatial import KDTree
 
-    tree = KDTree(every)
-    near = tree.query_ball_point(every, BAND * most / 2)
-    return np.asarray(np.median(every[max(near, key=len)], axis=0), dtype=np.float64)
+    tree = KDTree(shifts)
+    near = tree.query_ball_point(shifts, BAND * most / 2)
+    return np.asarray(np.median(shifts[max(near, key=len)], axis=0), dtype=np.float64)

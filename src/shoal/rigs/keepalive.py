@@ -49,22 +49,22 @@ class Messages:
     """The messages in a stream of bytes."""
 
     def __init__(self) -> None:
-        self._came = b""
+        self._buffer = b""
 
     def add(self, data: bytes) -> list[tuple[bytes, bytes]]:
         """Return the messages that are complete once these bytes have come: kind and data."""
-        self._came += data
-        found = []
-        while len(self._came) >= 3:
-            (length,) = struct.unpack("<H", self._came[1:3])
-            if len(self._came) < 3 + length:
+        self._buffer += data
+        messages = []
+        while len(self._buffer) >= 3:
+            (length,) = struct.unpack("<H", self._buffer[1:3])
+            if len(self._buffer) < 3 + length:
                 break
-            found.append((self._came[:1], self._came[3 : 3 + length]))
-            self._came = self._came[3 + length :]
-        return found
+            messages.append((self._buffer[:1], self._buffer[3 : 3 + length]))
+            self._buffer = self._buffer[3 + length :]
+        return messages
 
 
-class KeptLine:
+class KeeperLine:
     """A line to coils, kept by a process of its own.
 
     Parameters
@@ -80,10 +80,10 @@ class KeptLine:
 
     def __init__(self, address: str, *, off: bytes, silence: float, longest: float) -> None:
         self.name = address
-        about = {"address": address, "off": off.hex(), "silence": silence, "longest": longest}
+        settings = {"address": address, "off": off.hex(), "silence": silence, "longest": longest}
         # its own session: neither Ctrl-C nor a closed terminal must reach it
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "shoal.rigs.keepalive", json.dumps(about)],
+            [sys.executable, "-P", "-m", "shoal.rigs.keepalive", json.dumps(settings)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
@@ -211,10 +211,10 @@ class Keeper:
         messages, heard, began = Messages(), time.monotonic(), 0.0
         try:
             while True:
-                left = None
+                remaining = None
                 if self._on:
-                    left = max(0.0, min(heard + self.silence, began + self.longest) - _now())
-                if not select.select([source], [], [], left)[0]:
+                    remaining = max(0.0, min(heard + self.silence, began + self.longest) - _now())
+                if not select.select([source], [], [], remaining)[0]:
                     self._turn_off(_now() - heard >= self.silence)
                     continue
                 data = os.read(source, LONGEST)
@@ -305,15 +305,15 @@ def main() -> None:
     for number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    about: dict[str, Any] = json.loads(sys.argv[1])
+    settings: dict[str, Any] = json.loads(sys.argv[1])
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # nothing else may write among the messages
     try:
         keeper = Keeper(
-            open_transport(about["address"]),
-            bytes.fromhex(about["off"]),
-            silence=about["silence"],
-            longest=about["longest"],
+            open_transport(settings["address"]),
+            bytes.fromhex(settings["off"]),
+            silence=settings["silence"],
+            longest=settings["longest"],
             out=out,
         )
         keeper.run(0)

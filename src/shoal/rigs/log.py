@@ -147,8 +147,8 @@ class DriveLog:
     def command(self, move: int, command: str) -> None:
         """Record a command just before it is sent."""
         if move > self.moves:
-            about = {"kind": "command", "move": move, "command": command}
-            self._write(about | self._request(1) | {"time": self._time()})
+            entry = {"kind": "command", "move": move, "command": command}
+            self._write(entry | self._request(1) | {"time": self._time()})
 
     def scan(self, move: int, cells: NDArray[np.int64], *, placed: bool = False) -> None:
         """Record the cells in which a scan showed particles, and the values that the rig reports in
@@ -156,13 +156,13 @@ class DriveLog:
         elsewhere than the commands would have them, as the drive was interrupted.
         """
         if move >= self.scans or placed:
-            about = {"kind": "scan", "move": move, "cells": cells.tolist()}
-            about |= {"placed": True} if placed else {}
+            entry = {"kind": "scan", "move": move, "cells": cells.tolist()}
+            entry |= {"placed": True} if placed else {}
             values = getattr(self._rig, "values", None)
-            about |= {"values": dict(values)} if values else {}
+            entry |= {"values": dict(values)} if values else {}
             true = getattr(self._rig, "true_cells", None)
-            about |= {"true": np.round(true, 3).tolist()} if true is not None else {}
-            self._write(about | self._request(0) | {"time": self._time()})
+            entry |= {"true": np.round(true, 3).tolist()} if true is not None else {}
+            self._write(entry | self._request(0) | {"time": self._time()})
             self._keep_picture(move)
 
     def _keep_picture(self, move: int) -> None:
@@ -180,9 +180,9 @@ class DriveLog:
                 f"cannot write into {self.pictures}: {error.strerror or error}"
             ) from None
 
-    def event(self, what: str, details: dict[str, Any]) -> None:
+    def event(self, name: str, details: dict[str, Any]) -> None:
         """Record an event of the connection, such as the loss of the connection."""
-        entry = {"kind": "event", "event": what} | details
+        entry = {"kind": "event", "event": name} | details
         if self._file is None:
             self._waiting.append(entry)
         else:
@@ -407,9 +407,9 @@ class RecordedRig:
             Raised if the command differs from the next command of the log.
         """
         if self._at >= len(self.commands) or self.commands[self._at] != command:
-            there = self.commands[self._at : self._at + 1] or "the end"
+            expected = self.commands[self._at : self._at + 1] or "the end"
             raise RigError(
-                f"the log, move {self._at + 1}: expected the recorded command {there!r}, got"
+                f"the log, move {self._at + 1}: expected the recorded command {expected!r}, got"
                 f" {command!r}"
             )
         self._at += 1
@@ -455,49 +455,50 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     if not trust:
         SwarmProblem.refuse_code(header.problem, where=f"{source}, line 1", names=("task",))
     problem = SwarmProblem.from_dict(header.problem, where=f"{source}, line 1")
-    found = _Found(source, tuple(header.shape))
+    contents = _LogContents(source, tuple(header.shape))
     if int(np.prod(header.shape, dtype=object)) > LARGEST_VIEW:
         raise InvalidInputError(
             f"{source}, line 1: expected a field of view of at most {LARGEST_VIEW} cells, got"
-            f" {found.shape}"
+            f" {contents.shape}"
         )
     for number, entry in enumerate(entries[1:], start=2):
-        found.add(entry, f"{source}, line {number}")
-    scans, placed, ended, commands = found.scans, found.placed, found.ended, found.commands
+        contents.add(entry, f"{source}, line {number}")
+    scans, placed = contents.scans, contents.placed
+    ended, commands = contents.ended, contents.commands
     if 0 not in scans:
         raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
     # what the commands after the last scan did is unknown, unless the drive ended of its own
     # accord, as then it was certain
     sent = max(*scans, *placed, 0 if ended is None else ended["moves"] or 0)
     with errors_at(f"{source}, line 1, known"):
-        known = None if header.known is None else GridWorkspace.from_dict(header.known)
+        known_map = None if header.known is None else GridWorkspace.from_dict(header.known)
     return RecordedRig(
         header.rig,
-        found.shape,
+        contents.shape,
         problem,
         header.policy,
         header.seed,
         commands[:sent],
         scans,
-        found.events,
+        contents.events,
         ended,
         spacing=None if header.spacing is None else tuple(header.spacing),
-        known=known,
+        known=known_map,
         inlet=None if header.inlet is None else tuple(header.inlet),
         cautious=header.cautious,
         placed=placed,
-        true=found.true,
+        true=contents.true,
         tail=commands[sent:],
-        session=found.session(header.session),
+        session=contents.session(header.session),
         version=header.version,
         test_move=header.test_move,
         options=header.options,
-        lasted=found.lasted,
+        lasted=contents.lasted,
         path=source,
     )
 
 
-class _Found:
+class _LogContents:
     """What the entries of a log after the header tell."""
 
     def __init__(self, source: Path, shape: tuple[int, ...]) -> None:

@@ -27,7 +27,7 @@ from shoal.rigs.calibration import (
     Responses,
     Speed,
     cell_in_pixels,
-    transformed,
+    transform_points,
     unit_at,
 )
 from shoal.rigs.following import BAND, free_motion, likely_shift, match
@@ -82,7 +82,7 @@ class MeasuredPulse:
     before, after : ndarray of float64, shape (n, 2)
     ids : ndarray of int64, shape (n,)
         Numbers of the particles, the same from pulse to pulse.
-    room : str
+    preparation : str
         Command that was sent before the pulses back and forth, if any.
     """
 
@@ -92,7 +92,7 @@ class MeasuredPulse:
     before: Points
     after: Points
     ids: NDArray[np.int64]
-    room: str = ""
+    preparation: str = ""
 
 
 class PulseRun:
@@ -128,7 +128,7 @@ class PulseRun:
         self._rate: float | None = getattr(sensor, "frame_rate", None)
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
-            frames.append(self._fresh(frames[-1].number))
+            frames.append(self._next_frame(frames[-1].number))
         self._last = frames[-1]
         if not len(self._last.points):
             raise RigError("calibration: expected particles in the picture, got none")
@@ -142,7 +142,7 @@ class PulseRun:
     def _clock(self, frame: Any) -> float:
         return float(frame.number / self._rate if self._rate else frame.time)
 
-    def _fresh(self, number: int | None) -> Any:
+    def _next_frame(self, number: int | None) -> Any:
         """Return a picture that is not the one with the number given."""
         until = time.monotonic() + PATIENCE
         while True:
@@ -159,9 +159,9 @@ class PulseRun:
     def _frames(self, wait: float) -> list[Any]:
         """Return the pictures of the next seconds."""
         last = getattr(self, "_last", None)
-        frames = [self._fresh(None if last is None else last.number)]
+        frames = [self._next_frame(None if last is None else last.number)]
         while self._clock(frames[-1]) - self._clock(frames[0]) < wait:
-            frames.append(self._fresh(frames[-1].number))
+            frames.append(self._next_frame(frames[-1].number))
         return frames
 
     def _at_rest(self, frames: list[Any]) -> tuple[float, Points]:
@@ -172,13 +172,13 @@ class PulseRun:
         first, last = frames[0], frames[-1]
         pairs = match(first.points, last.points, (0, 0), self.cell / 3)
         moved = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
-        every = np.vstack(steps)
-        if not len(every) or not len(moved):
+        motions = np.vstack(steps)
+        if not len(motions) or not len(moved):
             raise RigError(
                 "calibration: expected particles that are seen again in the next picture"
             )
         # 1.4826 times the median of the magnitudes is the standard deviation of a normal variable
-        noise = 1.4826 * float(np.median(np.abs(every))) / 2**0.5
+        noise = 1.4826 * float(np.median(np.abs(motions))) / 2**0.5
         drift = np.median(moved, axis=0)
         chance = 6 * noise / len(moved) ** 0.5  # four standard errors of a median of differences
         if float(np.linalg.norm(drift)) < chance:
@@ -224,8 +224,9 @@ class PulseRun:
             pairs = match(frame.points, last.points, (0, 0), 1.5 * self.cell)
             if not len(pairs):
                 break
-            away = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
-            if float(np.median(np.linalg.norm(away, axis=1))) > 4 * self.noise + 0.02 * self.cell:
+            offsets = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
+            offset = float(np.median(np.linalg.norm(offsets, axis=1)))
+            if offset > 4 * self.noise + 0.02 * self.cell:
                 since = self._clock(frame) + between
                 break
         self.latencies.append(since - first + between)
@@ -236,10 +237,10 @@ class PulseRun:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
-        done = []
+        measured_pulses = []
         for pair in ("rl", "ud"):
-            for room in self._rooms(pair):
-                for letter in room * 2:
+            for preparation in self._preparations(pair):
+                for letter in preparation * 2:
                     self.push(letter, *pulses[letter], expected[letter])
                 cycle, cycles = 0, 1 + self.pairs
                 while cycle < cycles:
@@ -248,22 +249,22 @@ class PulseRun:
                         pulse = self.push(letter, *pulses[letter], expected[letter])
                         late = late or self.late is not None
                         if cycle and self.late is None:
-                            done.append(replace(pulse, room=room))
+                            measured_pulses.append(replace(pulse, preparation=preparation))
                     cycle += 1
                     cycles += late and cycles < 2 * (1 + self.pairs)  # again
-        if missing := set(pulses) - {pulse.command for pulse in done}:
+        if missing := set(pulses) - {pulse.command for pulse in measured_pulses}:
             raise RigError(
                 f"calibration: expected pulses as long as asked at {' and '.join(sorted(missing))}, got"
                 " none, because this computer is busy"
             )
-        return done
+        return measured_pulses
 
     @property
     def late(self) -> float | None:
         """How long the last pulse was if this computer made it too long, in seconds."""
         return getattr(self.actuator, "late", None)
 
-    def _rooms(self, pair: str) -> tuple[str, ...]:
+    def _preparations(self, pair: str) -> tuple[str, ...]:
         """Return the commands before pulses back and forth. Few particles may all stand at walls,
         which then stop the stronger of the two commands each time: both orders are tried.
         """
@@ -282,13 +283,15 @@ class PulseRun:
         whole : bool
             Whether the pulses must be those stated.
         """
-        found: dict[str, Points] = {}
+        velocities: dict[str, Points] = {}
         for pair in ("rl", "ud"):
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
                 moved = {letter: (np.full(2, np.nan), np.zeros(0, dtype=bool)) for letter in pair}
-                for room in self._rooms(pair):
-                    for letter, new in self._short(pair, room, stated, share, whole).items():
+                for preparation in self._preparations(pair):
+                    for letter, new in self._push_shortly(
+                        pair, preparation, stated, share, whole
+                    ).items():
                         # walls make motions shorter, never longer
                         if _length(new[0]) > 1.1 * _length(moved[letter][0]):
                             moved[letter] = new
@@ -316,29 +319,29 @@ class PulseRun:
                         f" got none in pulses of up to {share * stated[letter][1]:.3g} s; put them"
                         " where they have room"
                     )
-                found[letter] = moved[letter][0] / (share * stated[letter][1])
-        return found
+                velocities[letter] = moved[letter][0] / (share * stated[letter][1])
+        return velocities
 
-    def _short(
+    def _push_shortly(
         self,
         pair: str,
-        room: str,
+        preparation: str,
         stated: Mapping[str, tuple[float, float]],
         share: float,
         whole: bool,
     ) -> dict[str, tuple[Points, NDArray[np.bool_]]]:
         """Return the free motions, in pixels, of short pulses back and forth."""
         steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-        for letter in room * 2 + pair * CYCLES[0]:
+        for letter in preparation * 2 + pair * CYCLES[0]:
             angle, seconds = stated[letter]
             pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
             shorter = 1.0 if self.late is None else share * seconds / self.late
             steps[letter].append((pulse.after - pulse.before) * shorter)
-        for letter in room:
+        for letter in preparation:
             del steps[letter][:2]
         return {
-            letter: free_motion(np.vstack(each), self.noise * 2**0.5)
-            for letter, each in steps.items()
+            letter: free_motion(np.vstack(motions), self.noise * 2**0.5)
+            for letter, motions in steps.items()
         }
 
 
@@ -361,17 +364,23 @@ class _Group:
 
 def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> list[_Group]:
     """Return the free motions of the pulses of each angle and duration."""
-    together: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
+    motions_by_pulse: dict[tuple[str, float, float], dict[str, list[Points]]] = {}
     for pulse in pulses:
-        rooms = together.setdefault((pulse.command, pulse.angle, pulse.seconds), {})
-        rooms.setdefault(pulse.room, []).append(motions_of(pulse, matrix))
+        by_preparation = motions_by_pulse.setdefault(
+            (pulse.command, pulse.angle, pulse.seconds), {}
+        )
+        by_preparation.setdefault(pulse.preparation, []).append(motions_of(pulse, matrix))
     groups = []
-    for (command, angle, seconds), rooms in together.items():
-        every = [np.vstack(parts) for parts in rooms.values()]
-        lengths = [_length(free_motion(motions, noise)[0]) for motions in every]
+    for (command, angle, seconds), by_preparation in motions_by_pulse.items():
+        stacks = [np.vstack(parts) for parts in by_preparation.values()]
+        lengths = [_length(free_motion(motions, noise)[0]) for motions in stacks]
         # walls make motions shorter, never longer
         motions = np.vstack(
-            [one for one, length in zip(every, lengths, strict=True) if length > 0.9 * max(lengths)]
+            [
+                part
+                for part, length in zip(stacks, lengths, strict=True)
+                if length > 0.9 * max(lengths)
+            ]
         )
         motion, free = free_motion(motions, noise)
         count, least = int(free.sum()), max(FEWEST, LEAST_FREE * len(motions))
@@ -389,11 +398,11 @@ def _groups(pulses: Sequence[MeasuredPulse], matrix: Points, noise: float) -> li
 
 def motions_of(pulse: MeasuredPulse, matrix: Points) -> Points:
     """Return the motions (x, y) in cells, y up (shape (n, 2))."""
-    step = transformed(matrix, pulse.after) - transformed(matrix, pulse.before)
+    step = transform_points(matrix, pulse.after) - transform_points(matrix, pulse.before)
     return np.column_stack([step[:, 1], -step[:, 0]])
 
 
-def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
+def fit_responses(groups: Sequence[_Group], stated: Responses) -> Responses:
     """Return the velocities and the dead time that fit the motions best (least squares), with the
     angles of the stated responses.
     """
@@ -403,9 +412,9 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
     durations = {group.seconds for group in groups}
     several = len(durations) > len(letters)  # pulses of different lengths show the dead time
 
-    def unpacked(values: Points) -> Responses:
+    def unpack(values: Points) -> Responses:
         sides = dict(zip(letters, map(tuple, values[:8].reshape(4, 2).tolist()), strict=True))
-        return known.model_copy(
+        return stated.model_copy(
             update={**sides, "dead": float(values[8]) * scale if several else 0.0}
         )
 
@@ -413,9 +422,11 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
     weights = np.array([1 / max(group.error, 1e-4) for group in groups])
 
     def errors(values: Points) -> Points:
-        found = unpacked(values)
-        away = np.array([found.displacement(g.angle, g.seconds) - g.motion for g in groups])
-        return np.asarray((away * weights[:, None]).ravel(), dtype=np.float64)
+        responses = unpack(values)
+        residuals = np.array(
+            [responses.displacement(g.angle, g.seconds) - g.motion for g in groups]
+        )
+        return np.asarray((residuals * weights[:, None]).ravel(), dtype=np.float64)
 
     first = np.zeros(9)
     for at, letter in enumerate(letters):
@@ -423,14 +434,14 @@ def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
         first[2 * at : 2 * at + 2] = np.mean([g.motion / g.seconds for g in same], axis=0)
     fitted = least_squares(errors, first[: 9 if several else 8])
     values = fitted.x
-    away = errors(values) / np.repeat(weights, 2)
+    residuals = errors(values) / np.repeat(weights, 2)
     counts = {
         letter: sum(group.count for group in groups if group.command == letter)
         for letter in letters
     }
-    found = unpacked(values)
-    return found.model_copy(
-        update={"residual": float(np.sqrt(2 * np.mean(away**2))), "counts": counts}
+    responses = unpack(values)
+    return responses.model_copy(
+        update={"residual": float(np.sqrt(2 * np.mean(residuals**2))), "counts": counts}
     )
 
 
@@ -513,36 +524,38 @@ def calibrate(
     if frequencies:
         check_frequencies(actuator, frequencies)
     whole = bool(getattr(actuator, "whole", False))
-    known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
+    stated_responses = Responses.from_pulses(
+        pulses, only=whole or bool(getattr(actuator, "only", False))
+    )
     run = PulseRun(actuator, sensor, cell, wait)
     speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
-            known.angles[letter],
+            stated_responses.angles[letter],
             pulses[letter][1] if whole else cell / 2 / float(np.linalg.norm(speed)),
         )
         for letter, speed in speeds.items()
     }
-    done = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
+    test_pulses = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
     if tie is None:
         assert size is not None
-        pixels = _groups(done, _AS_PIXELS, run.noise * 2**0.5)
+        pixels = _groups(test_pulses, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
-        seen = np.vstack([pulse.after for pulse in done])
+        seen = np.vstack([pulse.after for pulse in test_pulses])
         tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    responses = fit_responses(_groups(done, tie.matrix, noise), known)
+    responses = fit_responses(_groups(test_pulses, tie.matrix, noise), stated_responses)
     _check_plausible(responses)
     if aim is None:
-        aim = max(SHORTEST, min(AIM, LEAP / _fastest(done, tie.matrix, responses)))
-    wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
+        aim = max(SHORTEST, min(AIM, LEAP / _fastest(test_pulses, tie.matrix, responses)))
+    target_motions = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
     for _ in range(0 if whole else ROUNDS):  # with corrected pulses of full length
-        full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
-        again = run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
-        surprise = _surprise(_groups(again, tie.matrix, noise), responses)
-        done = again if surprise else done + again
-        responses = fit_responses(_groups(done, tie.matrix, noise), known)
+        full = {letter: responses.pulse_for(motion) for letter, motion in target_motions.items()}
+        corrected_pulses = run.cycles(full, _in_pixels(target_motions, tie.matrix, shape))
+        surprise = _surprise(_groups(corrected_pulses, tie.matrix, noise), responses)
+        test_pulses = corrected_pulses if surprise else test_pulses + corrected_pulses
+        responses = fit_responses(_groups(test_pulses, tie.matrix, noise), stated_responses)
         _check_plausible(responses)
         if not surprise:
             break
@@ -564,7 +577,7 @@ def calibrate(
     speed = (
         measure_speed(run, actuator, responses, tie.matrix, frequencies) if frequencies else None
     )
-    found = BenchCalibration(
+    calibration = BenchCalibration(
         shape=shape,
         tie=tie.kind,
         matrix=tie.matrix.tolist(),
@@ -572,7 +585,7 @@ def calibrate(
         cell_size=cell_size,
         noise=run.noise,
         latency=max(run.latencies),
-        own_gain=_own_gain(done, tie.matrix, responses, noise),
+        own_gain=_own_gain(test_pulses, tie.matrix, responses, noise),
         responses=responses,
         stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,
@@ -581,8 +594,8 @@ def calibrate(
         notes=notes,
     )
     if whole:
-        found.notes.extend(_told_of_whole(found))
-    return found
+        calibration.notes.extend(_whole_command_notes(calibration))
+    return calibration
 
 
 def check_frequencies(actuator: Any, frequencies: Sequence[float]) -> None:
@@ -609,27 +622,27 @@ def measure_speed(
     """Measure the speed of particles against the frequency of the field, with pulses to the right
     and to the left, and fit the step-out frequency. The frequency of before is restored.
     """
-    usual = float(actuator.frequency)
+    frequency_before = float(actuator.frequency)
     noise = run.noise * 2**0.5 / run.cell
     speeds = []
     try:
         for frequency in sorted(frequencies):
             actuator.set_frequency(frequency)
-            found = []
-            done: dict[str, list[Points]] = {"r": [], "l": []}
+            magnitudes = []
+            velocities: dict[str, list[Points]] = {"r": [], "l": []}
             for letter in "rl" * (1 + run.pairs):
                 velocity = np.array(getattr(responses, letter))
                 # half a cell, if the speed is proportional to the frequency
-                seconds = 0.5 / float(np.linalg.norm(velocity)) * usual / frequency
+                seconds = 0.5 / float(np.linalg.norm(velocity)) * frequency_before / frequency
                 pulse = run.push(letter, responses.angles[letter], seconds, (0, 0))
-                done[letter].append(motions_of(pulse, matrix) / seconds)
-            for each in done.values():
-                rates = np.vstack(each[1:])
+                velocities[letter].append(motions_of(pulse, matrix) / seconds)
+            for letter_velocities in velocities.values():
+                rates = np.vstack(letter_velocities[1:])
                 motion, free = free_motion(rates, noise / seconds)
-                found.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
-            speeds.append(float(np.mean(found)))
+                magnitudes.append(float(np.linalg.norm(motion)) if free.any() else 0.0)
+            speeds.append(float(np.mean(magnitudes)))
     finally:
-        actuator.set_frequency(usual)
+        actuator.set_frequency(frequency_before)
     return fit_speed(sorted(frequencies), speeds)
 
 
@@ -665,18 +678,18 @@ def _in_pixels(
     """Return motions (x, y) in cells as motions in pixels in the middle of the grid."""
     to_pixels = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-    here = transformed(to_pixels, centre)[0]
+    origin = transform_points(to_pixels, centre)[0]
     return {
-        letter: transformed(to_pixels, centre + np.array([-y, x]))[0] - here
+        letter: transform_points(to_pixels, centre + np.array([-y, x]))[0] - origin
         for letter, (x, y) in motions.items()
     }
 
 
-def _told_of_whole(found: BenchCalibration) -> list[str]:
+def _whole_command_notes(calibration: BenchCalibration) -> list[str]:
     """Return what is wrong with commands that cannot be corrected."""
     notes = []
     for letter in ANGLES:
-        length, heading = found.gain(letter), found.responses.heading(letter)
+        length, heading = calibration.gain(letter), calibration.responses.heading(letter)
         if length is not None and not 1.0 <= length <= LONGEST:
             notes.append(
                 f"the command {letter} moves particles by {length:.2f} cells; set the actuator to"
@@ -700,7 +713,10 @@ def _surprise(groups: Sequence[_Group], responses: Responses) -> str:
 def _check_plausible(responses: Responses) -> None:
     """Refuse axes that are turned or mirrored, and directions in which particles had no room."""
     speeds = {letter: float(np.linalg.norm(getattr(responses, letter))) for letter in ANGLES}
-    slow, fast = min(speeds, key=lambda one: speeds[one]), max(speeds, key=lambda one: speeds[one])
+    slow, fast = (
+        min(speeds, key=lambda letter: speeds[letter]),
+        max(speeds, key=lambda letter: speeds[letter]),
+    )
     if speeds[fast] > UNEQUAL * speeds[slow]:
         raise RigError(
             f"calibration: expected commands of about equal speed, got {speeds[slow]:.3g} cells a"
@@ -747,10 +763,10 @@ def _own_gain(
         for name, share in zip(pulse.ids[free].tolist(), along[free].tolist(), strict=True):
             shares.setdefault(name, {}).setdefault(pulse.command, []).append(share)
     means, errors = [], []
-    for each in shares.values():
-        if len(each) == len(ANGLES):
-            means.append(np.mean([np.mean(values) for values in each.values()]))
-            errors.append(noise**2 / sum(map(len, each.values())))
+    for by_command in shares.values():
+        if len(by_command) == len(ANGLES):
+            means.append(np.mean([np.mean(values) for values in by_command.values()]))
+            errors.append(noise**2 / sum(map(len, by_command.values())))
     if len(means) < FEWEST:
         return 0.0
     return float(np.sqrt(max(np.var(means, ddof=1) - np.mean(errors), 0.0)))

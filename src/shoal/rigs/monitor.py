@@ -180,15 +180,15 @@ class NoiseMonitor:
         # np.isin sorts, which takes longer than all the rest
         first = self._flat(before)
         old, new = self._mask(first), self._mask(self._flat(after))
-        for other in range(self.ndim):
-            step = sign * self._strides[other]
+        for direction in range(self.ndim):
+            step = sign * self._strides[direction]
             surplus = int(new[first + step].sum()) - int(new[first - step].sum())
-            self.advance[axis, other] += surplus
+            self.advance[axis, direction] += surplus
             touching = old[first + step].sum()
             variance = 4 * (self.noise.miss + self.noise.misplace) * touching
             variance += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
-            self.variance[axis, other] += variance
-            if other == axis:
+            self.variance[axis, direction] += variance
+            if direction == axis:
                 self._surplus[command][0] += surplus
                 self._surplus[command][1] += variance
         self._count_ghosts(before, after)
@@ -492,7 +492,7 @@ class NoiseMonitor:
     @property
     def _still_directions(self) -> int:
         """Number of different commands among the last ones, at which no particle moved."""
-        still = itertools.takewhile(lambda one: one[1] == one[2], reversed(self.recent))
+        still = itertools.takewhile(lambda entry: entry[1] == entry[2], reversed(self.recent))
         return len({letter for letter, _, _ in still})
 
     def contradiction(self, move: int) -> Alarm | None:
@@ -517,7 +517,7 @@ class NoiseMonitor:
         for letter, seen in self.stays.items():
             stays, trials = total(seen)
             others = total(
-                [one for other in self.stays if other != letter for one in self.stays[other]]
+                [pair for other in self.stays if other != letter for pair in self.stays[other]]
             )
             expected = max(self.staying, 0.2, others[0] / others[1] if others[1] > LEAST else 0.0)
             run = last_stays(seen)
@@ -678,8 +678,8 @@ def weigh_counts(counts: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
                     + xlogy(k, 1 - miss)
                     + xlogy(number - k, miss)
                 )
-                both = [np.logaddexp.reduce(shown[: c + 1] + ghosts[c::-1]) for c in seen]
-                of_numbers[number] = np.array(both)[counts[1:]]
+                log_sums = [np.logaddexp.reduce(shown[: c + 1] + ghosts[c::-1]) for c in seen]
+                of_numbers[number] = np.array(log_sums)[counts[1:]]
             if not best or _best_sum(of_numbers) > _best_sum(best):
                 best = of_numbers
     return best
@@ -783,11 +783,11 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
     evidence = float(np.logaddexp.reduce(ways)) - log(len(ways))
     if evidence < -log(DECEPTION):
         return None
-    kind, what = MISDEEDS[way := int(np.argmax(ways))]
-    share = float(SHARES[np.argmax(products[:, way])])
+    kind, description = MISDEEDS[index := int(np.argmax(ways))]
+    share = float(SHARES[np.argmax(products[:, index])])
     text = (
-        f"about {100 * share:.0f} % of the commands were {what}, or the stated error rates are too"
-        " low"
+        f"about {100 * share:.0f} % of the commands were {description}, or the stated error rates"
+        " are too low"
     )
     return Misdeed(kind, share, text, evidence)
 
@@ -820,7 +820,8 @@ def last_stays(stays: Sequence[tuple[int, int]]) -> int:
     7
     """
     return sum(
-        trials for _, trials in itertools.takewhile(lambda one: one[0] == one[1], reversed(stays))
+        trials
+        for _, trials in itertools.takewhile(lambda pair: pair[0] == pair[1], reversed(stays))
     )
 
 

@@ -34,10 +34,10 @@ NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 def _crc_table(polynomial: int) -> bytes:
     table = bytearray()
     for byte in range(256):
-        rest = byte
+        remainder = byte
         for _ in range(8):
-            rest = (rest << 1 ^ polynomial) & 0xFF if rest & 0x80 else rest << 1
-        table.append(rest)
+            remainder = (remainder << 1 ^ polynomial) & 0xFF if remainder & 0x80 else remainder << 1
+        table.append(remainder)
     return bytes(table)
 
 
@@ -85,7 +85,7 @@ def cobs_packet(payload: bytes, identity: int = 0) -> bytes:
     return head + bytes(stuffed) + bytes([crc8(bytes(stuffed)), STOP])
 
 
-def _unstuffed(stuffed: bytes, overhead: int) -> bytes | None:
+def _unstuff(stuffed: bytes, overhead: int) -> bytes | None:
     """Return the payload with its bytes 0x7E, or None if the distances lead out of it."""
     payload, at = bytearray(stuffed), overhead
     while at != 0xFF:
@@ -144,9 +144,9 @@ class Packet:
         self, form: Form, template: Template, names: Iterable[str], *, answer: bool = False
     ) -> None:
         self.form, self.template, self._answer = form, template, answer
-        known = list(names)
+        choices = list(names)
         if form == "text":
-            self._parts = self._text_parts(template, known)
+            self._parts = self._text_parts(template, choices)
             self.names = [name for _, name, _ in self._parts if name is not None]
             return
         self.lines = 1
@@ -175,9 +175,9 @@ class Packet:
             )
         self.names = [value for value in template.values if isinstance(value, str)]
         for name in self.names:
-            _check_name(name, known, "values")
+            _check_name(name, choices, "values")
 
-    def _text_parts(self, template: Template, known: list[str]) -> list[tuple[str, Any, str]]:
+    def _text_parts(self, template: Template, choices: list[str]) -> list[tuple[str, Any, str]]:
         if template.text is None or template.struct is not None or template.values is not None:
             raise InvalidInputError("expected text, and neither struct nor values")
         self.lines = len(template.text.strip().splitlines())
@@ -189,8 +189,8 @@ class Packet:
                 if conversion:
                     raise ValueError(f"no conversion !{conversion}")
                 if name is not None:
-                    _check_name(name, known, "text")
-                    _written(1.0, spec or "")
+                    _check_name(name, choices, "text")
+                    _format_value(1.0, spec or "")
                 parts.append((literal, name, spec or ""))
         except ValueError as error:
             if isinstance(error, InvalidInputError):
@@ -211,12 +211,12 @@ class Packet:
         """
         if self.form == "text":
             line = "".join(
-                literal + ("" if name is None else _written(values[name], spec))
+                literal + ("" if name is None else _format_value(values[name], spec))
                 for literal, name, spec in self._parts
             )
             return (line if line.endswith(("\n", "\r")) else line + "\n").encode()
         packed = [
-            _packed(values[value] if isinstance(value, str) else value, code)
+            _pack_value(values[value] if isinstance(value, str) else value, code)
             for value, code in zip(self.template.values or (), self._codes, strict=True)
         ]
         try:
@@ -246,16 +246,16 @@ class Packet:
             message = message[1:]
         if len(message) != self._struct.size:
             return None
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         for got, value, code in zip(
             self._struct.unpack(message), self.template.values or (), self._codes, strict=True
         ):
             if value in READ:
                 if value != "any":
-                    found[str(value)] = float(got)
-            elif got != _same(sent[value] if isinstance(value, str) else value, code):
+                    values[str(value)] = float(got)
+            elif got != _round_trip(sent[value] if isinstance(value, str) else value, code):
                 return None
-        return found
+        return values
 
     def _read_text(self, message: bytes, sent: Mapping[str, float]) -> dict[str, float] | None:
         pattern, read = "", []
@@ -267,7 +267,7 @@ class Packet:
                 pattern += NUMBER
                 read.append(name)
             elif name is not None:
-                pattern += re.escape(_written(sent[name], spec))
+                pattern += re.escape(_format_value(sent[name], spec))
         match = re.fullmatch(pattern.strip(), message.decode(errors="replace").strip())
         return match and {
             name: float(text) for name, text in zip(read, match.groups(), strict=True)
@@ -279,8 +279,10 @@ class Packet:
             return False
         got = self._struct.unpack(message[: self._struct.size])
         return all(
-            isinstance(value, str) or one == _same(value, code)
-            for one, value, code in zip(got, self.template.values or (), self._codes, strict=True)
+            isinstance(value, str) or number == _round_trip(value, code)
+            for number, value, code in zip(
+                got, self.template.values or (), self._codes, strict=True
+            )
         )
 
     def largest(self, name: str) -> int:
@@ -369,7 +371,7 @@ class Splitter:
                 return None
             stuffed = bytes(self._came[4 : 4 + length])
             crc, stop = self._came[4 + length : 6 + length]
-            payload = _unstuffed(stuffed, overhead)
+            payload = _unstuff(stuffed, overhead)
             if stop != STOP or crc != crc8(stuffed) or payload is None:
                 del self._came[0]
                 continue
@@ -377,15 +379,15 @@ class Splitter:
             return bytes([identity]) + payload
 
 
-def _check_name(name: str, known: list[str], what: str) -> None:
-    if name not in known:
+def _check_name(name: str, choices: list[str], what: str) -> None:
+    if name not in choices:
         raise InvalidInputError(
-            f"{what}: expected names out of {', '.join(known)}, got"
-            f" {shortened(name)}{suggestion(name, known)}"
+            f"{what}: expected names out of {', '.join(choices)}, got"
+            f" {shortened(name)}{suggestion(name, choices)}"
         )
 
 
-def _written(value: float, spec: str) -> str:
+def _format_value(value: float, spec: str) -> str:
     """Return a value as a text. Whole numbers have no decimal point, if no format asks for one."""
     value += 0.0  # -0.0 is 0
     whole = spec[-1:] in WHOLE if spec else value.is_integer()
@@ -400,7 +402,7 @@ def _codes(form: str) -> str:
     return codes
 
 
-def _packed(value: float, code: str) -> Any:
+def _pack_value(value: float, code: str) -> Any:
     """Return a value as the type of its place in a struct."""
     if code in "efd":
         return float(value)
@@ -409,9 +411,9 @@ def _packed(value: float, code: str) -> Any:
     return bytes([round(value)]) if code == "c" else round(value)
 
 
-def _same(value: float, code: str) -> Any:
+def _round_trip(value: float, code: str) -> Any:
     """Return a value as it comes back from its place in a struct."""
     try:
-        return struct.unpack("<" + code, struct.pack("<" + code, _packed(value, code)))[0]
+        return struct.unpack("<" + code, struct.pack("<" + code, _pack_value(value, code)))[0]
     except (struct.error, OverflowError, ValueError):
         return None

@@ -184,9 +184,9 @@ class PlantProperties:
         names = [field.name for field in dataclasses.fields(cls)[1:]]
         for name in values:
             check_choice(name, what="physics", choices=names)
-        usual = USUAL.get(kind, {})
+        defaults = USUAL.get(kind, {})
         moves: Kind = "pull" if kind == "pull" else "roll"
-        return cls(moves, **{**usual, **values})
+        return cls(moves, **{**defaults, **values})
 
     @classmethod
     def parse(cls, text: str) -> PlantProperties:
@@ -374,11 +374,11 @@ class Plant:
         self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
 
     def _draw_radii(self, n: int) -> Points:
-        usual, spread = self.apparatus.radius, self.apparatus.own_radius
+        mean, spread = self.apparatus.radius, self.apparatus.own_radius
         least, most = (RANGES["radius"][0], RANGES["radius"][1])
         if not spread:
-            return np.full(n, usual)
-        return np.clip(usual * self._rng.normal(1, spread, n), least, most)
+            return np.full(n, mean)
+        return np.clip(mean * self._rng.normal(1, spread, n), least, most)
 
     @property
     def _smallest(self) -> float:
@@ -461,22 +461,24 @@ class Plant:
         strength : float
             Strength of the field, as a share of that of a command.
         """
-        about, rng = self.apparatus, self._rng
-        self.wait(about.delay)
-        angle = angle + self.heading + about.direction * float(rng.normal())
-        strength *= max(0.0, 1 + about.magnitude * float(rng.normal()))
-        seconds *= max(0.0, 1 + about.pulse_error * float(rng.normal()))
-        speed = strength * about.length / about.pulse
+        apparatus, rng = self.apparatus, self._rng
+        self.wait(apparatus.delay)
+        angle = angle + self.heading + apparatus.direction * float(rng.normal())
+        strength *= max(0.0, 1 + apparatus.magnitude * float(rng.normal()))
+        seconds *= max(0.0, 1 + apparatus.pulse_error * float(rng.normal()))
+        speed = strength * apparatus.length / apparatus.pulse
         command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
-        most = speed * about.strongest * float(self.coil_gains.max() * self.own_gains.max())
-        most += about.attraction + float(np.linalg.norm(self._flow)) + abs(about.spin) * speed
+        most = speed * apparatus.strongest * float(self.coil_gains.max() * self.own_gains.max())
+        most += (
+            apparatus.attraction + float(np.linalg.norm(self._flow)) + abs(apparatus.spin) * speed
+        )
         steps = max(1, ceil(seconds * most / (STEP * self._smallest)))
         self._fastest = most
         self.field_on, self._longest = True, max(seconds / steps, 1e-9)
         for _ in range(steps):
             self._step(self._longest, command)
         self.field_on = False
-        self.wait(about.settle)
+        self.wait(apparatus.settle)
 
     def wait(self, seconds: float) -> None:
         """Let time pass without a field."""
@@ -494,12 +496,12 @@ class Plant:
 
     def _step(self, seconds: float, command: Points) -> None:
         """Let the engine move the particles for a short time."""
-        wanted = self._velocities(self.points, command)
+        velocities = self._velocities(self.points, command)
         # v' = (v_wanted - v) / lag, exactly over the step: v keeps the share e^(-t/lag)
         lag = self.apparatus.lag
-        kept = exp(-seconds / lag) if lag else 0.0
-        self._space.damping = kept ** (1 / seconds) if kept else 0.0
-        self._forces[:-1] = wanted * ((1 - kept) / seconds)
+        decay = exp(-seconds / lag) if lag else 0.0
+        self._space.damping = decay ** (1 / seconds) if decay else 0.0
+        self._forces[:-1] = velocities * ((1 - decay) / seconds)
         self._exchange.set_space_bodies(self._space, self._exchange.BodyFields.FORCE, self._given)
         self._space.step(seconds)
         self._calm()
@@ -515,20 +517,20 @@ class Plant:
 
     def _velocities(self, points: Points, command: Points) -> Points:
         """Return the velocity that each particle has in the open (shape (n, 2))."""
-        about = self.apparatus
+        apparatus = self.apparatus
         velocities = np.zeros_like(points)
         for axis, along in enumerate(command.tolist()):
             if along:
                 velocities += self._coil(points, axis, along)
         velocities *= self.own_gains[:, None]
-        if about.attraction and self.field_on:
+        if apparatus.attraction and self.field_on:
             velocities += self._attraction(points, command)
-        if about.spin and self.field_on:
+        if apparatus.spin and self.field_on:
             velocities += self._rolling(points, float(np.linalg.norm(command)))
         if self._flow.any():
             near = np.minimum(self._gaps(points).min(axis=1), 0.5)
             velocities += self._flow * (4 * near * (1 - near))[:, None]
-        if about.adhesion:
+        if apparatus.adhesion:
             self._stick(points, velocities)
         return velocities
 
@@ -536,12 +538,12 @@ class Plant:
         """Return the velocities that one coil causes. Its field grows towards it, from the weakest
         to the strongest, and points to its axis.
         """
-        about, other = self.apparatus, 1 - axis
+        apparatus, other = self.apparatus, 1 - axis
         near = points[:, axis] / self._size[axis]  # 0 at one side and 1 at the other
         near = near if along > 0 else 1 - near
-        strength = about.weakest + (about.strongest - about.weakest) * near
+        strength = apparatus.weakest + (apparatus.strongest - apparatus.weakest) * near
         beside = 2 * points[:, other] / self._size[other] - 1  # -1 to 1
-        angle = -radians(about.convergence) * beside
+        angle = -radians(apparatus.convergence) * beside
         speed = abs(along) * self.coil_gains[axis, int(along > 0)] * strength
         velocities = np.empty_like(points)
         velocities[:, axis] = np.sign(along) * speed * np.cos(angle)
@@ -566,8 +568,8 @@ class Plant:
         """
         from scipy.spatial import KDTree
 
-        far = REACH * 2 * float(self.radii.max())
-        pairs = KDTree(points).query_pairs(far, output_type="ndarray")
+        reach = REACH * 2 * float(self.radii.max())
+        pairs = KDTree(points).query_pairs(reach, output_type="ndarray")
         velocities = np.zeros_like(points)
         if not len(pairs):
             return velocities
@@ -591,8 +593,8 @@ class Plant:
 
     def _stick(self, points: Points, velocities: Points) -> None:
         """Hold the particles that touch a wall and are too slow to leave it or to slide."""
-        about = self.apparatus
-        least = about.adhesion * about.length / about.pulse
+        apparatus = self.apparatus
+        least = apparatus.adhesion * apparatus.length / apparatus.pulse
         touches = (self._gaps(points) < self.radii[:, None] + TOUCHING).any(axis=1)
         velocities[touches & (np.linalg.norm(velocities, axis=1) < least)] = 0.0
 
@@ -600,8 +602,8 @@ class Plant:
         """Return the distances of points from the walls on the sides -x, +x, -y and +y of their
         cells (shape (n, 4)), inf where there is none.
         """
-        left = points - np.floor(points)
-        gaps = np.column_stack([left[:, 0], 1 - left[:, 0], left[:, 1], 1 - left[:, 1]])
+        offsets = points - np.floor(points)
+        gaps = np.column_stack([offsets[:, 0], 1 - offsets[:, 0], offsets[:, 1], 1 - offsets[:, 1]])
         return np.where(self._walls[tuple(self.cells_of(points).T)], gaps, np.inf)
 
     def _calm(self) -> None:
@@ -629,22 +631,22 @@ class Plant:
         time : float
         centroids : ndarray of float64, shape (k, 2)
         """
-        about, rng = self.apparatus, self._rng
-        rate = about.frame_rate
-        time = max(0.0, np.floor((self.clock - about.late) * rate + 1e-9) / rate)
+        apparatus, rng = self.apparatus, self._rng
+        rate = apparatus.frame_rate
+        time = max(0.0, np.floor((self.clock - apparatus.late) * rate + 1e-9) / rate)
         points = next(
             (seen for taken, seen in reversed(self._seen) if taken <= time + 1e-9), self._seen[0][1]
         )
-        shown = rng.random(len(points)) >= about.miss
+        shown = rng.random(len(points)) >= apparatus.miss
         points, radii = points[shown], self.radii[: len(points)][shown]
-        doubled = rng.random(len(points)) < about.double
+        doubled = rng.random(len(points)) < apparatus.double
         twice = points[doubled]
         turn = rng.uniform(0, 2 * np.pi, len(twice))
         twice = twice + radii[doubled, None] * np.column_stack([np.cos(turn), np.sin(turn)])
-        ghosts = rng.uniform(0, 1, (int(rng.poisson(about.ghosts)), 2)) * self._size
-        points = _blurred(points, about.blur / about.pixels)
+        ghosts = rng.uniform(0, 1, (int(rng.poisson(apparatus.ghosts)), 2)) * self._size
+        points = _blur(points, apparatus.blur / apparatus.pixels)
         points = np.vstack([points, twice, ghosts])
-        points = points + rng.normal(0, about.camera_error / about.pixels, points.shape)
+        points = points + rng.normal(0, apparatus.camera_error / apparatus.pixels, points.shape)
         return float(time), np.clip(points, 0, np.nextafter(self._size, 0))
 
 
@@ -751,7 +753,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     return list(zip(lines.tolist(), firsts.tolist(), ends.tolist(), strict=True))
 
 
-def _blurred(points: Points, reach: float) -> Points:
+def _blur(points: Points, reach: float) -> Points:
     """Return points, with those that are nearer to each other than ``reach`` as one, at their
     middle.
     """

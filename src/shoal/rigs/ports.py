@@ -176,13 +176,13 @@ class BenchRig:
         trim: PulseTrim | None = None,
     ) -> None:
         self.actuator, self.sensor, self.trim = actuator, sensor, trim
-        found = calibration or getattr(sensor, "calibration", None)
-        if found is None:
+        calibration = calibration or getattr(sensor, "calibration", None)
+        if calibration is None:
             raise InvalidInputError(
                 f"calibration: expected one for the sensor {sensor.name}, which gives pixels and"
                 " not cells, got none"
             )
-        self.calibration: Calibration = found
+        self.calibration: Calibration = calibration
         view = shape or getattr(sensor, "shape", None)
         if view is None:
             raise InvalidInputError(
@@ -195,9 +195,11 @@ class BenchRig:
                 " dimensions"
             )
         self.pulses: dict[str, tuple[float, float]] = dict(
-            checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
+            check_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
-        self.rule = check_choice(rule, what="rule", choices=[one for one in RULES if one != "tilt"])
+        self.rule = check_choice(
+            rule, what="rule", choices=[name for name in RULES if name != "tilt"]
+        )
         same = actuator.name == sensor.name
         self.name = name or (sensor.name if same else f"{actuator.name} and {sensor.name}")
         self.latency = check_number(latency, what="latency", least=0)
@@ -237,7 +239,7 @@ class BenchRig:
             self.look()
         self.push(*self.trim.pulse(command))
         if (late := getattr(self.actuator, "late", None)) is not None:
-            self.trim.lasted(late)
+            self.trim.note_duration(late)
         self._unseen = True
 
     @property
@@ -329,7 +331,7 @@ class BenchRig:
             self.sensor.close()
 
 
-def checked_pulses(pulses: Pulses | None, name: str) -> Pulses:
+def check_pulses(pulses: Pulses | None, name: str) -> Pulses:
     """Check that each of the four commands has a pulse."""
     if pulses is None:
         raise InvalidInputError(
@@ -395,20 +397,20 @@ class PlantPorts:
         """Return the first picture that was taken after the last push, and then one picture after
         the other.
         """
-        about, plant = self.plant.apparatus, self.plant
-        arrives = self._ended + 1 / about.frame_rate + about.late
+        apparatus, plant = self.plant.apparatus, self.plant
+        arrives = self._ended + 1 / apparatus.frame_rate + apparatus.late
         if self._ended and plant.clock < arrives:
             plant.wait(arrives - plant.clock)
         if self._seen is not None and self._seen.number == self._number_now():
-            plant.wait(1 / about.frame_rate)
+            plant.wait(1 / apparatus.frame_rate)
         _, centroids = plant.picture()
-        pixels = (centroids * [1, -1] + [0, self.shape[0]]) * about.pixels
+        pixels = (centroids * [1, -1] + [0, self.shape[0]]) * apparatus.pixels
         self._seen = Frame(pixels, time.monotonic(), self._number_now())
         return self._seen
 
     def _number_now(self) -> int:
-        about = self.plant.apparatus
-        return max(0, floor((self.plant.clock - about.late) * about.frame_rate + 1e-9))
+        apparatus = self.plant.apparatus
+        return max(0, floor((self.plant.clock - apparatus.late) * apparatus.frame_rate + 1e-9))
 
     def stop(self) -> None:
         """Turn the field off. The plant then refuses further pushes."""
@@ -449,7 +451,8 @@ class RemoteActuator:
         check_number(angle, what="angle")
         check_number(seconds, what="seconds", least=0)
         letter = next(
-            (one for one, pulse in self.pulses.items() if pulse == (angle % 360, seconds)), None
+            (command for command, pulse in self.pulses.items() if pulse == (angle % 360, seconds)),
+            None,
         )
         if not self.whole:
             self.rig.push(angle, seconds)
@@ -537,8 +540,8 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
         if not path:
             raise InvalidInputError("actuator: expected coils:FILE, got no file")
         return CoilActuator(path)
-    found: Actuator = _own(spec, "actuator", Actuator)
-    return found
+    actuator: Actuator = _open_own(spec, "actuator", Actuator)
+    return actuator
 
 
 def open_sensor(spec: str, **options: Any) -> Sensor:
@@ -559,8 +562,8 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
         return RemoteSensor(open_rig(spec, **options))
     if is_camera(spec):
         return open_camera(spec)
-    found: Sensor = _own(spec, "sensor", Sensor)
-    return found
+    sensor: Sensor = _open_own(spec, "sensor", Sensor)
+    return sensor
 
 
 def open_own_rig(spec: str) -> Rig:
@@ -575,13 +578,13 @@ def open_own_rig(spec: str) -> Rig:
     ------
     InvalidInputError, UnknownNameError
     """
-    found = _own(spec, "rig", Rig, Actuator)
-    if isinstance(found, Rig):
-        return found
-    if not isinstance(found, Sensor):
-        raise InvalidInputError(_not_a(spec, "rig", found))
-    both: Any = found
-    return BenchRig(both, both)
+    device = _open_own(spec, "rig", Rig, Actuator)
+    if isinstance(device, Rig):
+        return device
+    if not isinstance(device, Sensor):
+        raise InvalidInputError(_type_fault(spec, "rig", device))
+    ports: Any = device
+    return BenchRig(ports, ports)
 
 
 KNOWN = {
@@ -599,22 +602,23 @@ MEMBERS = {
 }
 
 
-def _own(spec: str, kind: str, *types: type) -> Any:
+def _open_own(spec: str, kind: str, *types: type) -> Any:
     """Return a device of the user, named as MODULE:ATTRIBUTE. Only what the user types gets here."""
     if ":" not in spec:
         raise InvalidInputError(f"{kind}: expected {KNOWN[kind]}, got {spec[:80]!r}")
-    made = configured(Registry[Any](kind), spec)
-    if callable(made) and not isinstance(made, types):
+    device = configured(Registry[Any](kind), spec)
+    if callable(device) and not isinstance(device, types):
         try:
-            made = made()
+            device = device()
         except (Exception, SystemExit) as error:  # code of the user
             raise RigError(f"{kind} {spec}: {describe_error(error)}") from error
-    if not isinstance(made, types):
-        raise InvalidInputError(_not_a(spec, kind, made))
-    return made
+    if not isinstance(device, types):
+        raise InvalidInputError(_type_fault(spec, kind, device))
+    return device
 
 
-def _not_a(spec: str, kind: str, made: Any) -> str:
+def _type_fault(spec: str, kind: str, device: Any) -> str:
     return (
-        f"{kind}: expected an object with {MEMBERS[kind]}, got {type(made).__name__} from {spec!r}"
+        f"{kind}: expected an object with {MEMBERS[kind]}, got {type(device).__name__} from"
+        f" {spec!r}"
     )

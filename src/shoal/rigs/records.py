@@ -82,18 +82,18 @@ def write_frames(log: str | os.PathLike[str] | RecordedRig, path: str | os.PathL
     commands, before, rows = past.commands + past.tail, 0, []
     for number, frame in enumerate(frames):
         sent = commands[before : frame["move"]]
-        about: dict[str, Any] = {
+        row: dict[str, Any] = {
             "frame": number,
             "time": frame["time"],
             "move": frame["move"],
             "commands": sent,
         }
-        about |= frame.get("values", {})
+        row |= frame.get("values", {})
         before = max(before, frame["move"])
         for particle, cell in enumerate(frame["cells"]):
-            rows.append(about | {"particle": particle} | dict(zip(axes, cell, strict=True)))
+            rows.append(row | {"particle": particle} | dict(zip(axes, cell, strict=True)))
         if not frame["cells"]:
-            rows.append(about)
+            rows.append(row)
     text = io.StringIO()
     names = ["frame", "time", "move", "commands", "particle", *axes, *values]
     table = csv.DictWriter(text, names, lineterminator="\n")

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.rigs.calibration import RESIDUAL, TieKind, transformed
+from shoal.rigs.calibration import RESIDUAL, TieKind, transform_points
 from shoal.rigs.cameras import grey, load_opencv
 
 Points = NDArray[np.float64]
@@ -79,7 +79,7 @@ def tie_by_marks(marks: ArrayLike, *, limit: float = RESIDUAL) -> Tie:
     --------
     >>> marks = [(0, 0, 0, 0), (100, 0, 0, 5), (0, 100, 5, 0), (100, 100, 5, 5)]
     >>> tie = tie_by_marks(marks)
-    >>> transformed(tie.matrix, [(40, 20)]).round(3).tolist(), round(tie.residual, 6)
+    >>> transform_points(tie.matrix, [(40, 20)]).round(3).tolist(), round(tie.residual, 6)
     ([[1.0, 2.0]], 0.0)
     """
     table = np.asarray(marks, dtype=np.float64)
@@ -90,15 +90,15 @@ def tie_by_marks(marks: ArrayLike, *, limit: float = RESIDUAL) -> Tie:
     notes = []
     for name, points in (("pixels", table[:, :2]), ("cells", table[:, 2:])):
         _check_spread(points, f"mark: expected {name} that are not on one line")
-    kept = _agreeing(table) if len(table) >= 6 else np.ones(len(table), dtype=bool)
-    for at in np.flatnonzero(~kept).tolist():
+    inliers = _find_inliers(table) if len(table) >= 6 else np.ones(len(table), dtype=bool)
+    for at in np.flatnonzero(~inliers).tolist():
         x, y, row, col = table[at]
         notes.append(f"the mark {x:g},{y:g}={row:g},{col:g} contradicts the others: left out")
-    table = table[kept]
+    table = table[inliers]
     _check_spread(table[:, :2], "mark: expected pixels that are not on one line")
-    matrix, residual = _fit(table, projective=False), _left_out(table, projective=False)
+    matrix, residual = _fit(table, projective=False), _leave_one_out_error(table, projective=False)
     if len(table) >= 6 and residual is not None:
-        projective = _left_out(table, projective=True)
+        projective = _leave_one_out_error(table, projective=True)
         if projective is not None and projective < residual / 2:
             matrix, residual = _fit(table, projective=True), projective
     if residual is not None and residual > limit:
@@ -130,7 +130,7 @@ def _fit(table: Points, *, projective: bool) -> Points:
         from scipy.optimize import least_squares
 
         def errors(entries: Points) -> Points:
-            return (transformed(np.append(entries, 1.0).reshape(3, 3), scaled) - cells).ravel()
+            return (transform_points(np.append(entries, 1.0).reshape(3, 3), scaled) - cells).ravel()
 
         affine = np.append(least_squares(errors, affine.ravel()[:8]).x, 1.0).reshape(3, 3)
     shrink = np.array(
@@ -140,7 +140,7 @@ def _fit(table: Points, *, projective: bool) -> Points:
     return np.asarray(matrix / matrix[2, 2], dtype=np.float64)
 
 
-def _left_out(table: Points, *, projective: bool) -> float | None:
+def _leave_one_out_error(table: Points, *, projective: bool) -> float | None:
     """Return the root mean square distance of each mark from where the others put it, in cells."""
     if len(table) < (6 if projective else 4):
         return None
@@ -152,27 +152,30 @@ def _left_out(table: Points, *, projective: bool) -> float | None:
         except InvalidInputError:  # this mark alone shows one direction
             continue
         matrix = _fit(others, projective=projective)
-        errors.append(float(np.sum((transformed(matrix, table[at, :2])[0] - table[at, 2:]) ** 2)))
+        errors.append(
+            float(np.sum((transform_points(matrix, table[at, :2])[0] - table[at, 2:]) ** 2))
+        )
     return float(np.sqrt(np.mean(errors))) if errors else None
 
 
-def _agreeing(table: Points) -> NDArray[np.bool_]:
+def _find_inliers(table: Points) -> NDArray[np.bool_]:
     """Return which marks agree with most others (least median of squares over all triples)."""
-    best, kept = inf, np.ones(len(table), dtype=bool)
+    best, inliers = inf, np.ones(len(table), dtype=bool)
     order = np.random.default_rng(0).permutation(len(table))
     for triple in islice(combinations(order.tolist(), 3), 2000):
-        some = table[list(triple)]
+        triple_marks = table[list(triple)]
         try:
-            _check_spread(some[:, :2], "")
+            _check_spread(triple_marks[:, :2], "")
         except InvalidInputError:
             continue
-        away = np.linalg.norm(
-            transformed(_fit(some, projective=False), table[:, :2]) - table[:, 2:], axis=1
+        distances = np.linalg.norm(
+            transform_points(_fit(triple_marks, projective=False), table[:, :2]) - table[:, 2:],
+            axis=1,
         )
-        if (middle := float(np.median(away))) < best:
+        if (middle := float(np.median(distances))) < best:
             # a camera that looks askew bends all marks a little; an error of reading is larger
-            best, kept = middle, away <= max(OUTLIER, 5 * middle)
-    return kept
+            best, inliers = middle, distances <= max(OUTLIER, 5 * middle)
+    return inliers
 
 
 def tie_by_sensor(sensor: Any) -> Tie:
@@ -259,36 +262,36 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
     scaled = cv2.normalize(shown, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     _, bright = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     best: tuple[float, Matrix, Mask] | None = None
-    other = 0.0
+    runner_up = 0.0
     for mask in (bright > 0, bright == 0):
-        vessel = _largest(cv2, mask, int(free.sum()))
+        vessel = _largest_part(cv2, mask, int(free.sum()))
         if vessel is None:
             continue
-        tried = _tried(cv2, vessel, free)
-        overlap, matrix, angle = max(tried, key=lambda one: one[0])
-        rest = max(
+        candidates = _try_turns(cv2, vessel, free)
+        overlap, matrix, angle = max(candidates, key=lambda candidate: candidate[0])
+        alternative = max(
             (
-                one[0]
-                for one in tried
-                if np.sign(np.linalg.det(one[1])) != np.sign(np.linalg.det(matrix))
-                or abs((one[2] - angle + 180) % 360 - 180) > OTHER
+                candidate[0]
+                for candidate in candidates
+                if np.sign(np.linalg.det(candidate[1])) != np.sign(np.linalg.det(matrix))
+                or abs((candidate[2] - angle + 180) % 360 - 180) > OTHER
             ),
             default=0.0,
         )
         if best is None or overlap > best[0]:
-            best, other = (overlap, matrix, vessel), rest
+            best, runner_up = (overlap, matrix, vessel), alternative
     if best is None or best[0] < LEAST:
         raise InvalidInputError(
             "map: expected one whose outline is in the picture, got an overlap of at most"
             f" {0 if best is None else best[0]:.0%}; give marks"
         )
     overlap, matrix, vessel = best
-    if overlap - other < SURE:
+    if overlap - runner_up < SURE:
         raise InvalidInputError(
             "map: expected one that fits the picture in one way, got one that fits turned or"
             " mirrored as well; give marks"
         )
-    matrix = _refined(cv2, vessel, free, matrix)
+    matrix = _refine(cv2, vessel, free, matrix)
     residual = _outline_distance(cv2, vessel, free, matrix)
     if residual > limit:
         raise InvalidInputError(
@@ -298,7 +301,7 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
     return Tie("map", np.asarray(np.linalg.inv(matrix), dtype=np.float64), residual)
 
 
-def _largest(cv2: Any, mask: Mask, cells: int) -> Mask | None:
+def _largest_part(cv2: Any, mask: Mask, cells: int) -> Mask | None:
     """Return the largest connected part of a mask, with small holes filled (the particles)."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
         mask.astype(np.uint8), connectivity=4
@@ -321,7 +324,7 @@ def _moments(mask: Mask) -> tuple[Matrix, Matrix]:
     return points.mean(0), axes @ np.diag(np.sqrt(values)) @ axes.T
 
 
-def _tried(cv2: Any, vessel: Mask, free: Mask) -> list[tuple[float, Matrix, float]]:
+def _try_turns(cv2: Any, vessel: Mask, free: Mask) -> list[tuple[float, Matrix, float]]:
     """Return overlap, matrix from (column, row) to pixels and turn for all turns and reflections."""
     height, width = vessel.shape
     shrink = min(1.0, COARSE / max(height, width))
@@ -336,7 +339,7 @@ def _tried(cv2: Any, vessel: Mask, free: Mask) -> list[tuple[float, Matrix, floa
     )
     middle, spread = _moments(vessel)
     centre, shape = _moments(free)
-    tried = []
+    candidates = []
     drawn = free.astype(np.float32)
     for mirror in (1.0, -1.0):
         for turn in range(TURNS):
@@ -349,11 +352,13 @@ def _tried(cv2: Any, vessel: Mask, free: Mask) -> list[tuple[float, Matrix, floa
             matrix[:2, :2], matrix[:2, 2] = linear, middle - linear @ centre
             laid = cv2.warpAffine(drawn, (to_small @ matrix)[:2], size, flags=cv2.INTER_NEAREST)
             union = float(np.maximum(laid, small).sum())
-            tried.append((float(np.minimum(laid, small).sum()) / union, matrix, 360 * turn / TURNS))
-    return tried
+            candidates.append(
+                (float(np.minimum(laid, small).sum()) / union, matrix, 360 * turn / TURNS)
+            )
+    return candidates
 
 
-def _refined(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> Matrix:
+def _refine(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> Matrix:
     """Return the matrix from (row, column) to pixels that correlates the masks best."""
     side = max(1, min(32, FINE // max(free.shape)))
     drawn = cv2.resize(
@@ -399,9 +404,9 @@ def _outline_distance(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> flo
     )
     outlines = [_outline(cv2, vessel.astype(np.uint8)), _outline(cv2, laid)]
     squares = []
-    for one, another in (outlines, outlines[::-1]):
-        away = cv2.distanceTransform((~another).astype(np.uint8), cv2.DIST_L2, 5)
-        squares.append(away[one] ** 2)
+    for outline, other in (outlines, outlines[::-1]):
+        distances = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, 5)
+        squares.append(distances[outline] ** 2)
     cell = float(abs(np.linalg.det(matrix[:2, :2]))) ** 0.5
     return float(np.sqrt(np.mean(np.concatenate(squares))) / cell)
 

@@ -218,22 +218,22 @@ class RigSession:
         """Ask the rig what it knows of a session, and go on with it or begin a new one."""
         self.session, self._seq = logged.session, logged.last
         self._welcome = self._connect(new=None)
-        done = self._welcome.seq
-        known = (
+        last_done = self._welcome.seq
+        outcome_known = (
             self._welcome.session == logged.session
-            and done > 0
-            and done >= max(logged.last, logged.command) - 1
+            and last_done > 0
+            and last_done >= max(logged.last, logged.command) - 1
         )
-        number = done if known else logged.carried_out
+        number = last_done if outcome_known else logged.carried_out
         carried_out = None if number is None else number >= logged.command
         outcome = carried_out if logged.outcome is True else logged.outcome
-        if known and not logged.ended:
+        if outcome_known and not logged.ended:
             # a command that was not carried out gets its number again
-            self._seq = self._carried_out = done
+            self._seq = self._carried_out = last_done
             return Resumption(True, outcome, self._lost_command(logged.last))
         self._before, self.session = self.session, secrets.token_hex(8)
         self._seq = self._carried_out = 0
-        self._welcome = self._anew()
+        self._welcome = self._begin_session()
         return Resumption(False, outcome)
 
     def _lost_command(self, last: int) -> bool:
@@ -251,7 +251,7 @@ class RigSession:
             return True
         return False
 
-    def _anew(self) -> Welcome:
+    def _begin_session(self) -> Welcome:
         """Begin a new session over the open connection."""
         try:
             welcome = self._greet()
@@ -260,7 +260,7 @@ class RigSession:
         if welcome is None:
             self.transport.close()
             return self._connect(new=True)
-        return self._accepted(welcome, new=True)
+        return self._check_welcome(welcome, new=True)
 
     def ask(self, make: Callable[[int], Request], kind: type[Answer]) -> Answer:
         """Send the request that ``make`` returns for the next number, and repeat it until the rig
@@ -310,7 +310,7 @@ class RigSession:
             try:
                 # the newline ends a line that an interruption may have left incomplete
                 self.transport.write(b"\n" + encode_message(Stop()))
-                if self._stopped(min(STOP_EVERY, self.repeat_after)):
+                if self._await_stop(min(STOP_EVERY, self.repeat_after)):
                     return
             except ConnectionCutError as error:
                 if reopened and not self.transport.returns:
@@ -353,8 +353,8 @@ class RigSession:
             row were damaged, here or at the rig.
         """
         until = time.monotonic() + timeout
-        while (left := until - time.monotonic()) > 0:
-            line = self.transport.read(left)
+        while (remaining := until - time.monotonic()) > 0:
+            line = self.transport.read(remaining)
             if line is None:
                 return
             if line.strip():
@@ -367,19 +367,19 @@ class RigSession:
                 if len(self._damaged) > MOST_DAMAGED:
                     raise RigError(
                         f"{self.transport.name}: {MOST_DAMAGED} lines in a row were damaged:"
-                        f" {self._rubbish}"
+                        f" {self._damage_text}"
                     )
                 yield message
 
     @property
-    def _rubbish(self) -> str:
+    def _damage_text(self) -> str:
         """What was expected and what came instead, for people."""
         return (
             f"expected messages of protocol {PROTOCOL}, got"
             f" {self._damaged[-1][:60].decode(errors='replace')!r}"
         )
 
-    def _stopped(self, timeout: float) -> bool:
+    def _await_stop(self, timeout: float) -> bool:
         """Wait until the rig confirms the stop. Return False if Shoal must repeat the
         stop request.
         """
@@ -453,11 +453,11 @@ class RigSession:
                 self.transport.open()
                 welcome = self._greet()
                 if welcome is not None:
-                    return self._accepted(welcome, new=new)
+                    return self._check_welcome(welcome, new=new)
             except ConnectionCutError as error:
                 why = str(error)
                 if self._is_gone(error, new=new):
-                    raise self._last_words(why) from None
+                    raise self._lost_connection_error(why) from None
             except BaseException:
                 self.transport.close()
                 raise
@@ -473,7 +473,7 @@ class RigSession:
         waited = time.monotonic() - self._heard > self.repeat_after
         return not self.transport.returns or (new is not False and (waited or not error.refused))
 
-    def _last_words(self, why: str) -> RigError:
+    def _lost_connection_error(self, why: str) -> RigError:
         """Close a connection that was lost before the rig has answered. Return the error, with what
         the other end has written instead of an answer.
         """
@@ -486,7 +486,7 @@ class RigSession:
             return error
         finally:
             self.transport.close()
-        rubbish = f": {self._rubbish}" if self._damaged else ""
+        rubbish = f": {self._damage_text}" if self._damaged else ""
         return RigError(f"{self.transport.name}: no answer from the rig: {why}{rubbish}")
 
     def _greet(self, *, once: bool = False) -> Welcome | None:
@@ -507,7 +507,7 @@ class RigSession:
                 unanswered += 1
         return None
 
-    def _accepted(self, welcome: Welcome, *, new: bool | None) -> Welcome:
+    def _check_welcome(self, welcome: Welcome, *, new: bool | None) -> Welcome:
         """Check that the answer to the request hello comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(
@@ -650,9 +650,9 @@ def session_of(rig: Any) -> RigSession | None:
     """Return the session in which a rig gets its commands: the rig itself, or the session of its
     actuator if the rig is made of two devices. Return None for a rig without sessions.
     """
-    for one in (rig, getattr(getattr(rig, "actuator", None), "rig", None)):
-        if isinstance(one, RigSession):
-            return one
+    for candidate in (rig, getattr(getattr(rig, "actuator", None), "rig", None)):
+        if isinstance(candidate, RigSession):
+            return candidate
     return None
 
 

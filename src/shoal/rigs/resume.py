@@ -60,12 +60,15 @@ def check_same_rig(rig: Rig, past: RecordedRig) -> None:
     ------
     InvalidInputError
     """
-    told = (past.name, past.shape, past.rule)
-    got = (rig.name, tuple(rig.shape), rig.rule)
-    for what, one, other in zip(("name", "shape", "rule"), told, got, strict=True):
-        if one != other:
+    logged = (past.name, past.shape, past.rule)
+    actual_values = (rig.name, tuple(rig.shape), rig.rule)
+    for name, expected, actual in zip(
+        ("name", "shape", "rule"), logged, actual_values, strict=True
+    ):
+        if expected != actual:
             raise InvalidInputError(
-                f"{past.path}: expected the rig of the log, with the {what} {one}, got {other}"
+                f"{past.path}: expected the rig of the log, with the {name} {expected}, got"
+                f" {actual}"
             )
 
 
@@ -89,8 +92,8 @@ def rebuild(rig: Any, past: RecordedRig) -> None:
         if move:
             rig.send(commands[move - 1])
         if move in past.scans:
-            told = np.array(past.scans[move], dtype=np.int64).reshape(-1, len(past.shape))
-            if not np.array_equal(rig.observe(), told):
+            scan = np.array(past.scans[move], dtype=np.int64).reshape(-1, len(past.shape))
+            if not np.array_equal(rig.observe(), scan):
                 raise InvalidInputError(
                     f"{past.path}: expected a simulation that comes out as in the log, got other"
                     f" positions after move {move}: the map, the seed or a library is another"
@@ -98,7 +101,7 @@ def rebuild(rig: Any, past: RecordedRig) -> None:
     rig.resumption = Resumption(goes_on=True, carried_out=True)
 
 
-class _Deaf:
+class _ScanOnlyRig:
     """A rig in the place of another that has carried out the commands already."""
 
     def __init__(self, rig: Rig, cells: NDArray[np.int64]) -> None:
@@ -135,14 +138,14 @@ def go_on(
     state = getattr(rig if session is None else session, "resumption", None)
     state = state or Resumption(False, None)
     event = log.event if log is not None else lambda _what, _details: None
-    about: dict[str, Any] = {
+    details: dict[str, Any] = {
         "move": swarm.moves,
         "goes_on": state.goes_on,
         "carried_out": state.carried_out,
     }
     if session is not None:
-        about |= {"session": session.session, "seq": session.requests}
-    event("resumed", about)
+        details |= {"session": session.session, "seq": session.requests}
+    event("resumed", details)
     swarm.rig = rig
     tail: str | None = past.tail
     last = ""
@@ -154,10 +157,14 @@ def go_on(
     if tail or state.lost_command or not state.goes_on:
         cells = swarm.observe()
         if state.lost_command:
-            tail = _with_lost(swarm, past.tail, cells, log)
+            tail = _add_lost_command(swarm, past.tail, cells, log)
         certain = state.goes_on and not state.lost_command
-        known = state.goes_on or state.carried_out is not None
-        if not known or tail is None or not _explained(swarm, tail, cells, recorder, certain):
+        outcome_known = state.goes_on or state.carried_out is not None
+        if (
+            not outcome_known
+            or tail is None
+            or not _explain_scan(swarm, tail, cells, recorder, certain)
+        ):
             since = swarm.moves
             for command in past.tail if tail is None else tail:
                 recorder.add(command, swarm.skip(command, 1), scanned=False)
@@ -177,7 +184,7 @@ def _repeat(rig: Any, event: Any, move: int, command: str) -> None:
     rig.send(command)
 
 
-def _with_lost(
+def _add_lost_command(
     swarm: RigSwarm, tail: str, cells: NDArray[np.int64], log: DriveLog | None
 ) -> str | None:
     """Return the commands after the last scan, with the one that the rig has carried out and the
@@ -185,22 +192,22 @@ def _with_lost(
     """
     if swarm.noisy is not None:
         return None
-    swarm.log, found = None, []  # these are trials
-    kept = _kept(swarm)
+    swarm.log, candidates = None, []  # these are trials
+    snapshot = _snapshot(swarm)
     for letter in letters_of(swarm.layout.ndim):
-        if _explained(swarm, tail + letter, cells, Recorder(), certain=False):
-            found.append((letter, swarm.state != kept["state"]))
-        _restore(swarm, kept)
+        if _explain_scan(swarm, tail + letter, cells, Recorder(), certain=False):
+            candidates.append((letter, swarm.state != snapshot["state"]))
+        _restore(swarm, snapshot)
     swarm.log = log
-    if len(found) != 1 or not found[0][1]:
+    if len(candidates) != 1 or not candidates[0][1]:
         return None
-    letter = found[0][0]
+    letter = candidates[0][0]
     if log is not None:
         log.command(swarm.moves + len(tail) + 1, letter)
     return tail + letter
 
 
-def _explained(
+def _explain_scan(
     swarm: RigSwarm, tail: str, cells: NDArray[np.int64], recorder: Recorder, certain: bool
 ) -> bool:
     """Update the belief with a scan after commands that were carried out, and return true. If the
@@ -211,52 +218,52 @@ def _explained(
         return False
     if not tail:
         return bool(np.array_equal(cells, swarm.state.cells))
-    kept, found, runs = _kept(swarm), Recorder(), _runs(tail, swarm.rule)
+    snapshot, trial, runs = _snapshot(swarm), Recorder(), _runs(tail, swarm.rule)
     if not certain:  # the log must not hold a scan before it is clear what it means
         swarm.log = None
     try:
         for command, steps in runs[:-1]:
             rows = swarm.predict(command, steps)
             if rows is None:  # a scan is missing in between
-                _restore(swarm, kept)
+                _restore(swarm, snapshot)
                 return False
             swarm.moves += steps
             swarm.sent.append((command, steps, None))
-            found.add(command, rows, scanned=False)
-        _carry_out(swarm, *runs[-1], cells, found)
+            trial.add(command, rows, scanned=False)
+        _carry_out(swarm, *runs[-1], cells, trial)
     except (AlarmRaised, PositionError):
         if certain:
             raise
-        _restore(swarm, kept)
+        _restore(swarm, snapshot)
         return False
-    swarm.log = kept["log"]
+    swarm.log = snapshot["log"]
     if swarm.log is not None and not certain:
         swarm.log.scan(swarm.moves, cells)
-    recorder.extend(found)
+    recorder.extend(trial)
     return True
 
 
-def _kept(swarm: RigSwarm) -> dict[str, Any]:
+def _snapshot(swarm: RigSwarm) -> dict[str, Any]:
     """Return the attributes of a swarm without noise, of which only lists and sets are changed in
     place.
     """
-    return {name: _own(value) for name, value in vars(swarm).items()}
+    return {name: _copy_container(value) for name, value in vars(swarm).items()}
 
 
-def _own(value: Any) -> Any:
+def _copy_container(value: Any) -> Any:
     return copy.copy(value) if isinstance(value, list | set) else value
 
 
-def _restore(swarm: RigSwarm, kept: dict[str, Any]) -> None:
+def _restore(swarm: RigSwarm, snapshot: dict[str, Any]) -> None:
     vars(swarm).clear()
-    vars(swarm).update({name: _own(value) for name, value in kept.items()})
+    vars(swarm).update({name: _copy_container(value) for name, value in snapshot.items()})
 
 
 def _carry_out(
     swarm: RigSwarm, command: str, steps: int, cells: NDArray[np.int64], recorder: Recorder
 ) -> None:
     """Take over a scan after commands that the rig has carried out already."""
-    rig, swarm.rig = swarm.rig, _Deaf(swarm.rig, cells)
+    rig, swarm.rig = swarm.rig, _ScanOnlyRig(swarm.rig, cells)
     try:
         rows, scanned = swarm.carry_out(command, steps, scan=True)
     finally:

@@ -28,7 +28,7 @@ class SteeringBench:
     rig : BenchRig or RemoteRig
         A remote rig must be able to push and to look (`RemoteRig.can`).
     responses : Responses
-        How the particles answer to pulses. `Responses.stated` takes the pulses as exact.
+        How the particles answer to pulses. `Responses.from_pulses` takes the pulses as exact.
     unit : float
         Length of a cell in the unit of the problem.
     origin : array_like of float, shape (2,)
@@ -47,7 +47,7 @@ class SteeringBench:
     ...     GridWorkspace(np.ones((5, 5))), [(1.5, 1.5)], PlantProperties(), np.random.default_rng(1)
     ... )
     >>> ports = PlantPorts(plant)
-    >>> bench = SteeringBench(BenchRig(ports, ports), Responses.stated(ports.pulses), unit=0.2)
+    >>> bench = SteeringBench(BenchRig(ports, ports), Responses.from_pulses(ports.pulses), unit=0.2)
     >>> bench.send((0.3, 0.3))
     >>> bench.look().round(2).tolist()
     [[0.6, 0.6]]

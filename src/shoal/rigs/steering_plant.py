@@ -127,23 +127,25 @@ class SteeringPlant:
 
     def look(self) -> Points:
         """Return the positions that the camera sees; float64, shape (n, 2)."""
-        about, points = self.properties, self.points
-        error = about.camera_error / about.pixels * CELL * self.size
+        properties, points = self.properties, self.points
+        error = properties.camera_error / properties.pixels * CELL * self.size
         return points + self._rng.normal(0, error, points.shape) if error else points
 
     def send(self, move: ArrayLike) -> None:
         """Move the particles by an input (dx, dy), in the workspace's unit."""
         if self._stopped:
             raise RigError("the physical plant has been stopped")
-        about, rng = self.properties, self._rng
+        properties, rng = self.properties, self._rng
         vector = check_points([move], what="input", dimensions=2, count=1)[0]
         self.moves += 1
-        length = (1 + about.magnitude * rng.normal()) * (1 + about.pulse_error * rng.normal())
-        angle = np.radians(self.heading + about.direction * rng.normal())
+        length = (1 + properties.magnitude * rng.normal()) * (
+            1 + properties.pulse_error * rng.normal()
+        )
+        angle = np.radians(self.heading + properties.direction * rng.normal())
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         vector = max(0.0, float(length)) * (turn @ vector)
         longest = float(np.hypot(*vector)) * float(self.own_gains.max() * self.coil_gains.max())
-        steps = max(1, ceil(longest * about.strongest / (STEP * self.radius)))
+        steps = max(1, ceil(longest * properties.strongest / (STEP * self.radius)))
         share = vector / steps
         for _ in range(steps):
             for body, force in zip(self._bodies, self._displacements(share), strict=True):
@@ -154,15 +156,15 @@ class SteeringPlant:
 
     def _displacements(self, move: Points) -> Points:
         """Return by how much each particle would move in the open; float64, shape (n, 2)."""
-        about, points = self.properties, self.points
+        properties, points = self.properties, self.points
         moved = np.zeros_like(points)
         for axis, along in enumerate(move.tolist()):
             other, span = 1 - axis, self._high - self._low
             near = (points[:, axis] - self._low[axis]) / span[axis]
             near = near if along > 0 else 1 - near
-            strength = about.weakest + (about.strongest - about.weakest) * near
+            strength = properties.weakest + (properties.strongest - properties.weakest) * near
             beside = 2 * (points[:, other] - self._low[other]) / span[other] - 1
-            angle = -np.radians(about.convergence) * beside
+            angle = -np.radians(properties.convergence) * beside
             speed = abs(along) * self.coil_gains[axis, int(along > 0)] * strength
             moved[:, axis] += np.sign(along) * speed * np.cos(angle)
             moved[:, other] += speed * np.sin(angle)

@@ -67,34 +67,34 @@ def suspicions(ndim: int) -> list[Suspicion]:
     ['', '', '', 'no command moves any particle', "command 'l' moves no particle: th"]
     """
     letters = letters_of(ndim)
-    found = [
+    suspects = [
         Suspicion("", "", lambda _, letter: letter),
         *(Suspicion("", "", lambda _, letter: letter, slip) for slip in SLIPS),
         Suspicion("still", "no command moves any particle", lambda *_: ""),
     ]
     for dead in letters:
         text = f"command {dead!r} moves no particle: this direction of the magnets does nothing"
-        found.append(Suspicion("still", text, _without(dead), dead=dead))
-    found += [
-        Suspicion("direction", text, _renamed(dict(zip(letters, to, strict=True))))
+        suspects.append(Suspicion("still", text, _drop(dead), dead=dead))
+    suspects += [
+        Suspicion("direction", text, _rename(dict(zip(letters, to, strict=True))))
         for to, text in _exchanges(letters)
     ]
     for parity, which in ((0, "first"), (1, "second")):
         text = f"half speed: every second command moves no particle, beginning with the {which}"
-        found.append(Suspicion("commands", text, _every_second(parity)))
+        suspects.append(Suspicion("commands", text, _every_second(parity)))
     text = (
         "half speed: each command moves only about half of the particles that have room, as if"
         " pulses moved less than a cell, or particles slip about that often"
     )
-    found.append(Suspicion("commands", text, lambda _, letter: letter, SLOW))
-    return found
+    suspects.append(Suspicion("commands", text, lambda _, letter: letter, SLOW))
+    return suspects
 
 
-def _without(dead: str) -> Act:
+def _drop(dead: str) -> Act:
     return lambda _, letter: "" if letter == dead else letter
 
 
-def _renamed(to: dict[str, str]) -> Act:
+def _rename(to: dict[str, str]) -> Act:
     return lambda _, letter: to[letter]
 
 
@@ -109,10 +109,10 @@ def _exchanges(letters: str) -> Iterator[tuple[str, str]]:
         "u": ("ud", "up and down are exchanged"),
         "i": ("io", "in and out are exchanged"),
     }
-    for pair, what in mirrors.values():
+    for pair, description in mirrors.values():
         if pair[0] in letters:
             to = letters.translate(str.maketrans(pair, pair[::-1]))
-            yield to, f"the picture or the magnets are mirrored: {what}"
+            yield to, f"the picture or the magnets are mirrored: {description}"
     yield (
         letters.translate(str.maketrans("lrud", "rldu")),
         "both axes are inverted: the picture or the magnets are turned by 180 degrees",
@@ -174,11 +174,11 @@ class FirstMoves:
         self.suspicions = suspicions(ndim)
         seen = self._seen(first_scan)
         self._beliefs = []
-        for each in self.suspicions:
-            slip = noise.slip if each.slip is None else max(each.slip, noise.slip)
-            told = Noise(max(slip, 1e-3), max(noise.misplace, 1e-3), max(noise.miss, 1e-3))
-            about: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
-            self._beliefs.append(NoisyBelief(self._shape, seen, told, **about))
+        for suspicion in self.suspicions:
+            slip = noise.slip if suspicion.slip is None else max(suspicion.slip, noise.slip)
+            assumed_noise = Noise(max(slip, 1e-3), max(noise.misplace, 1e-3), max(noise.miss, 1e-3))
+            options: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
+            self._beliefs.append(NoisyBelief(self._shape, seen, assumed_noise, **options))
         self.logs = np.zeros(len(self.suspicions))
         self.noise = noise
 
@@ -203,8 +203,8 @@ class FirstMoves:
         seen = self._seen(cells)
         self._frozen = self._frozen and np.array_equal(cells, self._last)
         self._last = cells
-        for i, (each, belief) in enumerate(zip(self.suspicions, self._beliefs, strict=True)):
-            letter = each.act(self.sent, command)
+        for i, (suspicion, belief) in enumerate(zip(self.suspicions, self._beliefs, strict=True)):
+            letter = suspicion.act(self.sent, command)
             self.logs[i] += belief.weigh_scan(letter, seen)
             if letter:
                 belief.update(letter, seen)
@@ -222,14 +222,18 @@ class FirstMoves:
     def cleared(self, dead: str | None = None) -> bool:
         """Return whether a command is known to move particles, or whether no suspicion is left."""
         ratios = self.logs - self._honest
-        wanted = [
-            i for i, each in enumerate(self.suspicions) if each.kind and dead in (None, each.dead)
+        suspects = [
+            i
+            for i, suspicion in enumerate(self.suspicions)
+            if suspicion.kind and dead in (None, suspicion.dead)
         ]
-        return bool((ratios[wanted] < -CLEARED).all())
+        return bool((ratios[suspects] < -CLEARED).all())
 
     @property
     def _honest(self) -> float:
-        return float(max(self.logs[i] for i, each in enumerate(self.suspicions) if not each.kind))
+        return float(
+            max(self.logs[i] for i, suspicion in enumerate(self.suspicions) if not suspicion.kind)
+        )
 
     def alarm(self, move: int) -> Alarm | None:
         """Return the alarm for what is wrong, or None. Among suspicions that explain the scans
@@ -277,7 +281,7 @@ def _cycle(letters: str) -> list[tuple[str, Needed]]:
 
     moves: list[tuple[str, Needed]] = [("l", always), ("l", always), ("r", always)]
     moves += [("r", unless("r")), ("l", unless("l"))]
-    for there, back in ("ud", "io") if "i" in letters else ("ud",):
-        moves += [(there, always), (back, always), (back, unless(back)), (there, unless(there))]
+    for forth, back in ("ud", "io") if "i" in letters else ("ud",):
+        moves += [(forth, always), (back, always), (back, unless(back)), (forth, unless(forth))]
     moves += [(letter, open_) for letter in "rruul"]
     return moves

@@ -66,7 +66,7 @@ class RigSwarm(ABC):
     belief : Belief
         What policies see. Its frontier contains the cells that the particles must still classify or
         visit.
-    found : Belief
+    observed_map : Belief
         What scans have shown of the map. For a task on a known map, the known map where scans have
         shown nothing else.
     sent : list of Sent
@@ -120,7 +120,7 @@ class RigSwarm(ABC):
         self.placed: list[Placement] = []
 
     @property
-    def found(self) -> Belief:
+    def observed_map(self) -> Belief:
         """What the scans show of the map."""
         return self.belief
 
@@ -160,10 +160,10 @@ class RigSwarm(ABC):
         known to be free, or None.
         """
         letters = letters_of(self.layout.ndim)
-        best = max(letters, key=self.room)
-        return best if self.room(best) else None
+        best = max(letters, key=self.count_free_ahead)
+        return best if self.count_free_ahead(best) else None
 
-    def room(self, letter: str) -> int:
+    def count_free_ahead(self, letter: str) -> int:
         """Return the number of particles that have a free cell without a particle ahead."""
         occupied = self.state.occupied
         return len((occupied.shifted(letter) & self.belief.open) - occupied)
@@ -222,12 +222,15 @@ class RigSwarm(ABC):
         if self.goal.known is None:
             return []
         free = Board.of_mask(self.goal.known.free)
-        walls, opened = self.found.obstacles & free, self.found.open - free
+        walls, opened = self.observed_map.obstacles & free, self.observed_map.open - free
         if not walls and not opened:
             return []
         cells = [
-            f"{what} {count_text(len(board), kind)}, such as {tuple(board.cells[0].tolist())}"
-            for board, what, kind in ((walls, "walls at", "free cell"), (opened, "open at", "wall"))
+            f"{label} {count_text(len(board), kind)}, such as {tuple(board.cells[0].tolist())}"
+            for board, label, kind in (
+                (walls, "walls at", "free cell"),
+                (opened, "open at", "wall"),
+            )
             if board
         ]
         text = f"scans contradict the known map: {'; '.join(cells)}"
@@ -324,18 +327,18 @@ class ExactRigSwarm(RigSwarm):
         super().__init__(rig, goal, first_scan, inlet=inlet)
         self.start = first_scan
         self.state = self._state_at(self.start)
-        here = self.state.occupied
-        self.shown = Belief(open=here, known=here, frontier=here.dilated() - here)
+        occupied = self.state.occupied
+        self.shown = Belief(open=occupied, known=occupied, frontier=occupied.dilated() - occupied)
         # a task asks where the particles are in the known map: a particle in a wall of it is not
         world = GridWorld(goal.known or GridWorkspace(np.ones(rig.shape, np.bool_)), self.rule)
-        inside = SwarmState(here & world.free, self.state.counts)
+        inside = SwarmState(occupied & world.free, self.state.counts)
         self._goal = goal.task.begin(world, inside, goal.targets)
-        self.belief = self._believed()
+        self.belief = self._task_belief()
         self.first_frontier = len(self.belief.frontier)
-        self._tried: set[str] = set()
+        self._commands_tried: set[str] = set()
         self.trials = 0
 
-    def _believed(self) -> Belief:
+    def _task_belief(self) -> Belief:
         """Return the belief of the task, corrected by what scans have shown."""
         if isinstance(self.goal.task, Mapping):
             return self.shown
@@ -348,7 +351,7 @@ class ExactRigSwarm(RigSwarm):
         )
 
     @property
-    def found(self) -> Belief:
+    def observed_map(self) -> Belief:
         """What the scans show of the map, or the known map as scans have changed it."""
         return self.shown if self.goal.mapping else self.belief
 
@@ -367,7 +370,13 @@ class ExactRigSwarm(RigSwarm):
     @property
     def still(self) -> bool | None:
         """Whether all directions were tried and nothing moved."""
-        return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
+        return (
+            False
+            if self.moved
+            else True
+            if len(self._commands_tried) == 2 * self.layout.ndim
+            else None
+        )
 
     def doubts(self) -> list[str]:
         """Return which walls rest on commands at which nothing was seen to move."""
@@ -402,23 +411,23 @@ class ExactRigSwarm(RigSwarm):
         AlarmRaised
             Raised if the commands cannot explain the change of the observed positions.
         """
-        here = np.array(self.inlet if self.inlet else (-9,) * self.layout.ndim)
-        if len(cells) == self.state.n_particles + 1 and (cells == here).all(axis=1).any():
+        inlet = np.array(self.inlet if self.inlet else (-9,) * self.layout.ndim)
+        if len(cells) == self.state.n_particles + 1 and (cells == inlet).all(axis=1).any():
             # the particle in the cell of the inlet came in after the commands
-            came_in = int(np.flatnonzero((cells == here).all(axis=1))[0])
+            came_in = int(np.flatnonzero((cells == inlet).all(axis=1))[0])
             rows = self.update(command, steps, np.delete(cells, came_in, axis=0))
             self.place(cells, since=self.moves)
             return rows
         after = self._state_at(cells)
-        moved, known = after != self.state, len(self.shown.known)
-        able = self._room_in(self.shown.open, command) > 0
+        moved, n_known = after != self.state, len(self.shown.known)
+        able = self._count_free_ahead(self.shown.open, command) > 0
         rows = self._take_over(command, steps, after)
-        self._tried.add(command)
+        self._commands_tried.add(command)
         self.trials += able
         if moved:
             self.moved, self.unproven = True, 0
         else:
-            self.unproven += len(self.shown.known) - known
+            self.unproven += len(self.shown.known) - n_known
         return rows
 
     def skip(self, command: str, steps: int) -> list[Row]:
@@ -431,11 +440,11 @@ class ExactRigSwarm(RigSwarm):
         """Take over a scan that the commands do not explain: particles are in ``cells`` now."""
         self.placed.append(Placement(self.moves, since, cells))
         self.state = self._state_at(cells)
-        here = self.state.occupied
-        self.shown = self.shown.with_particles(here)
+        occupied = self.state.occupied
+        self.shown = self.shown.with_particles(occupied)
         if not isinstance(self.goal.task, Mapping):
-            self._goal = self._goal.with_particles(here & self._goal.open)
-        self.belief = self._believed()
+            self._goal = self._goal.with_particles(occupied & self._goal.open)
+        self.belief = self._task_belief()
 
     @property
     def needs_proof(self) -> bool:
@@ -448,28 +457,28 @@ class ExactRigSwarm(RigSwarm):
             states = list(states_of_run(self.state, after, command, self._pushes(steps)))
         except InvalidInputError as error:
             raise self._contradiction(after, command, steps, str(error)) from None
-        here, kept, rows = self.state, (self.state, self.shown, self._goal), []
+        before, snapshot, rows = self.state, (self.state, self.shown, self._goal), []
         for state in states:
-            believed = self._believed()
-            learnt = self.shown.observed(command, here.occupied, state.occupied)
-            wrong = self._wrong(learnt, self._code(command), here, state)
+            believed = self._task_belief()
+            learnt = self.shown.observed(command, before.occupied, state.occupied)
+            wrong = self._wrong(learnt, self._code(command), before, state)
             if wrong is not None:
-                self.state, self.shown, self._goal = kept
+                self.state, self.shown, self._goal = snapshot
                 raise self._contradiction(after, command, steps, wrong)
             self.shown = learnt
             if not isinstance(self.goal.task, Mapping):
                 self._goal = self.goal.task.update(
-                    self._goal, command, here.occupied, state.occupied
+                    self._goal, command, before.occupied, state.occupied
                 )
-            now = self._believed()
+            now = self._task_belief()
             classified = (
                 newly_classified(believed, now)
                 if self.goal.mapping
                 else len(believed.frontier - now.frontier)
             )
-            rows.append((classified, len(now.frontier), distance_of_push(here, state, command)))
-            here = state
-        self.state, self.belief = here, self._believed()
+            rows.append((classified, len(now.frontier), distance_of_push(before, state, command)))
+            before = state
+        self.state, self.belief = before, self._task_belief()
         if self.rule == "tilt":  # one command
             return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]
         return rows
@@ -477,13 +486,13 @@ class ExactRigSwarm(RigSwarm):
     def _contradiction(
         self, after: SwarmState, command: str, steps: int, otherwise: str
     ) -> AlarmRaised:
-        about: dict[str, Any] = {
+        details: dict[str, Any] = {
             "free": self.shown.open,
             "move": self.moves,
             "otherwise": otherwise,
         }
         return AlarmRaised(
-            explain_contradiction(self.state, after, command, self._pushes(steps), **about)
+            explain_contradiction(self.state, after, command, self._pushes(steps), **details)
         )
 
     def _code(self, command: str) -> int:
@@ -519,13 +528,13 @@ class ExactRigSwarm(RigSwarm):
             raise ModelBroken(Alarm("rule", self.moves, text))
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
-    def room(self, letter: str) -> int:
+    def count_free_ahead(self, letter: str) -> int:
         """Return the number of particles that have a free cell without a particle ahead, of the
         cells that scans have shown to be free.
         """
-        return self._room_in(self.shown.open, letter)
+        return self._count_free_ahead(self.shown.open, letter)
 
-    def _room_in(self, free: Board, letter: str) -> int:
+    def _count_free_ahead(self, free: Board, letter: str) -> int:
         occupied = self.state.occupied
         return len((occupied.shifted(letter) & free) - occupied)
 
@@ -714,7 +723,7 @@ class NoisyRigSwarm(RigSwarm):
                 other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1])
             )
             for choice in (letter, back, letters[self.moves % len(letters)]):
-                if self.room(choice):
+                if self.count_free_ahead(choice):
                     return choice
         return super().command_that_moves()
 
@@ -830,7 +839,7 @@ class NoisyRigSwarm(RigSwarm):
         each scan after the first what `NoisyBelief.weigh_deeds` returns.
         """
         deeds: list[NDArray[np.float64]] = []
-        for belief, command, before, seen in self._again(LOSS):
+        for belief, command, before, seen in self._replay_scans(LOSS):
             deeds.append(belief.weigh_deeds(command, before, seen))
             belief.update(command, seen)
         return np.array(deeds).reshape(-1, 5)
@@ -839,29 +848,29 @@ class NoisyRigSwarm(RigSwarm):
         """Go through all scans once more, as if the map had been known from the start, and the
         number of particles, too. Return the log-likelihood of each scan after the first.
         """
-        found = []
-        for belief, command, _, seen in self._again(0.0, number):
-            found.append(belief.weigh_scan(command, seen))
+        likelihoods = []
+        for belief, command, _, seen in self._replay_scans(0.0, number):
+            likelihoods.append(belief.weigh_scan(command, seen))
             belief.update(command, seen)
             with_number(belief.state.inside, number)
-        return np.array(found)
+        return np.array(likelihoods)
 
-    def _again(
+    def _replay_scans(
         self, loss: float, number: int | None = None
     ) -> Iterator[tuple[NoisyBelief, str, str, Board]]:
         """Yield for each scan after the first: the belief before its command, in which the map is
         that of the end; the command; the command before it; and what the scan shows.
         """
         seen = Board.of_cells(self.layout, self.first_scan)
-        about: dict[str, Any] = {"loss": loss, "rule": self.rule}
-        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, **about)
+        options: dict[str, Any] = {"loss": loss, "rule": self.rule}
+        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, **options)
         belief.state.logit[:] = self.noisy.state.logit
         if number is not None:
             belief.assume_number(number)
             with_number(belief.state.inside, number)
         scans, before = iter(self.observations[1:]), ""
         for move, (command, scanned) in enumerate(self._sent):
-            for _, _, cells in (one for one in self.placed if one.move == move):
+            for _, _, cells in (placement for placement in self.placed if placement.move == move):
                 belief.place(Board.of_cells(self.layout, cells))
                 belief.state.logit[:] = self.noisy.state.logit
                 before = ""

@@ -75,11 +75,11 @@ class Transport(ABC):
             if len(self._pending) > LONGEST_LINE:
                 self._pending = b""
                 return b"too long"  # not a message: it will be requested again
-            left = until - time.monotonic()
-            if left <= 0:
+            remaining = until - time.monotonic()
+            if remaining <= 0:
                 return None
             with _cuts():
-                self._pending += self._read(left)
+                self._pending += self._read(remaining)
         line, _, self._pending = self._pending.partition(b"\n")
         return line
 
@@ -323,10 +323,10 @@ def open_transport(spec: str, *, what: str = "rig") -> Transport:
     >>> open_transport("tcp:localhost:4000").name
     'tcp:localhost:4000'
     """
-    kind, _, rest = spec.partition(":")
+    kind, _, endpoint = spec.partition(":")
     expected = f"{what}: expected serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
-    if kind == "serial" and rest:
-        device, _, baud = rest.partition("@")
+    if kind == "serial" and endpoint:
+        device, _, baud = endpoint.partition("@")
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
             raise InvalidInputError(
                 f"{what}: expected a speed in baud after '@', got {baud[:40]!r}"
@@ -337,16 +337,16 @@ def open_transport(spec: str, *, what: str = "rig") -> Transport:
             )
         return SerialTransport(device, baud=int(baud or BAUD))
     if kind == "tcp":
-        host, _, port = rest.rpartition(":")
+        host, _, port = endpoint.rpartition(":")
         if not host or not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
             raise InvalidInputError(f"{expected}, got {spec[:80]!r}")
         return TcpTransport(host.strip("[]"), int(port))
     if kind == "exec":
         try:
-            if shlex.split(rest):
-                return ProcessTransport(rest)
+            if shlex.split(endpoint):
+                return ProcessTransport(endpoint)
         except ValueError as error:
             raise InvalidInputError(
-                f"{what}: expected a command after 'exec:', got {rest[:80]!r}: {error}"
+                f"{what}: expected a command after 'exec:', got {endpoint[:80]!r}: {error}"
             ) from None
     raise InvalidInputError(f"{expected}, got {spec[:80]!r}")

@@ -62,16 +62,16 @@ class PulseTrim:
         """Return angle and seconds of the pulse for a command."""
         turn = radians(ANGLES[command])
         ahead = np.array([cos(turn), sin(turn)])
-        wanted = self.aim * ahead - np.clip(BACK * self.offset, -MOST, MOST)
+        motion = self.aim * ahead - np.clip(BACK * self.offset, -MOST, MOST)
         try:
-            angle, seconds = self.responses.pulse_for(wanted)
+            angle, seconds = self.responses.pulse_for(motion)
         except InvalidInputError:
             angle, seconds = self.responses.pulse_for(self.aim * ahead)
         seconds = min(seconds, self.longest)
         self._sent.append((command, angle, seconds))
         return angle, seconds
 
-    def lasted(self, seconds: float) -> None:
+    def note_duration(self, seconds: float) -> None:
         """Take over that the last pulse was not as long as `pulse` has said, but so many seconds."""
         command, angle, _ = self._sent[-1]
         self._sent[-1] = (command, angle, seconds)

@@ -95,10 +95,10 @@ def beacon_bytes(scenario: Scenario, most: int) -> int:
             zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1
         )
     ]
-    repeated = heartbeats[: 1 + max(RELAYED, ceil((robots - 1) / 4))]
+    beacon_heartbeats = heartbeats[: 1 + max(RELAYED, ceil((robots - 1) / 4))]
     searched = tuple((heartbeat.robot, 0b11 << heartbeat.start) for heartbeat in heartbeats)
     sender = Sender(1, b"a key", most)
-    return len(sender.messages(Beacon(1, tuple(repeated), searched), 0)) * most
+    return len(sender.messages(Beacon(1, tuple(beacon_heartbeats), searched), 0)) * most
 
 
 def _limit_beacons(scenario: Scenario, radio: Radio, speed: float) -> Scenario:

@@ -195,8 +195,8 @@ def check_flown(
             region, options, stretches, widths, angle, flown, frame
         )
     vertical = np.inf
-    if options is not None and options.kept_apart is not None:
-        vertical = options.kept_apart.vertical
+    if options is not None and options.required_separation is not None:
+        vertical = options.required_separation.vertical
     approach, notes = _nearest_approach(flown, vertical)
     return FlownCheck(flown, coverage, region, approach, tuple(notes), uncovered)
 
@@ -365,15 +365,15 @@ def _nearest_approach(
         later = other.begin - flight.begin
         if not -other.aloft.duration <= later <= flight.aloft.duration:
             continue
-        met = nearest_approach(flight.aloft, other.aloft, vertical=vertical, later=later)
-        if met is not None and (best is None or met.horizontal < best.horizontal):
+        approach = nearest_approach(flight.aloft, other.aloft, vertical=vertical, later=later)
+        if approach is not None and (best is None or approach.horizontal < best.horizontal):
             best = MissionApproach(
                 (flight.mission.robot, other.mission.robot),
                 (flight.mission.sortie, other.mission.sortie),
-                met.horizontal,
-                met.vertical,
-                flight.begin - begin + met.times[0],
-                met.places[0],
+                approach.horizontal,
+                approach.vertical,
+                flight.begin - begin + approach.times[0],
+                approach.places[0],
             )
     return best, notes
 

@@ -328,8 +328,8 @@ class GuidedVehicle:
         cells = self.task.plan.tour_cost.points
         if self.position is None:
             return tuple(cells[self.task.scenario.starts[self.number - 1]].tolist())
-        away = np.linalg.norm(self.task.cells[:, :2] - self.position[:2], axis=1)
-        layer = cells[int(away.argmin())][2:]
+        distances = np.linalg.norm(self.task.cells[:, :2] - self.position[:2], axis=1)
+        layer = cells[int(distances.argmin())][2:]
         return (*(self.position[:2] / self.size).tolist(), *layer.tolist())
 
     def go(self, leg: Leg, time: float) -> None:

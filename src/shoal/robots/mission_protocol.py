@@ -224,7 +224,7 @@ def upload_items(
     address = vehicle.system, vehicle.component
     count = [make.MAVLink_mission_count_message(*address, len(items), number)]
     repeats = _Repeats(station, vehicle, f"during the upload of {_of(kind)}", unanswered)
-    requested: set[int] = set()
+    requested_items: set[int] = set()
     requests: Counter[int] = Counter()
     refusals = out_of_order = 0
     pending, plain = count, False
@@ -234,7 +234,7 @@ def upload_items(
             message = station.receive(vehicle, repeats.due)
             if message is None:
                 repeats.count_repeat()
-                if len(requested) == len(items) and repeats.count > _RESTARTED:
+                if len(requested_items) == len(items) and repeats.count > _RESTARTED:
                     return  # the acknowledgement is lost, or the vehicle sends none
                 if repeats.count % _RESTARTED == 0:
                     pending = count  # the vehicle may have given up
@@ -250,24 +250,28 @@ def upload_items(
                 # a vehicle that asks for the first item alone, again and again, knows no integers
                 plain = plain or (
                     name == "MISSION_REQUEST"
-                    and len(requested) <= 1
+                    and len(requested_items) <= 1
                     and requests[message.seq] > _PLAIN_AFTER
                 )
-                if message.seq not in requested:
+                if message.seq not in requested_items:
                     repeats.measure()
                 repeats.note_answer()
                 repeats.quick = True
-                requested.add(message.seq)
+                requested_items.add(message.seq)
                 pending = _item_messages(
                     make, address, message.seq, items[message.seq], number, plain=plain
                 )
                 repeats.send(*pending)
             elif name == "MISSION_ACK":
                 if message.type == _ACCEPTED:
-                    if len(requested) == len(items):
+                    if len(requested_items) == len(items):
                         return
                     continue  # of an earlier upload
-                if message.type == _OUT_OF_ORDER and requested and out_of_order < 4 * len(items):
+                if (
+                    message.type == _OUT_OF_ORDER
+                    and requested_items
+                    and out_of_order < 4 * len(items)
+                ):
                     out_of_order += 1  # to an item that came twice
                     continue
                 refusals += 1
@@ -284,12 +288,12 @@ def _item_messages(
 ) -> list[Any]:
     """Return the message of an item and, for vehicles that know float items only, that one too."""
     current = int(seq == 0 and number == 0)
-    about = *address, seq, item.frame, item.command, current, item.autocontinue, *item.params
-    messages = [make.MAVLink_mission_item_int_message(*about, item.x, item.y, item.z, number)]
+    header = *address, seq, item.frame, item.command, current, item.autocontinue, *item.params
+    messages = [make.MAVLink_mission_item_int_message(*header, item.x, item.y, item.z, number)]
     if plain:
         scale = 1e7 if item.frame in _GLOBAL_FRAMES else 1.0
         place = (math.nan if value == UNSET else value / scale for value in (item.x, item.y))
-        messages.append(make.MAVLink_mission_item_message(*about, *place, item.z, number))
+        messages.append(make.MAVLink_mission_item_message(*header, *place, item.z, number))
     return messages
 
 

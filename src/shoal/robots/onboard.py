@@ -207,8 +207,8 @@ def pair(
     InvalidInputError
         If a robot has no mission or no vehicle.
     """
-    meant = sorted({*robots} or {*cargos} | {*seats})
-    for robot in meant:
+    robot_numbers = sorted({*robots} or {*cargos} | {*seats})
+    for robot in robot_numbers:
         if robot not in cargos:
             raise InvalidInputError(
                 f"systems: expected robots of the missions ({_numbers(cargos)}), got robot {robot}"
@@ -218,8 +218,8 @@ def pair(
                 f"systems: expected a system id for each robot ({_numbers(cargos)}), got none for"
                 f" robot {robot}"
             )
-    return [(cargos[robot], seats[robot]) for robot in meant]
+    return [(cargos[robot], seats[robot]) for robot in robot_numbers]
 
 
-def _numbers(some: Mapping[int, object]) -> str:
-    return ", ".join(map(str, sorted(some)))
+def _numbers(by_robot: Mapping[int, object]) -> str:
+    return ", ".join(map(str, sorted(by_robot)))

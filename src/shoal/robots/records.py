@@ -192,7 +192,7 @@ def search_record(task: RobotTask, robots: Sequence[RobotRecord]) -> SearchRecor
                 cells_found.add(cell)
             cells_found |= {*report.get("beside", ())}
     flights = {record.robot: _flights(task, record) for record in robots}
-    flown = [flight for some in flights.values() for flight in some]
+    flown = [flight for parts in flights.values() for flight in parts]
     begin = min((flight.begin for flight in flown), default=0.0)
     end = max((flight.begin + flight.trajectory.duration for flight in flown), default=0.0)
     vertical = math.inf if task.kind == "rover" else task.limits.vertical_m - 2 * _TOLERANCE
@@ -221,8 +221,8 @@ def _was_at_cell(task: RobotTask, record: RobotRecord, cell: int, time: float) -
     near = np.abs(record.times - time) <= _SECONDS
     if not near.any():
         return False
-    away = np.linalg.norm(record.places[near, :2] - task.cells[cell, :2], axis=1)
-    return bool(away.min() <= task.arrival_m + _TOLERANCE)
+    distances = np.linalg.norm(record.places[near, :2] - task.cells[cell, :2], axis=1)
+    return bool(distances.min() <= task.arrival_m + _TOLERANCE)
 
 
 def _is_airborne(task: RobotTask, record: RobotRecord) -> bool:
@@ -271,20 +271,22 @@ def _nearest_approach(
     """
     best: dict[str, Any] | None = None
     for robot, other in combinations(sorted(flights), 2):
-        for mine, theirs in product(flights[robot], flights[other]):
-            later = theirs.begin - mine.begin
-            together = -theirs.trajectory.duration <= later <= mine.trajectory.duration
-            if (mine.calm and theirs.calm) != calm or not together:
+        for part, other_part in product(flights[robot], flights[other]):
+            later = other_part.begin - part.begin
+            together = -other_part.trajectory.duration <= later <= part.trajectory.duration
+            if (part.calm and other_part.calm) != calm or not together:
                 continue
-            met = nearest_approach(
-                mine.trajectory, theirs.trajectory, vertical=vertical, later=later
+            approach = nearest_approach(
+                part.trajectory, other_part.trajectory, vertical=vertical, later=later
             )
-            if met is not None and (best is None or met.horizontal < best["horizontal_m"]):
+            if approach is not None and (
+                best is None or approach.horizontal < best["horizontal_m"]
+            ):
                 best = {
                     "robots": [robot, other],
-                    "horizontal_m": round(met.horizontal, 2),
-                    "vertical_m": round(met.vertical, 2),
-                    "time_s": round(mine.begin - begin + met.times[0], 1),
+                    "horizontal_m": round(approach.horizontal, 2),
+                    "vertical_m": round(approach.vertical, 2),
+                    "time_s": round(part.begin - begin + approach.times[0], 1),
                 }
     return best
 
@@ -325,12 +327,12 @@ def _distance_outside(task: RobotTask, record: RobotRecord) -> float:
     led = shapely.union_all([outline, *ways])
     home = shapely.Point(task.plan.places[record.robot - 1])
     returns = shapely.convex_hull(shapely.union_all([outline, home, *ways]))
-    away = 0.0
+    distance = 0.0
     for allowed, moments in ((led, up & record.led), (returns, up & ~record.led)):
         if moments.any():
             points = shapely.points(record.places[moments, :2])
-            away = max(away, float(shapely.distance(allowed, points).max()))
-    return round(away, 2)
+            distance = max(distance, float(shapely.distance(allowed, points).max()))
+    return round(distance, 2)
 
 
 def _corridors(task: RobotTask, robot: int) -> list[Any]:
@@ -340,7 +342,7 @@ def _corridors(task: RobotTask, robot: int) -> list[Any]:
     plan, place = task.plan, task.plan.places[robot - 1]
     if plan.grid.region.contains(place[None])[0]:
         return []
-    some = task.cells[:: max(1, len(task.cells) // _WAYS), :2]
+    cells = task.cells[:: max(1, len(task.cells) // _WAYS), :2]
     return [
-        shapely.LineString(plan.leg(place, cell)).buffer(task.limits.horizontal_m) for cell in some
+        shapely.LineString(plan.leg(place, cell)).buffer(task.limits.horizontal_m) for cell in cells
     ]

@@ -211,28 +211,28 @@ class Rehearsal:
         board.
         """
         task = self.task
-        plan, about = task.plan, task.plan.vehicle
+        plan, vehicle_data = task.plan, task.plan.vehicle
         homes = task.frame.to_degrees(plan.places)
-        made = {}
+        vehicles = {}
         for number in self.numbers:
             parameters = safe_parameters(_NUMBERS[self.autopilot], task.kind, task.height(number))
-            made[number] = SimulatedVehicle(
+            vehicles[number] = SimulatedVehicle(
                 number,
                 kind=task.kind,
                 autopilot=self.autopilot,
                 home=tuple(homes[number - 1].tolist()),
-                speed=about.cruise_speed or _SPEED,
-                acceleration=about.acceleration or _ACCELERATION,
-                battery=_ENDLESS if about.endurance is None else 60 * about.endurance,
+                speed=vehicle_data.cruise_speed or _SPEED,
+                acceleration=vehicle_data.acceleration or _ACCELERATION,
+                battery=_ENDLESS if vehicle_data.endurance is None else 60 * vehicle_data.endurance,
                 parameters=parameters | self.parameters,
             )
         missions = task.path.parent / MISSIONS
         if missions.is_dir():
-            self._upload(made, missions)
+            self._upload(vehicles, missions)
         else:
-            for vehicle in made.values():
+            for vehicle in vehicles.values():
                 vehicle.stored[FENCE] = self._fence()
-        return made
+        return vehicles
 
     def _upload(self, vehicles: Mapping[int, SimulatedVehicle], missions: Path) -> None:
         """Upload the fall-back missions as an operator does."""

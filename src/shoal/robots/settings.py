@@ -196,8 +196,8 @@ _CENTIMETRES = ("RTL_ALT", "RTL_ALT_FINAL")
 
 
 def _join_numbers(numbers: Collection[int]) -> str:
-    *some, last = map(str, numbers)
-    return f"{', '.join(some)} or {last}"
+    *first, last = map(str, numbers)
+    return f"{', '.join(first)} or {last}"
 
 
 def names_to_read(settings: Collection[Setting]) -> tuple[set[str], set[str]]:

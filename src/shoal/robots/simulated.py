@@ -463,17 +463,17 @@ class SimulatedVehicle:
             return
         item = items[message.seq]
         current = int(kind == MISSION and message.seq == self.current)
-        about = *partner, message.seq, item.frame, item.command, current, item.autocontinue
+        header = *partner, message.seq, item.frame, item.command, current, item.autocontinue
         if exact:
-            made = self._dialect.MAVLink_mission_item_int_message(
-                *about, *item.params, item.x, item.y, item.z, message.mission_type
+            answer = self._dialect.MAVLink_mission_item_int_message(
+                *header, *item.params, item.x, item.y, item.z, message.mission_type
             )
         else:
             scale = 1e7 if item.frame in (0, 3, 5, 6, 10, 11) else 1.0
-            made = self._dialect.MAVLink_mission_item_message(
-                *about, *item.params, item.x / scale, item.y / scale, item.z, message.mission_type
+            answer = self._dialect.MAVLink_mission_item_message(
+                *header, *item.params, item.x / scale, item.y / scale, item.z, message.mission_type
             )
-        self._send(made)
+        self._send(answer)
 
     def _take_mission_clear_all(self, message: Any, partner: tuple[int, int]) -> None:
         for kind in _KINDS.values() if message.mission_type == 255 else ():
@@ -777,10 +777,10 @@ class SimulatedVehicle:
         self.breached = not inside
 
     def _fall_back(
-        self, actions: Mapping[int, str], parameter: str, usual: int, fallback: str = modes.HOLD
+        self, actions: Mapping[int, str], parameter: str, default: int, fallback: str = modes.HOLD
     ) -> None:
         """Change to the mode that a parameter says, or to another one if it says none of these."""
-        self.mode = actions.get(int(self.parameters.get(parameter, usual)), fallback)
+        self.mode = actions.get(int(self.parameters.get(parameter, default)), fallback)
         if self.mode == modes.HOLD and parameter == "GF_ACTION":
             self._guided = None
 
@@ -797,7 +797,7 @@ class SimulatedVehicle:
     def _check_station(self) -> None:
         """Act once when the heartbeats of the station have ended that was heard before."""
         parameters, heard, timeout = self.parameters, self._station_at, self.station_timeout
-        actions, parameter, usual, fallback = dict[int, str](), "", 0, modes.RETURN
+        actions, parameter, default, fallback = dict[int, str](), "", 0, modes.RETURN
         if timeout is None and self.autopilot == PX4 and parameters.get("NAV_DLL_ACT"):
             timeout = parameters.get("COM_DL_LOSS_T", 2 * _TIMEOUT)
             actions = {1: modes.HOLD, 2: modes.RETURN, 3: modes.LAND}
@@ -810,7 +810,7 @@ class SimulatedVehicle:
         lost = timeout is not None and heard is not None and self._moved_at - heard > timeout
         if lost and not self._station_lost:
             self._say("Ground station lost", 4)
-            self._fall_back(actions, parameter, usual, fallback)
+            self._fall_back(actions, parameter, default, fallback)
         self._station_lost = lost
 
     def _inside_fence(self) -> bool:

@@ -250,10 +250,10 @@ def _reproducible_problem(
     """Return the problem with whose plan a robot gets the same cells and starts."""
     for candidate in (problem, contained.replaced(live=None, key=None, faults=(), crashes=0)):
         try:
-            again = plan_search(candidate, seed=seed)
+            candidate_plan = plan_search(candidate, seed=seed)
         except InvalidInputError:
             continue
-        if _agree(_derive_fields(plan, None), _derive_fields(again, None)):
+        if _agree(_derive_fields(plan, None), _derive_fields(candidate_plan, None)):
             return candidate
     raise InvalidInputError(
         "prepare: expected a search that robots can plan again from its problem, got one whose"

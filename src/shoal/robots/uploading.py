@@ -211,10 +211,10 @@ def check_type(cargo: Cargo, vehicle: HeardVehicle) -> str | None:
     say whether what flies is a multirotor, unless it has an airspeed.
     """
     kinds = KINDS_OF_TYPES.get(vehicle.type)
-    meant = {cargo.mission.kind}
+    fitting_kinds = {cargo.mission.kind}
     if cargo.file.suffix != ".plan" and cargo.mission.kind == "multirotor":
-        meant.add("fixed-wing")
-    if kinds is None or meant & kinds:
+        fitting_kinds.add("fixed-wing")
+    if kinds is None or fitting_kinds & kinds:
         return None
     return f"expected a {cargo.mission.kind} for {cargo.file.name}, got a {type_text(vehicle)}"
 

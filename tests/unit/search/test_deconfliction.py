@@ -236,7 +236,7 @@ def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_pat
     written = write_missions(missions, tmp_path, formats=["plan", "wpl"])
     assert {"fence.txt", "rally.txt"} <= {path.name for path in written}
     fence = missions[0].fence
-    ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
+    ways = [mission.path_in(region.frame)[:, :2] for mission in missions]
     area = fence.area(region.frame)
     assert all(area.buffer(0.01).covers(shapely.linestrings(way)) for way in ways)
     assert area.intersection(region.no_go).area < 1
@@ -384,8 +384,8 @@ def test_the_map_has_what_its_legend_names(team, region):
     low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
     assert all(
         (
-            (low < mission.way_in(region.frame)[:, :2])
-            & (mission.way_in(region.frame)[:, :2] < high)
+            (low < mission.path_in(region.frame)[:, :2])
+            & (mission.path_in(region.frame)[:, :2] < high)
         ).all()
         for mission in missions
     )
@@ -464,7 +464,7 @@ def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, 
     needed = airspace_of(missions, region)
     assert (needed > 30) == (airspace is None)
     assert all(
-        one.fence.area(None).covers(shapely.linestrings(one.way_in(None)[:, :2]))
+        one.fence.area(None).covers(shapely.linestrings(one.path_in(None)[:, :2]))
         for one in missions
     )
     assert all(
@@ -509,7 +509,8 @@ def test_turns_keep_the_margin_to_no_go_zones():
     )
     (mission,) = plan_missions(plan)
     assert (
-        shapely.distance(region.no_go, shapely.linestrings(mission.way_in(None)[:, :2])) > 15 - 0.01
+        shapely.distance(region.no_go, shapely.linestrings(mission.path_in(None)[:, :2]))
+        > 15 - 0.01
     )
 
 
@@ -551,14 +552,14 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     wing = vehicle_of("fixed-wing,wind_speed=5,wind_from=90")
     lanes = [(0, 0), (900, 0), (900, 60), (0, 60)]
     (free,) = missions_of(lanes, None, vehicle=wing, landing=(100, -50))
-    descent = free.way_in(None)[-2:]
+    descent = free.path_in(None)[-2:]
     assert descent[-1].tolist() == [100, -50, 0]
     # 11 m/s over ground, 2 m/s down
     assert descent[0].tolist() == pytest.approx([100 - 11 * 80 / 2, -50, 80])
     (other,) = missions_of(
         lanes, None, vehicle=wing, landing=(100, -50), blocked=shapely.box(-200, -60, -150, -40)
     )
-    aside = other.way_in(None)[-2]
+    aside = other.path_in(None)[-2]
     assert aside[1] != pytest.approx(-50)
     # less wind from ahead: faster over ground
     assert np.hypot(*(aside[:2] - (100, -50))) / 80 * 2 > 11
@@ -567,7 +568,7 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     (over,) = missions_of(
         [*lanes[:3], (200, -200)], None, vehicle=wing, landing=(100, 300), blocked=wall
     )
-    assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
+    assert not shapely.linestrings(over.path_in(None)[:, :2]).intersects(wall)
     assert (
         flight_of(vehicle=wing, home=np.zeros(2), ending="land")
         .trajectory(np.array([(-440.0, 0.0, 80.0)]))
@@ -583,8 +584,8 @@ def test_a_fixed_wing_takes_off_against_the_wind_on_a_slope_that_it_can_climb(tm
     )
     (free,) = missions_of(lanes, None, home=(0, 0), vehicle=wing)
     far = 11 * 80 / 3  # 11 m/s over ground, 3 m/s up
-    assert free.way_in(None)[:3] == pytest.approx(np.array([(0, 0, 0), (0, 0, 0), (far, 0, 80)]))
-    assert trajectory(free.way_in(None)[:3], wing).duration == pytest.approx(80 / 3)
+    assert free.path_in(None)[:3] == pytest.approx(np.array([(0, 0, 0), (0, 0, 0), (far, 0, 80)]))
+    assert trajectory(free.path_in(None)[:3], wing).duration == pytest.approx(80 / 3)
     write_missions([free], tmp_path)
     assert not lint(tmp_path, vehicle=wing)
     assert {
@@ -596,7 +597,7 @@ def test_a_fixed_wing_takes_off_against_the_wind_on_a_slope_that_it_can_climb(tm
     (aside,) = missions_of(
         lanes, None, home=(0, 0), vehicle=wing, blocked=shapely.box(100, -10, 120, 10)
     )
-    assert not shapely.linestrings(aside.way_in(None)[:, :2]).intersects(
+    assert not shapely.linestrings(aside.path_in(None)[:, :2]).intersects(
         shapely.box(100, -10, 120, 10)
     )
     (near,) = missions_of(
@@ -626,7 +627,7 @@ def test_a_multirotor_climbs_over_home_as_high_as_its_file_says(suffix, tmp_path
         write_missions([replace(mission, take_off=take_off)], tmp_path)
         read = read_mission(tmp_path / f"robot-01{suffix}")
         assert read.take_off == take_off
-        ways.append(read.way_in(LocalFrame(8.5, 47.4))[:3])
+        ways.append(read.path_in(LocalFrame(8.5, 47.4))[:3])
     assert [way[1, 2] for way in ways] == [30, 10, 45]
     assert all(way[2, 2] == 30 and np.abs(way[0]).max() < 0.01 for way in ways)
     assert (
@@ -649,7 +650,7 @@ def test_later_sorties_begin_when_their_vehicle_is_back(region):
     ends = {}
     for one in missions:
         flight = trajectory(
-            one.way_in(region.frame), plan.vehicle, rate=one.speed / plan.vehicle.cruise
+            one.path_in(region.frame), plan.vehicle, rate=one.speed / plan.vehicle.cruise
         )
         since = one.start or 0.0
         before = ends.get((one.robot, one.sortie - 1))

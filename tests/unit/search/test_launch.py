@@ -174,7 +174,10 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     delays = [mission.start for mission in missions.missions]
     assert max(delays) > 0
     assert episode.problem.delays == tuple(delays)
-    ends = [mission.start for mission in plan_missions(episode.plan, separation=options.kept_apart)]
+    ends = [
+        mission.start
+        for mission in plan_missions(episode.plan, separation=options.required_separation)
+    ]
     assert ends == delays
     assert (
         min(

@@ -1248,7 +1248,7 @@ def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
     after = read_mission(tmp_path / "robot-01.plan")
     assert before.speeds is None
     assert after.speeds.tolist() == [5.0, 1.0, 1.0, 1.0, 1.0]
-    way = after.way_in(LocalFrame(*HOME))
+    way = after.path_in(LocalFrame(*HOME))
     legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
     slow = legs[2:].sum()
     assert after.duration(ideal) - before.duration(ideal) == pytest.approx(

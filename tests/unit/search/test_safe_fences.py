@@ -300,7 +300,7 @@ def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
     monkeypatch.setattr("shoal.core.notices._told", set())
     monkeypatch.setattr(
-        "shoal.missions.mission_set.fenced_region", lambda region, most, **_: region
+        "shoal.missions.mission_set.region_with_barriers", lambda region, most, **_: region
     )
     region = field(
         [
@@ -470,7 +470,7 @@ def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
 @pytest.mark.parametrize("whole", [True, False])
 def test_rings_are_simple_in_the_rounded_coordinates(corners, left, whole):
     shape = shapely.Polygon(corners)
-    rings = fence._written(shape, FRAME, whole=whole)
+    rings = fence._round_rings(shape, FRAME, whole=whole)
     assert all(
         shapely.Polygon(ring).is_valid and (ring == np.round(ring, 8)).all() for ring in rings
     )

@@ -31,7 +31,7 @@ def test_first_looks_are_those_of_the_flown_missions(vehicle):
     cells = plan.positions(np.arange(len(plan.tour)))
     first = np.full(len(cells), np.inf)
     for mission in missions.missions:
-        way = mission.way_in(None)
+        way = mission.path_in(None)
         flown = trajectory(way, plan.vehicle, rate=mission.rates(plan.vehicle))
         ends = mission.waypoints[mission.searched][[0, -1]]
         moments = np.arange(0.0, flown.duration, 0.1)

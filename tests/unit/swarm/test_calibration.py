@@ -12,7 +12,7 @@ from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
 from shoal.rigs import BenchRig, PlantPorts, drive
-from shoal.rigs.calibration import BenchCalibration, Responses, transformed
+from shoal.rigs.calibration import BenchCalibration, Responses, transform_points
 from shoal.rigs.following import free_motion, match
 from shoal.rigs.measuring import calibrate
 from shoal.rigs.physics import ANGLES, TOLD
@@ -42,9 +42,9 @@ def test_marks_tie_a_turned_sheared_or_mirrored_camera(turn, shear, mirror):
     matrix, _ = view_of((21, 21), turn=turn, shear=shear, mirror=mirror)
     rng = np.random.default_rng(1)
     for _ in range(6):
-        marks = np.hstack([transformed(matrix, CORNERS) + rng.normal(0, 0.3, (7, 2)), CORNERS])
+        marks = np.hstack([transform_points(matrix, CORNERS) + rng.normal(0, 0.3, (7, 2)), CORNERS])
         tie = tie_by_marks(marks)
-        away = transformed(tie.matrix, transformed(matrix, CORNERS)) - CORNERS
+        away = transform_points(tie.matrix, transform_points(matrix, CORNERS)) - CORNERS
         assert np.linalg.norm(away, axis=1).max() < 0.1
         assert 0.003 < tie.residual < 0.1
 
@@ -53,16 +53,16 @@ def test_a_tilted_camera_is_tied_by_a_homography():
     matrix, _ = view_of((21, 21), turn=20)
     matrix[2] = [0.01, -0.006, 1]
     cells = np.array([(r, c) for r in (0, 10, 20) for c in (0, 10, 20)], dtype=float)
-    tie = tie_by_marks(np.hstack([transformed(matrix, cells), cells]))
+    tie = tie_by_marks(np.hstack([transform_points(matrix, cells), cells]))
     assert tie.residual < 1e-3
-    assert transformed(tie.matrix, transformed(matrix, [(4, 17)])) == pytest.approx(
+    assert transform_points(tie.matrix, transform_points(matrix, [(4, 17)])) == pytest.approx(
         np.array([(4, 17)])
     )
 
 
 def test_a_mark_that_contradicts_the_others_is_left_out_and_named():
     matrix, _ = view_of((21, 21), turn=70, mirror=True)
-    marks = np.hstack([transformed(matrix, CORNERS), CORNERS])
+    marks = np.hstack([transform_points(matrix, CORNERS), CORNERS])
     marks[4, 2:] = (3, 8)  # row and column exchanged
     tie = tie_by_marks(marks)
     assert tie.residual < 1e-6
@@ -100,7 +100,7 @@ def test_a_known_map_is_found_in_the_picture_among_its_particles(bright, mirror)
     picture = render(VESSEL, VESSEL.cells[::13], matrix, size, rng, bright=bright)
     tie = tie_by_map(picture, VESSEL.free)
     corners = np.array([(0, 0), (20, 0), (0, 20), (20, 20)], dtype=float)
-    away = transformed(tie.matrix, transformed(matrix, corners)) - corners
+    away = transform_points(tie.matrix, transform_points(matrix, corners)) - corners
     assert np.linalg.norm(away, axis=1).max() < 0.1
     assert tie.residual < 0.1
     with pytest.raises(InvalidInputError, match="give marks"):
@@ -216,7 +216,7 @@ def test_a_scale_lays_the_grid_along_the_pulses():
     assert (cells > -0.6).all()
     assert (cells < np.array(found.shape)).all()
     # right is right: the picture's mirror is undone
-    step = found.to_cells(transformed(seen.matrix, [(5, 6), (5, 5)]))
+    step = found.to_cells(transform_points(seen.matrix, [(5, 6), (5, 5)]))
     assert step[0] - step[1] == pytest.approx((0, 1), abs=0.05)
 
 
@@ -285,7 +285,7 @@ def test_the_speed_falls_beyond_the_step_out_frequency():
 
 def drive_of(plant, *, trim):
     ports = PlantPorts(plant)
-    trimmed = PulseTrim(Responses.stated(ports.pulses)) if trim else None
+    trimmed = PulseTrim(Responses.from_pulses(ports.pulses)) if trim else None
     rig = BenchRig(ports, ports, trim=trimmed)
     return drive(rig, policy="closest-frontier", max_moves=90, **TOLD), rig
 
@@ -342,7 +342,7 @@ def test_the_trim_mends_raw_gains():
 def test_the_trim_does_not_learn_from_particles_at_walls():
     corridor = GridWorkspace(np.ones((2, 12), dtype=bool))
     ports = PlantPorts(plant_of(corridor, 5, 1, kind="exact"))
-    trim = PulseTrim(Responses.stated(ports.pulses))
+    trim = PulseTrim(Responses.from_pulses(ports.pulses))
     rig = BenchRig(ports, ports, trim=trim)
     for _ in range(16):  # all end at the wall
         rig.send("r")

@@ -17,7 +17,7 @@ from tests.benches import plant_of, render, view_of
 from shoal import InvalidInputError, open_map
 from shoal.core.errors import RigError
 from shoal.rigs import BenchRig, drive
-from shoal.rigs.calibration import transformed
+from shoal.rigs.calibration import transform_points
 from shoal.rigs.cameras import CameraSensor, Detector, MicroManagerSource, Vision, open_camera
 from shoal.rigs.measuring import calibrate
 from shoal.rigs.physics import ANGLES
@@ -76,7 +76,7 @@ def test_a_vessel_is_no_particle():
     with pytest.raises(RigError, match="may be the vessel"):
         Detector(Vision(particles="bright")).find(picture)
     found = Detector(Vision(threshold="40", particles="dark", max_area=400)).find(picture)
-    same_points(found, transformed(matrix, cells))
+    same_points(found, transform_points(matrix, cells))
 
 
 def test_colour_and_sixteen_bits():

@@ -381,7 +381,7 @@ def test_pulses_that_a_busy_computer_makes_too_long_are_told(tmp_path, monkeypat
     line = Terminal()
     with Controller(line, lines(lambda line: None)):
         actuator = coils(tmp_path, line)
-        trim = PulseTrim(Responses.stated(actuator.pulses))
+        trim = PulseTrim(Responses.from_pulses(actuator.pulses))
         rig = BenchRig(actuator, Sensor(), CellCalibration(), trim=trim)
         rig.observe()
         turn_off = actuator._turn_off
@@ -391,7 +391,7 @@ def test_pulses_that_a_busy_computer_makes_too_long_are_told(tmp_path, monkeypat
         assert "1 pulse lasted more than a quarter too long, the longest 0.3" in rig.notes[0]
         # what did not move by as much as 0.3 s would have moved it was held, and teaches nothing
         rig.observe()
-        assert trim.responses == Responses.stated(actuator.pulses)
+        assert trim.responses == Responses.from_pulses(actuator.pulses)
         monkeypatch.undo()
         monkeypatch.setattr(actuator, "_all_late", [])
         rig.push(0.0, 0.3)

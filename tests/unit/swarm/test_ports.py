@@ -326,7 +326,7 @@ def test_a_bench_moves_particles_by_vectors():
     plant = Plant(GridWorkspace(np.ones((8, 8))), [(4, 4), (4, 5)], about, np.random.default_rng(1))
     ports = PlantPorts(plant)
     ports.longest = 0.15  # seconds: longer moves are several pulses
-    responses = Responses.stated(ports.pulses)
+    responses = Responses.from_pulses(ports.pulses)
     bench = SteeringBench(BenchRig(ports, ports), responses, unit=0.1, origin=(-0.4, -0.4))
     start = bench.look()
     assert start == pytest.approx(np.array([[0, 0], [0, 0.1]]), abs=1e-3)
@@ -339,7 +339,7 @@ def test_a_bench_moves_particles_by_vectors():
     with pytest.raises(RigError):
         bench.send((0.1, 0))
     with pytest.raises(InvalidInputError, match="pushes in every direction"):
-        SteeringBench(BenchRig(ports, ports), Responses.stated(ports.pulses, only=True))
+        SteeringBench(BenchRig(ports, ports), Responses.from_pulses(ports.pulses, only=True))
 
 
 class PushingRig:
@@ -380,7 +380,7 @@ def test_a_rig_behind_a_connection_may_push_in_every_direction():
         transport = BenchTransport(PushingRig(PlantPorts(plant), **options))
         return RemoteRig(transport, repeat_after=1, end_after=3)
 
-    bench = SteeringBench(remote(), Responses.stated(remote().pulses))
+    bench = SteeringBench(remote(), Responses.from_pulses(remote().pulses))
     start = bench.look()
     bench.send((0.3, -1.2))
     assert bench.look() - start == pytest.approx(np.array([[0.3, -1.2]] * 2), abs=0.01)
@@ -393,7 +393,7 @@ def test_a_rig_behind_a_connection_may_push_in_every_direction():
     with pytest.raises(InvalidInputError, match="expected a rig that pushes in every direction"):
         whole.push(45.0, 0.1)
     with pytest.raises(InvalidInputError, match="far, which can neither"):
-        SteeringBench(whole, Responses.stated(whole.pulses))
+        SteeringBench(whole, Responses.from_pulses(whole.pulses))
 
 
 def test_a_rig_behind_a_connection_is_steered(tmp_path, capsys):

@@ -12,7 +12,7 @@ import typer
 from shoal.cli.options import Json, UnusedSeed, takes_problem
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import count_text
-from shoal.missions.diagnostics import distinct
+from shoal.missions.diagnostics import group_mistakes
 from shoal.missions.formats import formats_by_suffix
 from shoal.missions.options import CheckOptions
 
@@ -122,7 +122,7 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
                     ),
                 )
             )
-    separation = result.options.kept_apart
+    separation = result.options.required_separation
     if separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)
         nearest = approach_text(told, separation.horizontal, separation.vertical)
@@ -155,7 +155,7 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
             )
         )
     errors, warnings = (
-        len(distinct(some))
+        len(group_mistakes(some))
         for some in (result.errors, tuple({*result.diagnostics} - {*result.errors}))
     )
     rows.append(("mistakes", f"{errors}, and {count_text(warnings, 'warning')}"))
@@ -236,7 +236,7 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
     For each mission and kind of mistake, the lines contain the first few diagnostics and the number
     of further diagnostics.
     """
-    alike = distinct(diagnostics)
+    alike = group_mistakes(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
     lines = []

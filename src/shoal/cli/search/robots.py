@@ -591,7 +591,7 @@ def _flown_faults(report: dict[str, Any], options: CheckOptions | None) -> list[
         faults.append(
             f"{100 * seen:.5g} % of the region was seen, less than {100 * options.least:g} %"
         )
-    apart = None if options is None else options.kept_apart
+    apart = None if options is None else options.required_separation
     if near is not None and apart is not None and near["horizontal_m"] < apart.horizontal:
         one, other = near["robots"]
         faults.append(f"robots {one} and {other} came within {near['horizontal_m']:.3g} m")

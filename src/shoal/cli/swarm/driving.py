@@ -759,7 +759,7 @@ def _bench(
     longest = getattr(moves, "longest", inf)
     if measured is None:
         only = bool(getattr(moves, "only", False))
-        responses = Responses.stated(pulses_of(moves), only=only) if trim else None
+        responses = Responses.from_pulses(pulses_of(moves), only=only) if trim else None
         trimmed = None if responses is None else PulseTrim(responses, longest=longest)
         return BenchRig(moves, sees, shape=getattr(sees, "shape", view), trim=trimmed)
     if measured.whole != whole:

@@ -147,7 +147,7 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
             f"{where}: line 1: expected {HEADER!r}, got"
             f" {lines[0][:40] if lines else 'an empty file'!r}"
         )
-    found = []
+    rows = []
     for number, line in enumerate(lines[1:], start=2):
         fields = line.split()
         if not fields:
@@ -165,8 +165,8 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
             raise InvalidInputError(
                 f"{where}: line {number}: expected 12 numbers of a mission item, got {line[:60]!r}"
             ) from None
-        found.append((number, command, first, (longitude, latitude)))
-    return found
+        rows.append((number, command, first, (longitude, latitude)))
+    return rows
 
 
 def plan_fence(fence: Fence | None) -> dict[str, Any]:

@@ -109,14 +109,14 @@ def _route(sheet: Sheet, route: Element) -> None:
 
 
 def _elevation(sheet: Sheet, element: Element) -> float | None:
-    told = element.first("ele")
+    elevation = element.first("ele")
     try:
-        return None if told is None else float(told.text)
+        return None if elevation is None else float(elevation.text)
     except ValueError:
         sheet.add(
             "wrong-value",
-            f"line {told.line if told else 0}",
-            f"expected a number as 'ele', got {told.text[:40] if told else ''!r}",
+            f"line {elevation.line if elevation else 0}",
+            f"expected a number as 'ele', got {elevation.text[:40] if elevation else ''!r}",
         )
         return None
 

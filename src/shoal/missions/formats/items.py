@@ -116,7 +116,7 @@ def items_of(mission: Mission) -> list[Item]:
     if mission.speeds is not None:
         items[0], points = (
             speed(mission.speeds[0]),
-            _with_speeds(points, [speed(one) for one in mission.speeds.tolist()]),
+            _with_speeds(points, [speed(value) for value in mission.speeds.tolist()]),
         )
     end = _placeless(RETURN)
     if mission.landing is not None:
@@ -164,14 +164,14 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         if first.command == WAYPOINT:
             sheet.acceptance_radius, sheet.yaw = first.params[1] or None, first.params[3] or None
         if sheet.altitude_frame == "ground":
-            said = (
+            message = (
                 "expected altitudes above home or sea level, got altitudes above the terrain"
                 f" (frame {first.frame})"
             )
             sheet.add(
                 "terrain-frame",
                 first.place,
-                f"{said}: the check compares no heights of this mission with other vehicles",
+                f"{message}: the check compares no heights of this mission with other vehicles",
             )
         ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
         if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
@@ -222,11 +222,11 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         elif item.command in _WAITS and item is not items[-1]:
             sheet.add("stay", item.place, f"expected no stay on the way, got {_stay(item)}")
         elif item.command not in _KNOWN:
-            known = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
+            commands = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
             sheet.add(
                 "unknown-command",
                 item.place,
-                f"expected one of the commands {known}, got {item.command}",
+                f"expected one of the commands {commands}, got {item.command}",
             )
     _check_camera(sheet, items)
     if items and items[-1].command not in (RETURN, LAND, HOLD):
@@ -275,10 +275,14 @@ def _read_speeds(sheet: Sheet, items: Sequence[Item]) -> None:
     speeds.append(now)
     if first is not None:
         sheet.speed = first
-    told = [sheet.speed if speed is None else speed for speed in speeds]
-    known = [speed for speed in told if speed is not None]
+    leg_speeds = [sheet.speed if speed is None else speed for speed in speeds]
+    stated_speeds = [speed for speed in leg_speeds if speed is not None]
     sheet.speeds = (
-        known if len(known) == len(speeds) and len({*known}) > 1 and min(known) > 0 else None
+        stated_speeds
+        if len(stated_speeds) == len(speeds)
+        and len({*stated_speeds}) > 1
+        and min(stated_speeds) > 0
+        else None
     )
 
 
@@ -287,18 +291,18 @@ def _check_frame(sheet: Sheet, item: Item) -> None:
     position has a positional frame.
     """
     if item.command in _PLACED:
-        wanted = sheet.altitude_frame or "home"
-        if (wanted, item.command) == ("ground", TAKE_OFF) and item.frame in _READ:
+        reference = sheet.altitude_frame or "home"
+        if (reference, item.command) == ("ground", TAKE_OFF) and item.frame in _READ:
             return  # the climb begins at home, whose height above the terrain is 0
-        if _frames(sheet).get(item.frame) != wanted:
+        if _frames(sheet).get(item.frame) != reference:
             of_home, of_sea = "3 (altitude above home)", "0 (above sea level)"
             of_ground = "10 (above the terrain)"
-            both = f"{of_home} or {of_sea}"
-            said = {"sea": of_sea, "ground": of_ground}.get(
-                wanted, of_home if sheet.altitude_frame else both
+            either = f"{of_home} or {of_sea}"
+            expected = {"sea": of_sea, "ground": of_ground}.get(
+                reference, of_home if sheet.altitude_frame else either
             )
             sheet.add(
-                "frame", item.place, f"expected frame {said} for a position, got {item.frame}"
+                "frame", item.place, f"expected frame {expected} for a position, got {item.frame}"
             )
     elif item.command in _KNOWN and item.frame != WITHOUT_PLACE:
         sheet.add(
@@ -381,18 +385,18 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
         )
         (up,) = _number(first.params[6])
         if up <= base < base + above:
-            said = (
+            message = (
                 f"expected a take-off to a height above 0, got {up - base:g} m above home before a"
                 f" waypoint at {above:g} m"
             )
-            sheet.add("take-off", first.place, said)
+            sheet.add("take-off", first.place, message)
     if WAYPOINT in commands and commands[0] != TAKE_OFF:
         place = next(item.place for item in items if item.command in _PASSED)
-        said = (
+        message = (
             f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'},"
             " got none"
         )
-        sheet.add("take-off", place, said)
+        sheet.add("take-off", place, message)
 
 
 def _number(*values: float | None) -> tuple[float, ...]:
@@ -434,9 +438,9 @@ class Number(float):
 
     def __new__(cls, text: str) -> Number:
         """Return the number that a text represents."""
-        made = super().__new__(cls, text)
-        made.decimals = decimals_of(text)
-        return made
+        number = super().__new__(cls, text)
+        number.decimals = decimals_of(text)
+        return number
 
 
 def load_json(text: str, sheet: Sheet) -> Any:
@@ -477,7 +481,7 @@ def dump_json(value: Any) -> str:
     text = json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
     text = re.sub(r'"\\u001f([-\d.]+)"', r"\1", text)
     return re.sub(
-        r"\[\s+([^\[\]{}]*?)\s+\]", lambda found: "[" + re.sub(r",\s+", ", ", found[1]) + "]", text
+        r"\[\s+([^\[\]{}]*?)\s+\]", lambda match: "[" + re.sub(r",\s+", ", ", match[1]) + "]", text
     )
 
 
@@ -545,37 +549,39 @@ def attributes_as_text(mission: Mission) -> dict[str, str]:
     }
 
 
-def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
+def take_attributes(sheet: Sheet, place: str, attributes: Mapping[str, Any]) -> None:
     """Store the attributes of a mission file in its sheet, and add diagnostics for invalid
     attributes.
     """
-    missing = [name for name in NAMES if name not in found]
+    missing = [name for name in NAMES if name not in attributes]
     for name in missing:
         sheet.add("missing-key", place, f"expected {name!r}, got none")
     if missing:
         return
     for name, least in (("robot", 1), ("sortie", 1), ("waypoints_out", 0), ("waypoints_home", 0)):
-        if name not in found:
+        if name not in attributes:
             continue
-        number = _whole(found[name])
+        number = _whole(attributes[name])
         if number is None or number < least:
             sheet.add(
                 "wrong-value",
                 place,
-                f"expected a whole number of {least} or more as {name!r}, got {_short(found[name])}",
+                f"expected a whole number of {least} or more as {name!r}, got"
+                f" {_short(attributes[name])}",
             )
         else:
             setattr(sheet, name, number)
-    for name, known in (("autopilot", CAPS), ("kind", KINDS), ("altitude_frame", FRAMES)):
-        if isinstance(found[name], str) and found[name] in known:
-            setattr(sheet, name, found[name])
+    for name, choices in (("autopilot", CAPS), ("kind", KINDS), ("altitude_frame", FRAMES)):
+        if isinstance(attributes[name], str) and attributes[name] in choices:
+            setattr(sheet, name, attributes[name])
         else:
             sheet.add(
                 "wrong-value",
                 place,
-                f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}",
+                f"expected {' or '.join(map(repr, choices))} as {name!r}, got"
+                f" {_short(attributes[name])}",
             )
-    more = {name: found[name] for name in MORE if name in found}
+    more = {name: attributes[name] for name in MORE if name in attributes}
     if "landing_x" in more and "landing_y" in more:
         sheet.landing = (
             number_in(sheet, place, "landing_x", more),
@@ -584,32 +590,34 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
     for name in ("loiter_m", "start_s", "takeover_m"):
         if name in more:
             setattr(sheet, name.rpartition("_")[0], number_in(sheet, place, name, more))
-    words = str(found.get(ALTITUDES, "")).split()
+    words = str(attributes.get(ALTITUDES, "")).split()
     sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
-        number_in(sheet, place, "altitude_m", found)
+        number_in(sheet, place, "altitude_m", attributes)
     ]
-    sheet.speed = number_in(sheet, place, "speed_m_s", found)
+    sheet.speed = number_in(sheet, place, "speed_m_s", attributes)
 
 
 def position_in(
-    sheet: Sheet, place: str, names: Sequence[str], found: Mapping[str, str]
+    sheet: Sheet, place: str, names: Sequence[str], attributes: Mapping[str, str]
 ) -> tuple[float, float]:
     """Return the two coordinates ``names`` as numbers, and note their decimals. If one is missing or
     invalid, return NaN for both and add a diagnostic.
     """
     point = []
     for name in names:
-        if name not in found:
+        if name not in attributes:
             sheet.add("missing-key", place, f"expected the attribute {name!r}, got none")
             return math.nan, math.nan
         try:
-            point.append(float(found[name]))
+            point.append(float(attributes[name]))
         except ValueError:
             sheet.add(
-                "wrong-value", place, f"expected a number as {name!r}, got {found[name][:40]!r}"
+                "wrong-value",
+                place,
+                f"expected a number as {name!r}, got {attributes[name][:40]!r}",
             )
             return math.nan, math.nan
-        sheet.decimals = max(sheet.decimals or 0, decimals_of(found[name]))
+        sheet.decimals = max(sheet.decimals or 0, decimals_of(attributes[name]))
     return point[0], point[1]
 
 
@@ -639,11 +647,11 @@ def _whole(value: Any) -> int | None:
         return None
 
 
-def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
+def number_in(sheet: Sheet, place: str, name: str, attributes: Mapping[str, Any]) -> float:
     """Return the attribute ``name`` as a number. If the attribute is invalid, return NaN and add a
     diagnostic.
     """
-    value = found[name]
+    value = attributes[name]
     if not isinstance(value, bool):
         try:
             number = float(value)

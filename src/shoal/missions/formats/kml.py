@@ -109,11 +109,13 @@ def scan(text: str, sheet: Sheet) -> None:
 
 
 def _route(sheet: Sheet, placemark: Element) -> None:
-    found = {}
+    attributes = {}
     for data in placemark.all("Data"):
         value = data.first("value")
-        found[data.attributes.get("name", "")] = value.text.strip() if value is not None else ""
-    take_attributes(sheet, f"line {placemark.line}", found)
+        attributes[data.attributes.get("name", "")] = (
+            value.text.strip() if value is not None else ""
+        )
+    take_attributes(sheet, f"line {placemark.line}", attributes)
     points = _positions(sheet, placemark)
     sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
     sheet.places = [f"position {k}" for k in range(1, len(points) + 1)]
@@ -130,7 +132,7 @@ def _positions(sheet: Sheet, placemark: Element) -> list[tuple[float, float]]:
             "expected coordinates in the Placemark, got none",
         )
         return []
-    found = []
+    positions = []
     for number, word in enumerate(element.text.split(), start=1):
         parts = word.split(",")
         try:
@@ -145,5 +147,5 @@ def _positions(sheet: Sheet, placemark: Element) -> list[tuple[float, float]]:
             longitude = latitude = math.nan
         else:
             sheet.decimals = max(sheet.decimals or 0, *map(decimals_of, parts[:2]))
-        found.append((longitude, latitude))
-    return found
+        positions.append((longitude, latitude))
+    return positions

@@ -125,15 +125,16 @@ def scan(text: str, sheet: Sheet) -> None:
     sheet.home = (longitude, latitude)
     sheet.elevation = mission.home[2] or None  # 0 means unknown
     sheet.decimals = _decimals(data)
-    rings = [(np.array(one.polygon)[:, ::-1], one.inclusion) for one in form.fence.polygons]
-    for one in form.fence.circles:
-        center = (one.circle.center[1], one.circle.center[0])
+    rings = [(np.array(entry.polygon)[:, ::-1], entry.inclusion) for entry in form.fence.polygons]
+    for entry in form.fence.circles:
+        center = (entry.circle.center[1], entry.circle.center[0])
         rings.append(
-            (circle_ring(center, one.circle.radius, inclusion=one.inclusion), one.inclusion)
+            (circle_ring(center, entry.circle.radius, inclusion=entry.inclusion), entry.inclusion)
         )
     if rings:
         sheet.fence = fence_from(
-            [ring for ring, kept in rings if kept], [ring for ring, kept in rings if not kept]
+            [ring for ring, inclusion in rings if inclusion],
+            [ring for ring, inclusion in rings if not inclusion],
         )
     sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
     items = [
@@ -167,8 +168,8 @@ def items_on_board(text: str) -> tuple[list[Item], list[Item], list[Item]]:
     _expand_surveys(data)
     form = PlanForm.model_validate(data)
     mission = [Item(item.command, item.frame, tuple(item.params)) for item in form.mission.items]
-    rings = [(one.polygon, one.inclusion) for one in form.fence.polygons]
-    circles = [(one.circle, one.inclusion) for one in form.fence.circles]
+    rings = [(entry.polygon, entry.inclusion) for entry in form.fence.polygons]
+    circles = [(entry.circle, entry.inclusion) for entry in form.fence.circles]
     rally = [(place[:2], place[2]) for place in form.rally.points]
     return mission, fence_items(rings, circles), rally_items(rally)
 
@@ -191,7 +192,7 @@ def _expand_surveys(data: Any) -> list[str]:
         parts = survey.get("Items") if isinstance(survey, dict) else None
         if isinstance(parts, list) and parts:
             expanded += [
-                (f"item {number}, part {part}", one) for part, one in enumerate(parts, start=1)
+                (f"item {number}, part {part}", child) for part, child in enumerate(parts, start=1)
             ]
         else:
             expanded.append((f"item {number}", item))

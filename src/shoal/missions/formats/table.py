@@ -66,8 +66,8 @@ def scan(text: str, sheet: Sheet) -> None:
         return
     heading = [name.strip() for name in rows[0][1]] if rows else []
     sheet.geographic = not {*_METRES} & {*heading}
-    wanted = ("number", "command", *(_DEGREES if sheet.geographic else _METRES), *NAMES)
-    missing = [name for name in wanted if name not in heading]
+    columns = ("number", "command", *(_DEGREES if sheet.geographic else _METRES), *NAMES)
+    missing = [name for name in columns if name not in heading]
     for name in missing:
         sheet.add("missing-key", "line 1", f"expected the column {name!r}, got none")
     if missing:

@@ -15,7 +15,7 @@ from shoal.core.checks import count_text
 from shoal.core.geometry import unit_vectors
 from shoal.missions.approach import MissionApproach
 from shoal.missions.mission import Mission
-from shoal.missions.rules import inside_of, searching
+from shoal.missions.rules import inside_of, search_slice
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.canvas import path_of_rings, rings_of
@@ -81,7 +81,7 @@ def missions_figure(
     region : SearchRegion
     approach : MissionApproach, optional
     """
-    ways = [mission.way_in(region.frame) for mission in missions]
+    ways = [mission.path_in(region.frame) for mission in missions]
     circles = [mission.circle_in(region.frame) for mission in missions]
     fence = next((mission.fence for mission in missions if mission.fence is not None), None)
     rings = (
@@ -230,13 +230,13 @@ def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
     """Return the slice of a mission's waypoints that belong to the search.
 
     If a mission file does not mark these waypoints, the function derives them from the border of
-    the region, as in `searching`.
+    the region, as in `search_slice`.
     """
     if mission.waypoints_out is not None:
         return mission.searched
     count = len(mission.waypoints)
     over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
-    here = searching(inside_of(region, over), mission.kind)
+    here = search_slice(inside_of(region, over), mission.kind)
     # a first waypoint above home
     first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))
     return slice(min(first, here.stop - 1), here.stop)
