@@ -516,7 +516,7 @@ def _check_folder(sheets: Sequence[Sheet], folder: Path) -> None:
                 " 0 s",
             )
         return
-    listed = _listed(folder)
+    listed = _read_file_list(folder)
     for file in sorted(listed - {STARTS}):
         path = folder / file
         if path.is_file():

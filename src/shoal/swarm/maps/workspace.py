@@ -131,7 +131,7 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
             "workspace: expected rows of equal length, got rows of different lengths"
         ) from None
     if np.ma.is_masked(free):
-        hidden = tuple(int(i) for i in np.argwhere(np.ma.getmaskarray(free))[0])  # type: ignore[no-untyped-call]
+        hidden = tuple(int(i) for i in np.argwhere(np.ma.asarray(free).mask)[0])
         raise InvalidInputError(f"workspace: expected known cells, got a masked one at {hidden}")
     if array.ndim not in (2, 3):
         raise InvalidInputError(
