@@ -6,6 +6,7 @@ import copy
 import json
 import sys
 from fractions import Fraction
+from itertools import count
 
 import numpy as np
 import pytest
@@ -425,6 +426,17 @@ def test_random_moves_of_three_particles_are_not_shorter_than_their_bound(name):
             assert least <= length * (1 + 1e-9)
             nearest = min(nearest, length / max(least, 1e-9))
     assert nearest < 1.01
+
+
+def test_all_parts_of_a_search_have_the_time_of_one_clock():
+    """With a clock that runs out at once, the search makes no plans, however fast the computer is;
+    with one that hardly moves, it finds a plan 2 % shorter, however slow it is.
+    """
+    episode = run(SteeringProblem("disk"), seed=9)
+    for step, is_shorter in ((1.0, False), (1e-6, True)):
+        ticks = count()
+        found = certify(episode, seconds=1e-3, clock=lambda: step * next(ticks))  # noqa: B023
+        assert (found.episode.length < 0.98 * episode.length) == is_shorter
 
 
 def test_noise_has_no_certificate():
