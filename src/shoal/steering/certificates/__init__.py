@@ -280,10 +280,7 @@ def has_proof(problem: SteeringProblem) -> bool:
     """
     place = problem.place
     return (
-        (
-            place.kind in ("polygon", "disk", "region")
-            or (place.kind == "prism" and not place.open_ends)
-        )
+        place.kind in ("polygon", "disk", "region", "prism", "cylinder")
         and problem.n_particles == 2
         and not problem.particle_radius
         and problem.friction == inf
@@ -307,7 +304,7 @@ def _searches(
     from shoal.steering.certificates.cells import cells_of_place
     from shoal.steering.certificates.route_search import RouteSearch
 
-    cells = cells_of_place(place)
+    cells = cells_of_place(place, start[:, -1], limit)
     if cells is None or not limit:
         return [], {}
     found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
@@ -343,13 +340,14 @@ def _least_moves(
 def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
     """Return the problem as a certificate states it."""
     place = problem.place
-    if place.kind == "disk":
+    if place.round:
         where = {"center": place.center.tolist(), "radius": place.radius}
     elif place.kind == "region":
         where = {"rings": [ring.tolist() for ring in place.rings]}
     else:
         where = {"corners": place.vertices.tolist()}
-        where |= {"height": place.height} if place.height else {}
+    if place.dimensions == 3:
+        where |= {"height": place.height, "open_ends": place.open_ends}
     return {
         **where,
         "start": start.tolist(),
@@ -369,8 +367,8 @@ def check_certificate_of(
     if not has_proof(problem) or _has_no_least_length(problem):
         return Verification(
             False,
-            "certificates are for two points in polygons, disks, prisms and regions, without"
-            " sliding, open ends, noise, uneven field and stated errors",
+            "certificates are for two points, without sliding, noise, uneven field and stated"
+            " errors",
         )
     for name, value in _stated(problem, start, goal).items():
         if certificate.get(name) != value:
