@@ -109,7 +109,7 @@ def _free_door(proof):
 def _only_closed(proof):
     """No plan goes through a closed door within the limit; with limit 0, this says nothing."""
     proof.update(limit=0.0, start=[[0.2, 0.3], [0.2, 0.3]], goal=[[1.9, 1.3], [1.9, 1.3]])
-    cells = cells_of_place(ONE)
+    cells = cells_of_place(ONE, np.zeros(1), 0.0)
     cell = cells.cell_of(np.array([0.2, 0.3]))
     nothing = {"norms": [[0.0, 0.0]] * 5, "slacks": [], "legs": [0.0]}
     closed = [{"node": 0, "door": door, **nothing} for door in cells.doors_of[cell]]
@@ -191,7 +191,7 @@ def test_no_plan_is_shorter_than_a_bound(place, seed):
 @pytest.mark.parametrize("place", [ELL, ONE])
 def test_random_moves_are_not_shorter_than_a_bound_for_where_they_end(place):
     rng = np.random.default_rng(3)
-    problem, cells, compared = SteeringProblem(place), cells_of_place(place), 0
+    problem, cells, compared = SteeringProblem(place), cells_of_place(place, np.zeros(1), 0.0), 0
     world = problem.world(gain=0.0)
     for number in range(5):
         start, _ = problem.endpoints(number)
@@ -229,7 +229,7 @@ def test_a_longer_plan_around_an_obstacle_becomes_shorter(around):
 
 
 def test_a_region_divides_into_convex_cells():
-    cells = cells_of_place(ONE)
+    cells = cells_of_place(ONE, np.zeros(1), 0.0)
     assert sum(signed_area(corners) for corners in cells.corners) == pytest.approx(2.8 - 0.16)
     assert all(
         np.all(inside[:, :2] @ corner >= inside[:, 2] - 1e-12)
@@ -237,7 +237,7 @@ def test_a_region_divides_into_convex_cells():
         for corner in corners
     )
     touching = region([(0, 0), (2, 0), (2, 2), (0, 2)], [[(0, 1), (1, 0.5), (1, 1.5)]])
-    assert cells_of_place(touching) is None
+    assert cells_of_place(touching, np.zeros(1), 0.0) is None
     start, goal = [(1.3, 1), (1.5, 1)], [(1.4, 1.2), (1.6, 1.2)]
     found = certify(run(SteeringProblem(touching, start, goal, time=0.5)))
     assert found.proof is None

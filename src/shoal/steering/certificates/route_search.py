@@ -180,7 +180,7 @@ class RouteTree:
             return None
         worst = max(errors, key=lambda place: errors[place])
         loads = node.bound.loads
-        return _Halving(worst) if errors[worst] >= max(loads.values(), default=0.0) else None
+        return _Halving(worst) if errors[worst] >= max(loads.values(), default=-inf) else None
 
     def _halved(self, pattern: Pattern, place: int) -> list[Pattern]:
         before, item, after = pattern[:place], pattern[place], pattern[place + 1 :]
