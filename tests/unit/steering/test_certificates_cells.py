@@ -342,7 +342,7 @@ def test_random_moves_in_a_cylinder_are_not_shorter_than_a_bound(open_ends):
     place = cylinder(0.5, 0.6, open_ends=open_ends)
     nearest = np.inf
     for _ in range(6):
-        start = rng.uniform(-0.3, 0.3, (2, 3)) + (0, 0, 0.3)
+        start = rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.6], (2, 3))
         moves = rng.normal(size=(rng.integers(1, 4), 3)) * 0.3
         length = float(np.linalg.norm(moves, axis=1).sum())
         goal = SteeringProblem(place, start, start).world(gain=0.0).play(start, moves)[-1]
