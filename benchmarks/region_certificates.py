@@ -1,5 +1,5 @@
-"""python -m benchmarks.region_certificates: gaps of certificates with obstacles and in prisms, with
-the bound of shortest paths beside them, and whether a bound is above any plan.
+"""python -m benchmarks.region_certificates: gaps of certificates with obstacles and in three
+dimensions, with the bound of shortest paths beside them, and whether a bound is above any plan.
 
 Options: --problems N (a class), --seconds S (of the processor), --plans N (a class), --seed K,
 --only CLASS.
@@ -23,6 +23,7 @@ from shoal.steering import (
     SteeringProblem,
     certify,
     check_certificate,
+    cylinder,
     polygon,
     prism,
     region,
@@ -53,6 +54,8 @@ PLACES: dict[str, Callable[[Generator], Any]] = {
         else polygon([*ELL[:2], (0, 1)]),
         float(rng.uniform(0.3, 1.5)),
     ),
+    "cylinder": lambda rng: cylinder(0.5, float(rng.uniform(0.3, 1.5))),
+    "tube": lambda rng: cylinder(0.5, float(rng.uniform(0.3, 1.5)), open_ends=True),
 }
 _SLACK = 1e-9  # relative: rounding errors of the length of a plan
 _STEPS = 60  # divisions of a search whose bound is compared with random moves
@@ -104,7 +107,7 @@ def slack_of(name: str, number: int, seed: int) -> float | None:
     )
     goal = problem.world(gain=0.0).play(start, moves)[-1]
     length = float(np.linalg.norm(moves, axis=1).sum())
-    cells = cells_of_place(place)
+    cells = cells_of_place(place, start[:, -1], 1.3 * length)
     assert cells is not None
     search = RouteSearch(cells, start, goal, 1e-6, 1.3 * length)
     if not search.possible:

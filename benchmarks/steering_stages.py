@@ -124,7 +124,7 @@ def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
     """
     if planner == "shortest":
         return {
-            "the chain of greedy": (shortest, "_greedy_seeds", lambda *_given: []),
+            "the chain of greedy": (shortest, "greedy_seeds", lambda *_given: []),
             "chains of two cycles": (improvement, "CYCLES", (1, 3)),
             "chains of three cycles": (improvement, "CYCLES", (1, 2)),
             "changes of chains": (improvement.ChainPool, "improve", lambda *_given: None),

@@ -6,6 +6,7 @@ import copy
 import json
 import sys
 from fractions import Fraction
+from itertools import count
 
 import numpy as np
 import pytest
@@ -386,8 +387,8 @@ THREE = [(0.2, 0.3), (0.5, 0.35), (0.7, 0.7)]
 SPATIAL = [(-0.2, 0, 0.3), (0.1, 0.1, 0.5)], [(0.2, 0, 0.3), (0.1, -0.2, 0.5)]
 KINDS = {
     "ring": (RING, [(0.5, 0.5), (0.6, 0.9)], [(0.4, 1.5), (0.5, 1.9)], {}, "certificate"),
-    "cylinder": (cylinder(0.5, 1.0), *SPATIAL, {}, "shortest"),
-    "tube": (cylinder(0.5, 1.0, open_ends=True), *SPATIAL, {}, "shortest"),
+    "cylinder": (cylinder(0.5, 1.0), *SPATIAL, {}, "certificate or shortest"),
+    "tube": (cylinder(0.5, 1.0, open_ends=True), *SPATIAL, {}, "certificate or shortest"),
     "prism": (prism(regular_polygon(4), 1.0), *SPATIAL, {}, "certificate"),
     "three": ("square", THREE, np.array(THREE) + 0.1, {}, "shortest paths"),
     "radius": ("square", START, GOAL, {"particle_radius": 0.02}, "shortest"),
@@ -406,7 +407,8 @@ def test_each_kind_of_problem_has_a_gap(name):
     assert episode
     found = certify(episode, seconds=0.3)
     assert found.gap is not None
-    assert found.bound == bound
+    assert found.bound in bound.split(" or ")
+    assert found.proof is not None or not bound.startswith("certificate")
     assert 0 <= found.lower_bound <= found.episode.length
 
 
@@ -427,6 +429,17 @@ def test_random_moves_of_three_particles_are_not_shorter_than_their_bound(name):
     assert nearest < 1.01
 
 
+def test_all_parts_of_a_search_have_the_time_of_one_clock():
+    """With a clock that runs out at once, the search makes no plans, however fast the computer is;
+    with one that hardly moves, it finds a plan 2 % shorter, however slow it is.
+    """
+    episode = run(SteeringProblem("disk"), seed=9)
+    for step, is_shorter in ((1.0, False), (1e-6, True)):
+        ticks = count()
+        found = certify(episode, seconds=1e-3, clock=lambda: step * next(ticks))  # noqa: B023
+        assert (found.episode.length < 0.98 * episode.length) == is_shorter
+
+
 def test_noise_has_no_certificate():
     with pytest.raises(InvalidInputError, match="without noise"):
         certify(run(SteeringProblem("square", execution=1e-3, tolerance=0.05)), seconds=1)
@@ -440,8 +453,7 @@ def test_a_missing_solver_is_named(monkeypatch):
 
 
 def test_a_bound_without_proof_needs_no_solver(monkeypatch):
-    start, goal = [(-0.2, 0, 0.3), (0.1, 0.1, 0.5)], [(0.2, 0, 0.3), (0.1, -0.2, 0.5)]
-    episode = run(SteeringProblem(cylinder(0.5, 1.0), start, goal))
+    episode = run(SteeringProblem("square", START, GOAL, particle_radius=0.02))
     monkeypatch.setitem(sys.modules, "clarabel", None)
     found = certify(episode, seconds=1)
     assert found.proof is None

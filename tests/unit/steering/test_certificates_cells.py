@@ -1,4 +1,4 @@
-"""Certificates for regions and prisms: cells, routes, bounds below all plans, wrong ones refused."""
+"""Certificates for regions and in three dimensions: cells, routes, bounds below all plans, wrong ones refused."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from shoal.steering import (
     certificates,
     certify,
     check_certificate,
+    cylinder,
     polygon,
     prism,
     region,
@@ -109,7 +110,7 @@ def _free_door(proof):
 def _only_closed(proof):
     """No plan goes through a closed door within the limit; with limit 0, this says nothing."""
     proof.update(limit=0.0, start=[[0.2, 0.3], [0.2, 0.3]], goal=[[1.9, 1.3], [1.9, 1.3]])
-    cells = cells_of_place(ONE)
+    cells = cells_of_place(ONE, np.zeros(1), 0.0)
     cell = cells.cell_of(np.array([0.2, 0.3]))
     nothing = {"norms": [[0.0, 0.0]] * 5, "slacks": [], "legs": [0.0]}
     closed = [{"node": 0, "door": door, **nothing} for door in cells.doors_of[cell]]
@@ -191,7 +192,7 @@ def test_no_plan_is_shorter_than_a_bound(place, seed):
 @pytest.mark.parametrize("place", [ELL, ONE])
 def test_random_moves_are_not_shorter_than_a_bound_for_where_they_end(place):
     rng = np.random.default_rng(3)
-    problem, cells, compared = SteeringProblem(place), cells_of_place(place), 0
+    problem, cells, compared = SteeringProblem(place), cells_of_place(place, np.zeros(1), 0.0), 0
     world = problem.world(gain=0.0)
     for number in range(5):
         start, _ = problem.endpoints(number)
@@ -229,7 +230,7 @@ def test_a_longer_plan_around_an_obstacle_becomes_shorter(around):
 
 
 def test_a_region_divides_into_convex_cells():
-    cells = cells_of_place(ONE)
+    cells = cells_of_place(ONE, np.zeros(1), 0.0)
     assert sum(signed_area(corners) for corners in cells.corners) == pytest.approx(2.8 - 0.16)
     assert all(
         np.all(inside[:, :2] @ corner >= inside[:, 2] - 1e-12)
@@ -237,7 +238,7 @@ def test_a_region_divides_into_convex_cells():
         for corner in corners
     )
     touching = region([(0, 0), (2, 0), (2, 2), (0, 2)], [[(0, 1), (1, 0.5), (1, 1.5)]])
-    assert cells_of_place(touching) is None
+    assert cells_of_place(touching, np.zeros(1), 0.0) is None
     start, goal = [(1.3, 1), (1.5, 1)], [(1.4, 1.2), (1.6, 1.2)]
     found = certify(run(SteeringProblem(touching, start, goal, time=0.5)))
     assert found.proof is None
@@ -262,3 +263,126 @@ def test_a_plan_in_a_prism_is_proven_optimal():
     lower = copy.deepcopy(found.proof)
     lower["height"] = 0.9
     assert not check_certificate(lower)
+
+
+@pytest.fixture(scope="module")
+def in_cylinder():
+    """A certificate of a cylinder, with contacts on its round wall and with halves of arcs."""
+    start, goal = (
+        [(-0.42, -0.22, 0.14), (0.08, -0.01, 0.07)],
+        [(-0.37, -0.06, 0.23), (0.13, 0.06, 0.43)],
+    )
+    problem = SteeringProblem(cylinder(0.5, 0.81), start, goal)
+    return problem, certify(run(problem), seconds=5, clock=process_time)
+
+
+def test_a_cylinder_has_a_proof_that_is_better_than_the_bound_of_the_planner(in_cylinder):
+    problem, found = in_cylinder
+    assert found.bound == "certificate"
+    assert found.lower_bound > 1.002 * run(problem).lower_bound
+    assert found.certified
+    proof = json.loads(json.dumps(found.proof))
+    assert check_certificate_of(problem, proof)
+    nodes = _way(proof)["proof"]
+    assert any(set(node) == {"place"} for node in nodes)
+    assert any(node.get("rounds") for node in nodes)
+    tube = SteeringProblem(cylinder(0.5, 0.81, open_ends=True), problem.start, problem.goal)
+    assert not check_certificate_of(tube, proof)
+
+
+def _halved_again(proof):
+    """A hold by the smallest arc is halved."""
+    halves = [{"place": 0}] * 8
+    _way(proof)["proof"] = [_DIVISION, *[_first_leaf(proof)] * 3, *halves, *_way(proof)["proof"]]
+
+
+def _few_directions(proof):
+    proof["directions"] = proof["directions"][::64]
+
+
+WRONG_ROUND = {
+    "radius": lambda proof: proof.update(radius=0.4),
+    "height": lambda proof: proof.update(height=1.2),
+    "no height": lambda proof: proof.pop("height"),
+    "center": lambda proof: proof.update(center=[0.1, 0.0]),
+    "tube": lambda proof: proof.update(open_ends=True),
+    "not said": lambda proof: proof.update(open_ends=1),
+    "prism": lambda proof: proof.update(corners=[[0, 0], [1, 0], [0, 1]]),
+    "few directions": _few_directions,
+    "not a power of 2": lambda proof: proof["directions"].pop(),
+    "wrong way around": lambda proof: proof["directions"].reverse(),
+    "twice around": lambda proof: proof.update(
+        directions=[[np.cos(x), np.sin(x)] for x in np.arange(16) * np.pi / 4 + 1e-3]
+    ),
+    "smallest arc": _halved_again,
+    "no half": lambda proof: _way(proof)["proof"].pop(),
+    "no round": lambda proof: _first_leaf(proof)["rounds"].append([10**9, 1.0, 0.0]),
+    "three numbers": lambda proof: _first_leaf(proof)["rounds"].append([0, 0.1, 0.1, 0.1]),
+    "outside": lambda proof: [
+        node["rounds"].append([0, 5.0, 0.0]) for node in _way(proof)["proof"] if node.get("rounds")
+    ],
+    "higher": lambda proof: proof.update(lower_bound=proof["lower_bound"] * 1.001),
+    "start": lambda proof: proof["start"][0].__setitem__(0, -0.1),
+    "goal": lambda proof: proof["goal"][1].__setitem__(2, 0.4),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_ROUND)
+def test_wrong_certificates_of_cylinders_are_refused(in_cylinder, name):
+    proof = copy.deepcopy(in_cylinder[1].proof)
+    WRONG_ROUND[name](proof)
+    checked = check_certificate(proof)
+    assert not checked
+    assert checked.message.startswith("the certificate is ")
+
+
+@pytest.mark.parametrize("open_ends", [False, True])
+def test_random_moves_in_a_cylinder_are_not_shorter_than_a_bound(open_ends):
+    rng = np.random.default_rng(4)
+    place = cylinder(0.5, 0.6, open_ends=open_ends)
+    nearest = np.inf
+    for _ in range(6):
+        start = rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.6], (2, 3))
+        moves = rng.normal(size=(rng.integers(1, 4), 3)) * 0.3
+        length = float(np.linalg.norm(moves, axis=1).sum())
+        goal = SteeringProblem(place, start, start).world(gain=0.0).play(start, moves)[-1]
+        cells = cells_of_place(place, start[:, 2], 1.3 * length)
+        search = RouteSearch(cells, start, goal, 1e-6, 1.3 * length)
+        for _ in range(5):
+            search.step(lambda: 0.0)
+            assert search.lower <= length * (1 + 1e-9)
+        nearest = min(nearest, length / search.lower)
+    assert nearest < 1.01
+
+
+def test_an_input_against_a_point_of_an_arc_goes_against_one_of_its_ends():
+    """Each adjustment that a contact with an arc allows, one normal of its wall allows."""
+    cells, rng = cells_of_place(cylinder(0.5, 1.0), np.zeros(1), 0.0), np.random.default_rng(5)
+    round_ = cells.round
+    for wall in rng.integers(2, len(cells.walls), size=200).tolist():
+        arc = cells.walls[wall]
+        ends = -arc.normals[:, :2]
+        first, turn = np.arctan2(*ends[0][::-1]), np.arccos(np.clip(ends[0] @ ends[1], -1, 1))
+        out = first + rng.uniform(0, 1) * turn
+        contact = np.array([0.5 * np.cos(out), 0.5 * np.sin(out), rng.uniform()])
+        assert arc.inside[0, :3] @ contact >= arc.inside[0, 3] - 1e-9
+        inputs = rng.normal(size=3)
+        if inputs[:2] @ contact[:2] > 1e-6:
+            assert (arc.normals @ inputs < 1e-6).any()
+        if wall in round_.halves:
+            one, other = (cells.walls[half].normals for half in round_.halves[wall])
+            np.testing.assert_array_equal(arc.normals, [one[0], other[1]])
+            np.testing.assert_array_equal(one[1], other[0])
+            below = cells.without(wall, {round_.halves[wall][0]})
+            assert below == [round_.halves[wall][1]]
+
+
+def test_a_tube_over_a_polygon_has_a_proof():
+    start, goal = [(0.2, 0.3, 0.1), (0.5, 0.35, 0.4)], [(0.8, 0.2, 0.6), (0.3, 0.75, 0.2)]
+    tube = prism(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]), 0.7, open_ends=True)
+    problem = SteeringProblem(tube, start, goal)
+    found = certify(run(problem), seconds=3, clock=process_time)
+    assert found.gap < 0.05
+    assert check_certificate_of(problem, found.proof)
+    closed = SteeringProblem(prism(tube.base, 0.7), start, goal)
+    assert not check_certificate_of(closed, found.proof)

@@ -283,6 +283,17 @@ def test_chains_of_four_are_found_in_polygons_of_few_sides(workspace, seed, boun
     assert bound <= episode.length < 1.001 * bound
 
 
+@pytest.mark.parametrize(
+    ("seed", "bound"),
+    # the chain of the disk needs another side beside the nearest; the disk has no chain of three
+    [(739203391, 1.562), (536368455, 2.092), (428635661, 2.291)],
+)
+def test_polygons_of_many_sides_have_the_chains_of_disks(seed, bound):
+    episode = steer(SteeringProblem("regular:60"), seed=seed)
+    assert episode.length < bound
+    assert episode.moves <= 15
+
+
 def test_the_bound_holds_for_each_assignment_of_goals():
     """The planner of fewest moves chooses the other assignment, whose own bound is greater."""
     chosen = run(SteeringProblem("square", interchangeable=True, planner="fewest-moves"), seed=4)

@@ -130,8 +130,8 @@ def certify(
     progress : callable, optional
         Called about once in a second with the seconds so far and the lower bound.
     clock : callable, optional
-        Returns the seconds that ``seconds`` limits; `time.process_time` counts the time of the
-        processor.
+        Returns the seconds that ``seconds`` limits, in every part of the search; `time.process_time`
+        counts the time of the processor, so that a busy computer changes nothing.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def certify(
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     begun = told = clock()
     if episode and has_proof(problem) and not by_moves:
-        episode = _planned_wider(episode, orders, FOR_WIDER * seconds)
+        episode = _planned_wider(episode, orders, FOR_WIDER * seconds, clock)
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
     least_moves = int(_is_away(problem, start, goal))
@@ -215,7 +215,7 @@ def certify(
     if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
         episode = improved(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
-        episode = _planned_again(episode, orders, lambda: seconds - (clock() - begun))
+        episode = _planned_again(episode, orders, begun + seconds, clock)
     return _with_bound(episode, {"certificate": bound, "shortest": other}, proof, least_moves)
 
 
@@ -280,10 +280,7 @@ def has_proof(problem: SteeringProblem) -> bool:
     """
     place = problem.place
     return (
-        (
-            place.kind in ("polygon", "disk", "region")
-            or (place.kind == "prism" and not place.open_ends)
-        )
+        place.kind in ("polygon", "disk", "region", "prism", "cylinder")
         and problem.n_particles == 2
         and not problem.particle_radius
         and problem.friction == inf
@@ -307,7 +304,7 @@ def _searches(
     from shoal.steering.certificates.cells import cells_of_place
     from shoal.steering.certificates.route_search import RouteSearch
 
-    cells = cells_of_place(place)
+    cells = cells_of_place(place, start[:, -1], limit)
     if cells is None or not limit:
         return [], {}
     found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
@@ -343,13 +340,14 @@ def _least_moves(
 def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
     """Return the problem as a certificate states it."""
     place = problem.place
-    if place.kind == "disk":
+    if place.round:
         where = {"center": place.center.tolist(), "radius": place.radius}
     elif place.kind == "region":
         where = {"rings": [ring.tolist() for ring in place.rings]}
     else:
         where = {"corners": place.vertices.tolist()}
-        where |= {"height": place.height} if place.height else {}
+    if place.dimensions == 3:
+        where |= {"height": place.height, "open_ends": place.open_ends}
     return {
         **where,
         "start": start.tolist(),
@@ -369,8 +367,8 @@ def check_certificate_of(
     if not has_proof(problem) or _has_no_least_length(problem):
         return Verification(
             False,
-            "certificates are for two points in polygons, disks, prisms and regions, without"
-            " sliding, open ends, noise, uneven field and stated errors",
+            "certificates are for two points, without sliding, noise, uneven field and stated"
+            " errors",
         )
     for name, value in _stated(problem, start, goal).items():
         if certificate.get(name) != value:
@@ -417,12 +415,14 @@ def improved(
 
 
 def _planned_wider(
-    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], seconds: float
+    episode: SteeringEpisode,
+    orders: Sequence[tuple[int, ...]],
+    seconds: float,
+    clock: Callable[[], float],
 ) -> SteeringEpisode:
     """Return an episode with the shortest plan of a wider search of the planner `Shortest` for
     chains, where walls are too many for a search for a bound to make plans of its own.
     """
-    from shoal.jit import working_time
     from shoal.steering.planners.chains import MANY
     from shoal.steering.planners.improvement import improved_chains
     from shoal.steering.planners.shortest import greedy_seeds
@@ -431,9 +431,9 @@ def _planned_wider(
     place = episode.problem.place
     if not (place.kind == "disk" or (place.kind == "polygon" and len(place.vertices) > MANY)):
         return episode
-    deadline = working_time() + seconds
+    deadline = clock() + seconds
     for order in orders:
-        task = replace(_task(episode, order, episode.seed), deadline=deadline)
+        task = replace(_task(episode, order, episode.seed), deadline=deadline, clock=clock)
         plans = [
             plan
             for first, query in task.departures()
@@ -445,21 +445,23 @@ def _planned_wider(
 
 
 def _planned_again(
-    episode: SteeringEpisode, orders: Sequence[tuple[int, ...]], left: Callable[[], float]
+    episode: SteeringEpisode,
+    orders: Sequence[tuple[int, ...]],
+    deadline: float,
+    clock: Callable[[], float],
 ) -> SteeringEpisode:
     """Return an episode with the shortest plan that the planner `Sampling` finds with other seeds
-    in the seconds that are left, if it is shorter and as sure as the plan of ``episode``.
+    until a deadline, if it is shorter and as sure as the plan of ``episode``.
     """
-    from shoal.jit import working_time
     from shoal.steering.planners.clearance import plan_with_clearance
     from shoal.steering.planners.sampling import Sampling
 
     for number in count(1):
         for order in orders:
-            if (seconds := left()) <= 0:
+            if clock() >= deadline:
                 return episode
-            deadline = working_time() + seconds
-            task = replace(_task(episode, order, episode.seed + number), deadline=deadline)
+            task = _task(episode, order, episode.seed + number)
+            task = replace(task, deadline=deadline, clock=clock)
             moves = plan_with_clearance(task, Sampling())
             plans = [] if moves is None else [moves]
             episode = _with_shortest(episode, task, order, plans)

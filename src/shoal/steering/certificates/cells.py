@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -10,23 +11,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.steering.certificates.relaxation import ROUND_WALLS, round_directions
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points
 from shoal.steering.workspaces.region import Region
 
 _MOST_CORNERS = 2000  # of a region with a certificate
+_ARCS = 8  # with which the search for the round wall of a cylinder begins
 _ON = 1e-9  # relative to the size: how far outside a cell, behind a wall, a start may lie
 
 
 @dataclass(frozen=True, eq=False)
 class Wall:
     """A wall of a cell: all points ``origin + fractions @ axes`` with fractions between 0 and 1
-    that are inside the half-spaces ``inside``, rows (normal, offset).
+    that are inside the half-spaces ``inside``, rows (normal, offset); without axes, all such points
+    of the workspace.
+
+    A flat wall has one inward normal. An arc of a round wall has two, those at its ends: an input
+    that goes against the normal of one of its points goes against one of these.
     """
 
     origin: NDArray[np.float64]
     axes: NDArray[np.float64]
-    normal: NDArray[np.float64]
+    normals: NDArray[np.float64]
     inside: NDArray[np.float64]
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the wall is no arc."""
+        return len(self.normals) == 1
+
+
+@dataclass(frozen=True, eq=False)
+class RoundWall:
+    """The round wall of a cylinder around ``center``, divided into arcs.
+
+    Parameters
+    ----------
+    center : ndarray of float64, shape (2,)
+    radius : float
+    directions : ndarray of float64, shape (arcs, 2)
+        Ends of the smallest arcs, counter-clockwise.
+    halves : dict
+        For the number of each arc that can be divided, the numbers of its halves among the walls.
+    parents : dict
+        For the number of each half, that of its arc.
+    """
+
+    center: NDArray[np.float64]
+    radius: float
+    directions: NDArray[np.float64]
+    halves: dict[int, tuple[int, int]]
+    parents: dict[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +83,7 @@ class Cells:
         Half-spaces whose intersection is a cell, for each cell.
     stated : dict
         The cells as a certificate states them.
+    round : RoundWall or None
     """
 
     walls: list[Wall]
@@ -60,6 +96,24 @@ class Cells:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     stated: dict[str, Any]
+    round: RoundWall | None = None
+
+    def without(self, wall: int, known: Collection[int]) -> list[int]:
+        """Return the walls that are together a wall without others, halves of arcs, or the wall
+        itself.
+        """
+        parents = {} if self.round is None else self.round.parents
+
+        def above(one: int | None) -> Iterator[int]:
+            while one is not None:
+                yield one
+                one = parents.get(one)
+
+        if any(one in known for one in above(wall)):
+            return []
+        if self.round is None or not any(wall in above(one) for one in known):
+            return [wall]
+        return [part for half in self.round.halves[wall] for part in self.without(half, known)]
 
     @property
     def dimensions(self) -> int:
@@ -118,42 +172,94 @@ def _left(one: Any, other: Any, point: Any) -> Fraction:
     return (c - a) * (y - b) - (d - b) * (x - a)
 
 
-def cells_of_place(place: Any) -> Cells | None:
-    """Return the cells of a prism with end caps or of a region; None for other workspaces, and for
-    a region that has no exact division into convex cells, such as one whose obstacles touch.
+def cells_of_place(place: Any, heights: NDArray[np.float64], limit: float) -> Cells | None:
+    """Return the cells of a prism, a cylinder or a region; None for other workspaces, and for a
+    region that has no exact division into convex cells, such as one whose obstacles touch.
+
+    In a tube with open ends, the particles that start at some heights can be anywhere within the
+    limit of these.
     """
     if isinstance(place, Region):
         return _region(place)
-    if place.kind == "prism" and not place.open_ends:
-        return _prism(place)
-    return None
+    if place.dimensions == 2:
+        return None
+    low, high = 0.0, place.height
+    if place.open_ends:
+        low, high = float(heights.min()) - limit, float(heights.max()) + limit
+    return (_cylinder if place.round else _prism)(place, low, high)
 
 
-def _prism(place: ConvexWorkspace) -> Cells:
+def _caps(
+    least: NDArray[np.float64],
+    most: NDArray[np.float64],
+    sides: NDArray[np.float64],
+) -> tuple[list[Wall], NDArray[np.float64]]:
+    """Return the end caps of a box, each inside ``sides``, and their half-spaces."""
+    wide, up = np.diag(most - least)[:2], np.array([0.0, 0.0, most[2] - least[2]])
+    above = np.append(least[:2], most[2])
+    walls = [
+        Wall(least, wide, up[None], sides),
+        Wall(above, wide, -up[None], sides),
+    ]
+    return walls, np.array([[*up, up[2] * least[2]], [*-up, -up[2] * most[2]]])
+
+
+def _prism(place: ConvexWorkspace, low: float, high: float) -> Cells:
     base = place.vertices
     along = np.roll(base, -1, axis=0) - base
     spaces = _half_planes(base)
-    normals = spaces[:, :2]
-    low, high = base.min(axis=0), base.max(axis=0)
     sides = np.insert(spaces, 2, 0.0, axis=1)
-    up = np.array([0.0, 0.0, place.height])
+    up = np.array([0.0, 0.0, high - low])
     walls = [
         Wall(
-            np.append(corner, 0.0),
+            np.append(corner, low),
             np.array([[*side, 0.0], up]),
-            np.append(normal, 0.0),
+            np.append(normal, 0.0)[None],
             np.zeros((0, 4)),
         )
-        for corner, side, normal in zip(base, along, normals, strict=True)
+        for corner, side, normal in zip(base, along, spaces[:, :2], strict=True)
     ]
-    axes = np.array([[high[0] - low[0], 0.0, 0.0], [0.0, high[1] - low[1], 0.0]])
-    walls.append(Wall(np.append(low, 0.0), axes, up, sides))
-    walls.append(Wall(np.append(low, place.height), axes, -up, sides))
-    outer = np.vstack([sides, [*up, 0.0], [*-up, -(place.height**2)]])
-    low, high = np.append(low, 0.0), np.append(high, place.height)
+    least, most = np.append(base.min(axis=0), low), np.append(base.max(axis=0), high)
+    caps, ends = _caps(least, most, sides)
+    walls += [] if place.open_ends else caps
+    outer = np.vstack([sides, ends])
     every = list(range(len(walls)))
+    doors, stated = np.zeros((0, 2, 2)), dict[str, Any]()
+    return Cells(walls, doors, [every], [[]], outer, [], [outer], least, most, stated)
+
+
+def _cylinder(place: ConvexWorkspace, low: float, high: float) -> Cells:
+    center, radius = place.center, place.radius
+    least, most = np.append(center - radius, low), np.append(center + radius, high)
+    caps, outer = _caps(least, most, np.zeros((0, 4)))
+    walls = [] if place.open_ends else caps
+    first, count = len(walls), ROUND_WALLS
+    directions = round_directions()
+    halves, parents = {}, {}
+    # as in a heap: the arcs 8 to 15 are the whole wall, and the arc k has the halves 2 k, 2 k + 1
+    for k in range(_ARCS, 2 * count):
+        size = count // 2 ** (k.bit_length() - 1)
+        begin = size * (k - 2 ** (k.bit_length() - 1))
+        if size > 1:
+            halves[first + k - _ARCS] = first + 2 * k - _ARCS, first + 2 * k + 1 - _ARCS
+        if k >= 2 * _ARCS:
+            parents[first + k - _ARCS] = first + k // 2 - _ARCS
+        ends = directions[[begin, (begin + size) % count]]
+        axis = ends.sum(axis=0)
+        away = radius * float(np.min(ends @ axis / np.hypot(*ends.T))) + axis @ center
+        walls.append(
+            Wall(
+                least,
+                np.zeros((0, 3)),
+                -np.insert(ends, 2, 0.0, axis=1),
+                np.array([[*axis, 0.0, away]]),
+            )
+        )
+    every = list(range(len(walls)))
+    stated = {"directions": directions.tolist()}
+    round_ = RoundWall(center, radius, directions, halves, parents)
     doors = np.zeros((0, 2, 2))
-    return Cells(walls, doors, [every], [[]], outer, [], [outer], low, high, {})
+    return Cells(walls, doors, [every], [[]], outer, [], [outer], least, most, stated, round_)
 
 
 def _region(place: Region) -> Cells | None:
@@ -171,7 +277,7 @@ def _region(place: Region) -> Cells | None:
     for a, b in edges:
         along = vertices[b] - vertices[a]
         walls.append(
-            Wall(vertices[a], along[None], np.array([-along[1], along[0]]), np.zeros((0, 3)))
+            Wall(vertices[a], along[None], np.array([[-along[1], along[0]]]), np.zeros((0, 3)))
         )
     doors: dict[tuple[int, int], int] = {}
     walls_of: list[list[int]] = []

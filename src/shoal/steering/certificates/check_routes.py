@@ -9,7 +9,14 @@ from itertools import pairwise, product
 from math import lcm
 from typing import Any, NamedTuple
 
-from shoal.steering.certificates.check import STEP, _leaves, _multiple, _numbered, _WrongError
+from shoal.steering.certificates.check import (
+    STEP,
+    _leaves,
+    _multiple,
+    _numbered,
+    _root,
+    _WrongError,
+)
 
 # An item of a pattern is a hold (place, particle, cells), or a gap: a list of its holds, or None.
 Hold = tuple[int, ...]
@@ -21,13 +28,16 @@ Space = tuple[Spot, int]  # inward normal and offset
 _ONE = -1  # key of the constant of an expression
 _MOST_CORNERS = 2000  # of a region
 _MOST_CELLS = 1000  # of a cover
+_ARCS = 8  # into which the round wall of a cylinder is divided first
 _ON = Fraction(1, 10**9)  # relative to the unit: how far behind a wall a start may lie
 
 
 class _Wall(NamedTuple):
+    """A flat wall, with its inward normal; or an arc, without axes, and with those at its ends."""
+
     origin: Spot
     axes: Sequence[Spot]
-    normal: Spot
+    normals: list[Spot]
     inside: list[Space]
 
 
@@ -38,19 +48,24 @@ class _Cells:
         unit = Fraction(certificate["unit"])
         if unit <= 0:
             raise _WrongError("the unit is not positive")
-        solid = "height" in certificate
-        rings = [certificate["corners"]] if solid else certificate["rings"]
-        tops = [certificate["height"]] if solid else []
+        solid, disk = "height" in certificate, "radius" in certificate
+        rings = certificate["rings"] if not solid else [certificate["corners"]] if not disk else []
+        tops = [certificate[name] for name in ("height", "radius") if name in certificate]
+        around = [[Fraction(x) for x in one] for one in (certificate["directions"] if disk else [])]
+        middle = [certificate["center"]] if disk else []
         sizes = [certificate["tolerance"], certificate["limit"], *tops]
         spots = [
-            spot for ring in [*rings, certificate["start"], certificate["goal"]] for spot in ring
+            spot
+            for ring in [*rings, middle, certificate["start"], certificate["goal"]]
+            for spot in ring
         ]
         numbers = [Fraction(x) / unit for x in [*sizes, *(x for spot in spots for x in spot)]]
         origin = [Fraction(x) / unit for x in certificate["start"][0]]
         self.dimensions = len(origin)
         if min(numbers[: len(sizes)]) < 0 or self.dimensions != (3 if solid else 2):
             raise _WrongError("a size or the number of coordinates is wrong")
-        self.whole = lcm(*(x.denominator for x in [*numbers, *origin]))
+        along = [x for one in around for x in one]
+        self.whole = lcm(*(x.denominator for x in [*numbers, *origin, *along]))
         self.unit = unit
 
         def scaled(spot: Sequence[float]) -> Spot:
@@ -69,32 +84,108 @@ class _Cells:
         self.walls: list[_Wall] = []
         self.doors: list[tuple[Spot, Spot]] = []
         self.sides_of: list[list[tuple[Spot, Spot, bool]]] = []  # and whether it is a door
+        self.halves: dict[int, tuple[int, int]] = {}
+        self.parents: dict[int, int] = {}
+        self.axis: Spot = (0, 0)
+        self.radius = 0
         if solid:
-            self._prism(-int(origin[2] * self.whole), int(numbers[2] * self.whole))
+            open_ends = certificate["open_ends"]
+            if not isinstance(open_ends, bool):
+                raise _WrongError("whether the ends are open is not stated")
+            floor, height = -int(origin[2] * self.whole), int(numbers[2] * self.whole)
+            if height <= 0:
+                raise _WrongError("the height is not positive")
+            if open_ends:  # plans within the limit stay within it of the heights of the starts
+                heights = [spot[2] for spot in self.start]
+                floor = min(heights) - self.limit
+                height = max(heights) + self.limit - floor
+            if disk:
+                self.axis, self.radius = scaled(middle[0])[:2], int(numbers[3] * self.whole)
+                self._cylinder(
+                    [tuple(int(x * self.whole) for x in one) for one in around], floor, height
+                )
+            else:
+                self._prism(floor, height)
+            self._ends(floor, height, open_ends=open_ends)
         else:
             self._region(certificate["cells"], certificate["hull"])
 
     def _prism(self, floor: int, height: int) -> None:
         corners = self.rings[0]
         sides = _convex_sides(corners)
-        spaces = [_space(a, b) for a, b in sides]
-        around = [((*normal, 0), offset) for normal, offset in spaces]
+        self.outer = [((*normal, 0), offset) for normal, offset in (_space(*one) for one in sides)]
+        for (a, b), (normal, _) in zip(sides, self.outer, strict=True):
+            axes = [(*_from(a, b), 0), (0, 0, height)]
+            self.walls.append(_Wall((*a, floor), axes, [normal], []))
         lows, highs = ([f(x) for x in zip(*corners, strict=True)] for f in (min, max))
+        self.low: Spot = (*lows, floor)
+        self.extent: Spot = (highs[0] - lows[0], highs[1] - lows[1], height)
+
+    def _cylinder(self, directions: list[Spot], floor: int, height: int) -> None:
+        """Make the arcs of the round wall, numbered as in a heap: those from 8 to 15 are the whole
+        wall, and the arc k has the halves 2 k and 2 k + 1.
+        """
+        count, radius = len(directions), self.radius
+        turns = [_left((0, 0), a, b) for a, b in pairwise([*directions, directions[0]])]
+        ups = [y > 0 or (y == 0 and x > 0) for x, y in directions]
+        if (
+            radius <= 0
+            or count < _ARCS
+            or count & (count - 1)
+            or min(turns) <= 0
+            or sum(one and not before for before, one in pairwise([ups[-1], *ups])) != 1
+        ):
+            raise _WrongError("the directions do not go around the cylinder once")
+        self.outer = []
+        x, y = self.axis
+        self.low, self.extent = (x - radius, y - radius, floor), (2 * radius, 2 * radius, height)
+        for k in range(_ARCS, 2 * count):
+            level = 1 << (k.bit_length() - 1)
+            size = count // level
+            first = directions[size * (k - level)]
+            last = directions[size * (k - level + 1) % count]
+            if _left((0, 0), first, last) <= 0:
+                raise _WrongError("an arc goes around half of the cylinder")
+            normals: list[Spot] = [(-first[0], -first[1], 0), (-last[0], -last[1], 0)]
+            axis = first[0] + last[0], first[1] + last[1]
+            away = min(radius * _dot(axis, one) // _root(_dot(one, one)) for one in (first, last))
+            chord = ((*axis, 0), away + _dot(axis, self.axis))
+            self.walls.append(_Wall(self.low, [], normals, [chord]))
+
+    def _ends(self, floor: int, height: int, *, open_ends: bool) -> None:
+        """Add the end caps, and those of a cylinder before its arcs."""
+        sides = list(self.outer)
         up, down = (0, 0, height), (0, 0, -height)
         ceiling = floor + height
-        if height <= 0:
-            raise _WrongError("the height is not positive")
-        for (a, b), (normal, _) in zip(sides, around, strict=True):
-            axes = [(*_from(a, b), 0), up]
-            self.walls.append(_Wall((*a, floor), axes, normal, []))
-        wide = [(highs[0] - lows[0], 0, 0), (0, highs[1] - lows[1], 0)]
-        self.walls.append(_Wall((*lows, floor), wide, up, around))
-        self.walls.append(_Wall((*lows, ceiling), wide, down, around))
-        self.outer: list[Space] = [*around, (up, height * floor), (down, -height * ceiling)]
+        wide = [(self.extent[0], 0, 0), (0, self.extent[1], 0)]
+        below, above = self.low, (*self.low[:2], ceiling)
+        caps = [_Wall(below, wide, [up], sides), _Wall(above, wide, [down], sides)]
+        caps = [] if open_ends else caps
+        self.walls = [*caps, *self.walls] if self.radius else [*self.walls, *caps]
+        for number in range(len(caps), len(self.walls)) if self.radius else ():
+            half = 2 * (number - len(caps)) + _ARCS + len(caps)
+            if half < len(self.walls):
+                self.halves[number] = half, half + 1
+                self.parents |= dict.fromkeys((half, half + 1), number)
+        self.outer = [*sides, (up, height * floor), (down, -height * ceiling)]
         self.insides = [self.outer]
         self.walls_of = [list(range(len(self.walls)))]
         self.doors_of: list[list[int]] = [[]]
-        self.extent: Spot = (highs[0] - lows[0], highs[1] - lows[1], height)
+
+    def without(self, wall: int, known: set[int]) -> list[int]:
+        """Return the walls that are together a wall without others: halves of arcs, or the wall."""
+        line = [wall]
+        while line[-1] in self.parents:
+            line.append(self.parents[line[-1]])
+        if not known.isdisjoint(line):
+            return []
+        below, level = False, [wall]
+        while level and not below:
+            level = [half for one in level for half in self.halves.get(one, ())]
+            below = not known.isdisjoint(level)
+        if not below:
+            return [wall]
+        return [part for half in self.halves[wall] for part in self.without(half, known)]
 
     def _region(self, cells: Sequence[Sequence[int]], hull: Sequence[Sequence[int]]) -> None:
         spots = [spot for ring in self.rings for spot in ring]
@@ -123,7 +214,7 @@ class _Cells:
             raise _WrongError("the cells do not divide the region")
         numbers: dict[frozenset[Spot], int] = {}
         for a, b in edges:
-            self.walls.append(_Wall(a, [_from(a, b)], _space(a, b)[0], []))
+            self.walls.append(_Wall(a, [_from(a, b)], [_space(a, b)[0]], []))
         self.walls_of, self.doors_of, self.insides = [], [], []
         for several in sides:
             self.walls_of.append([walls[side] for side in several if side in walls])
@@ -232,7 +323,13 @@ class _RouteTask:
             (place, particle)
             for particle, cover in enumerate(found)
             for place in range(len(cover.places))
+            if place not in self.cells.parents
         ]
+        self.allowed = {
+            (place, particle)
+            for particle, cover in enumerate(found)
+            for place in range(len(cover.places))
+        }
 
     def needed_ends(self) -> list[tuple[int, ...]]:
         """Return the nodes in which the particles can end, in pairs."""
@@ -247,11 +344,15 @@ class _RouteTask:
 
     def follows(self, first: Hold, second: Hold) -> bool:
         """Whether the second hold can change the difference directly after the first."""
+        if not self.cells.sides_of:
+            walls = [self.cells.walls[hold[0]] for hold in (first, second)]
+            if not all(wall.axes for wall in walls):
+                return True  # arcs
         if tuple(first[:2]) == tuple(second[:2]):
             return False
         if self.cells.sides_of:
             return True
-        one, other = (self.cells.walls[hold[0]].normal for hold in (first, second))
+        one, other = (wall.normals[0] for wall in walls)
         sign = 1 if first[1] == second[1] else -1
         parallel = all(
             one[j] * other[k] == one[k] * other[j] for j in range(len(one)) for k in range(j)
@@ -264,19 +365,27 @@ class _RouteTask:
         if not (isinstance(place, int) and 0 <= place < len(pattern)):
             raise _WrongError(f"a pattern has no item at {place}")
         item = pattern[place]
+        before, after = list(pattern[:place]), list(pattern[place + 1 :])
         if isinstance(item, tuple):
+            if self.cells.radius:
+                return self._halved(before, item, after)
             return self._sited(pattern, place, item, node)
         known = [(wall, particle) for wall, particle in node["known"]]
-        if not set(known) <= set(self.every):
+        if not set(known) <= self.allowed:
             raise _WrongError("a gap has an unknown hold")
+        backwards = node["side"] == "last"
+        excluded: list[Hold] = list(known)
+        beside = after[:1] if backwards else before[-1:]
+        if not known and self.cells.radius and beside and isinstance(beside[0], tuple):
+            # the hold beside the gap has all contacts up to the gap that it can have
+            excluded = [beside[0]]
         within: list[Item] = [list[Hold](known)] if known else []
         middles: list[list[Item]] = [within]
         middles += [
-            [item, hold, *within] if node["side"] == "last" else [*within, hold, item]
-            for hold in (self.every if item is None else sorted(item))
-            if hold not in known
+            [item, hold, *within] if backwards else [*within, hold, item]
+            for one in (self.every if item is None else sorted(item))
+            for hold in self._without(one, excluded)
         ]
-        before, after = list(pattern[:place]), list(pattern[place + 1 :])
         return [
             [*before, *middle, *after]
             for middle in middles
@@ -287,6 +396,32 @@ class _RouteTask:
                 for one, other in pairwise([*before[-1:], *middle, *after[:1]])
             )
         ]
+
+    def _without(self, hold: Hold, known: Sequence[Hold]) -> list[Hold]:
+        """Return the holds that are together a hold without others."""
+        wall, particle = hold
+        walls = {one[0] for one in known if one[1] == particle}
+        return [(part, particle) for part in self.cells.without(wall, walls)]
+
+    def _halved(self, before: list[Item], hold: Hold, after: list[Item]) -> list[list[Item]]:
+        """Return the patterns into which a hold by an arc divides: with contacts of one half only,
+        or with some of both, of which the first two that differ are known, or the last two.
+        """
+        if hold[0] not in self.cells.halves:
+            raise _WrongError("a hold has no halves")
+        one, other = ((half, hold[1]) for half in self.cells.halves[hold[0]])
+        both = [one, other]
+        found: list[list[Item]] = [[*before, half, *after] for half in both]
+        for pair in (both, both[::-1]):
+            if not after or isinstance(after[0], tuple):
+                found.append([*before, *pair, list[Hold](both), *after])
+            elif not before or isinstance(before[-1], tuple):
+                found.append([*before, list[Hold](both), *pair, *after])
+            else:
+                gap = after[0]
+                wider = None if gap is None else sorted({*gap, *both})
+                found.append([*before, *pair, wider, *after[1:]])
+        return found
 
     def _sited(
         self, pattern: Sequence[Item], place: int, hold: Hold, node: Mapping[str, Any]
@@ -312,7 +447,7 @@ class _RouteTask:
         through: tuple[int, list[int]] | None = None,
     ) -> Fraction:
         """Return the bound that the multipliers of a leaf prove for all plans of a pattern."""
-        norms, count, rows, legs, bounds = _program(self, pattern, through)
+        norms, count, rows, legs, bounds, rounds = _program(self, pattern, through)
         vectors, weights = leaf["norms"], [_multiple(weight) for weight in leaf["legs"]]
         if len(vectors) != len(norms) or len(weights) != len(legs):
             raise _WrongError(f"expected {len(norms)} norms and {len(legs)} legs")
@@ -339,6 +474,15 @@ class _RouteTask:
                 raise _WrongError("the multiplier of a constraint is negative")
             for key, number in _numbered(rows, index).items():
                 total[key] = total.get(key, 0) - slack * number
+        for index, *given in leaf["rounds"]:
+            # r >= |v| and n >= |z| mean n r - z . v >= 0
+            factors = [_multiple(part) for part in given]
+            total[_ONE] = total.get(_ONE, 0) - _root(_dot(factors, factors)) * (
+                self.cells.radius * whole
+            )
+            for factor, part in zip(factors, _numbered(rounds, index), strict=True):
+                for key, number in part.items():
+                    total[key] = total.get(key, 0) + factor * number * whole
         value = total.pop(_ONE, 0)
         for key, number in total.items():
             low, high = bounds[key]
@@ -351,9 +495,9 @@ _Legs = list[tuple[list[int], list[int]]]
 
 def _program(
     task: _RouteTask, pattern: Sequence[Item], through: tuple[int, list[int]] | None
-) -> tuple[list[Place], int, list[Row], _Legs, list[tuple[int, int]]]:
+) -> tuple[list[Place], int, list[Row], _Legs, list[tuple[int, int]], list[Place]]:
     """Return the norms of a pattern, the number of those whose sum counts, the constraints, the
-    legs, and the bounds of the variables.
+    legs, the bounds of the variables, and the places, from the axis, inside a round wall.
     """
     cells = task.cells
     whole, size = cells.whole, cells.dimensions
@@ -369,6 +513,8 @@ def _program(
         return vector([-x for x in reach], reach)
 
     def on(origin: Spot, axes: Sequence[Spot]) -> Place:
+        if not axes:
+            return vector(origin, [a + b for a, b in zip(origin, cells.extent, strict=True)])
         place = _constant(origin)
         for along in axes:
             bounds.append((0, 1))
@@ -390,6 +536,20 @@ def _program(
             row[_ONE] = row.get(_ONE, 0) - offset
             rows.append(row)
 
+    def inside(place: Place) -> None:
+        if cells.radius:
+            rounds.append(_sum(place[:2], _constant(cells.axis), -1))
+
+    def adjust(change: Place, wall: _Wall, *particles: int) -> None:
+        parts = [around(far) for _ in wall.normals[1:]]
+        for part in parts:
+            change = _sum(change, part, -1)
+        for one, normal in zip([change, *parts], wall.normals, strict=True):
+            move(one, *particles)
+            rows.append(_along(normal, one, -1))
+
+    rounds: list[Place] = []
+    far = [cells.limit] * size
     goals = [
         vector([x - cells.tolerance for x in goal], [x + cells.tolerance for x in goal])
         for goal in task.goals
@@ -422,7 +582,6 @@ def _program(
         equal([(apart, zero)])
     reached: list[Place] | None = None
     before = zero
-    far = [cells.limit] * size
     for number, item in enumerate(pattern):
         final = number == len(pattern) - 1
         if not isinstance(item, tuple):
@@ -433,11 +592,12 @@ def _program(
             reached = [_sum(place, free, 1) for place in places]
             for wall, particle in [(-1, 0), (-1, 1)] if item is None else sorted(item):
                 change = around(far)
-                move(change, 1 - particle)
                 reached[1 - particle] = _sum(reached[1 - particle], change, 1)
-                if item is not None:
+                if item is None:
+                    move(change, 1 - particle)
+                else:
                     index = task.covers[particle].places[wall][1]
-                    rows.append(_along(cells.walls[index].normal, change, -1))
+                    adjust(change, cells.walls[index], 1 - particle)
             continue
         hold, particle, *sites = (*item, -1, -1)[:4]
         node, index = task.covers[particle].places[hold]
@@ -457,11 +617,12 @@ def _program(
         nodes[particle], last_places[particle], inputs[particle] = node, last, []
         after = _sum(goals[1], goals[0], -1) if final else around(cells.extent)
         move(_sum(last, first, -1), 1 - particle)
-        move(_sum(after, before, -1), 1 - particle)
+        adjust(_sum(zero, _sum(after, before, -1), sign), wall_, 1 - particle)
         for contact, apart in ((first, before), (last, after)):
             within(contact, wall_.inside)
             within(_sum(contact, apart, sign), cells.outer)
-        rows.append(_along(wall_.normal, _sum(before, after, -1), sign))
+            inside(contact)
+            inside(_sum(contact, apart, sign))
         other = _sum(last, after, sign)
         places = [last, other] if particle == 0 else [other, last]
         visit(1 - particle, other, sites[1])
@@ -481,7 +642,7 @@ def _program(
         steps = [_sum(after, place, -1) for place, after in pairwise([here, *crossed, there])]
         legs.append((moving, list(range(len(norms), len(norms) + len(steps)))))
         norms += steps
-    return norms, count, rows, legs, bounds
+    return norms, count, rows, legs, bounds, rounds
 
 
 def route_values(certificate: Mapping[str, Any], tree: Mapping[str, Any]) -> Iterator[Fraction]:
@@ -519,6 +680,10 @@ def _along(normal: Spot, place: Place, sign: int) -> Row:
         for key, number in part.items():
             row[key] = row.get(key, 0) + sign * factor * number
     return row
+
+
+def _dot(one: Sequence[int], other: Sequence[int]) -> int:
+    return sum(a * b for a, b in zip(one, other, strict=True))
 
 
 def _from(one: Spot, other: Spot) -> Spot:

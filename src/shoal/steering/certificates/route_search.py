@@ -27,6 +27,7 @@ from shoal.steering.certificates.routes import (
 _LACKING = 1e-5  # relative to the limit: shorter inputs are not short
 _FEW = 4  # holds of a gap: with more, it can be without some of them
 _USEFUL = 0.01  # relative to the limit: a shorter change in a gap is not divided
+_ARCS_FIRST = 4.0  # how much more the error of a hold by an arc counts than that of a gap
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -40,6 +41,15 @@ class _Siting(NamedTuple):
 
     def proof(self) -> dict[str, Any]:
         return {"place": self.place, "contact": "last" if self.last else "first"}
+
+
+class _Halving(NamedTuple):
+    """A division of the hold by an arc at ``place`` by the halves of the arc."""
+
+    place: int
+
+    def proof(self) -> dict[str, Any]:
+        return {"place": self.place}
 
 
 class _Branching(NamedTuple):
@@ -62,7 +72,7 @@ class _Node:
 
     pattern: Pattern
     bound: RouteBound
-    how: _Siting | _Branching | None = None
+    how: _Siting | _Halving | _Branching | None = None
     parts: list[_Node] | None = None
 
 
@@ -109,9 +119,13 @@ class RouteTree:
         if not self._heap:
             return
         node = heapq.heappop(self._heap)[-1]
-        siting = self._siting(node)
-        node.how = siting or self._branching(node)
-        patterns = self._sited(node.pattern, siting) if siting else self._branches(node)
+        node.how = self._siting(node) or self._halving(node) or self._branching(node)
+        if isinstance(node.how, _Siting):
+            patterns = self._sited(node.pattern, node.how)
+        elif isinstance(node.how, _Halving):
+            patterns = self._halved(node.pattern, node.how.place)
+        else:
+            patterns = self._branches(node)
         node.parts = [self._node(pattern) for pattern in patterns]
         for part in node.parts:
             self._push(part)
@@ -142,14 +156,49 @@ class RouteTree:
             self._closed = node
 
     def _is_open(self, pattern: Pattern) -> bool:
-        """Return whether a pattern has gaps, or contacts where the cell of the other particle is
-        not known. A convex workspace is one cell.
+        """Return whether a pattern has gaps, holds by arcs with halves, or contacts where the cell of
+        the other particle is not known. A convex workspace is one cell.
         """
         sited = not self.routes.cells.corners
         return any(
-            isinstance(item, HoldsBetween) or not (sited or -1 not in (*item, -1, -1)[:4])
+            isinstance(item, HoldsBetween)
+            or not (sited or -1 not in (*item, -1, -1)[:4])
+            or self.routes.halves(item) is not None
             for item in pattern
         )
+
+    def _halving(self, node: _Node) -> _Halving | None:
+        """Return the hold by an arc with the greatest error; None if a gap may lose more."""
+        routes = self.routes
+        program = routes.program(node.pattern)
+        errors = {
+            place: _ARCS_FIRST * routes.error(program, node.bound.solution, place)
+            for place in program.arcs
+            if routes.halves(node.pattern[place]) is not None  # type: ignore[arg-type]
+        }
+        if not errors:
+            return None
+        worst = max(errors, key=lambda place: errors[place])
+        loads = node.bound.loads
+        return _Halving(worst) if errors[worst] >= max(loads.values(), default=-inf) else None
+
+    def _halved(self, pattern: Pattern, place: int) -> list[Pattern]:
+        before, item, after = pattern[:place], pattern[place], pattern[place + 1 :]
+        assert not isinstance(item, HoldsBetween)
+        both = self.routes.halves(item)
+        assert both is not None
+        gap = HoldsBetween(frozenset(both))
+        found: list[Pattern] = [(*before, half, *after) for half in both]
+        for pair in (both, both[::-1]):
+            if not after or not isinstance(after[0], HoldsBetween):
+                found.append((*before, *pair, gap, *after))
+            elif not before or not isinstance(before[-1], HoldsBetween):
+                found.append((*before, gap, *pair, *after))
+            else:
+                wider = after[0].holds
+                wider = None if wider is None else wider | gap.holds  # type: ignore[operator]
+                found.append((*before, *pair, HoldsBetween(wider), *after[1:]))
+        return found
 
     def _siting(self, node: _Node) -> _Siting | None:
         """Return the contact whose inputs before and after are the most too short for the ways of
@@ -219,8 +268,8 @@ class RouteTree:
             return frozenset()
         longest = int(np.argmax(lengths))
         change = changes[longest] / lengths[longest]
-        holds = [(-1, 0), (-1, 1)] if gap.holds is None else sorted(gap.holds)
-        particle = holds[longest][1]
+        owners = [0, 1] if gap.holds is None else routes.owners(gap.holds)
+        particle = owners[longest]
         known = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
         known += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
         return frozenset(
@@ -237,10 +286,15 @@ class RouteTree:
         known: Pattern = (HoldsBetween(how.known),) if how.known else ()
         holds = self.routes.holds if gap.holds is None else sorted(gap.holds)
         middles: list[Pattern] = [known]
+        excluded = how.known
+        beside = after[:1] if how.right else before[-1:]
+        if self.routes.cells.round is not None and not excluded:
+            # the hold beside the gap has all contacts up to the gap that it can have
+            excluded = frozenset(one for one in beside if not isinstance(one, HoldsBetween))
         middles += [
             (gap, hold, *known) if how.right else (*known, hold, gap)
-            for hold in holds
-            if hold not in how.known
+            for one in holds
+            for hold in self.routes.without(one, excluded)
         ]
 
         def fits(one: Item, other: Item) -> bool:

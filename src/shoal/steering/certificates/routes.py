@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import replace
 from fractions import Fraction
@@ -45,14 +45,15 @@ MOST_CELLS = 150  # of a cover; with more, a certificate is for a smaller limit
 @dataclass(frozen=True)
 class RouteBound:
     """A lower bound of a pattern, with the multipliers that prove it: of norms, float64 (n,
-    dimensions), of constraints, float64 (m,), and of legs, float64 (l,); the length of the inputs
-    in each gap, and the variables.
+    dimensions), of constraints, float64 (m,), of legs, float64 (l,), and of places inside a round
+    wall, float64 (k, 2); the length of the inputs in each gap, and the variables.
     """
 
     value: float
     norms: NDArray[np.float64]
     slacks: NDArray[np.float64]
     legs: NDArray[np.float64]
+    rounds: NDArray[np.float64]
     loads: dict[int, float]
     solution: NDArray[np.float64]
 
@@ -62,6 +63,9 @@ class RouteBound:
             "norms": self.norms.tolist(),
             "slacks": [[int(k), float(self.slacks[k])] for k in np.flatnonzero(self.slacks)],
             "legs": self.legs.tolist(),
+            "rounds": [
+                [int(k), *self.rounds[k].tolist()] for k in np.flatnonzero(self.rounds.any(axis=1))
+            ],
         }
 
 
@@ -94,7 +98,11 @@ class Sight:
 @dataclass(frozen=True, eq=False)
 class RouteProgram:
     """Least sum of the first ``size`` norms, float64 (n, dimensions, variables + 1), subject to
-    rows (m, variables + 1) that are at least 0, to legs, and to the bounds of the variables.
+    rows (m, variables + 1) that are at least 0, to legs, to the bounds of the variables, and to
+    ``rounds`` (k, 2, variables + 1), each at most as long as the radius of a round wall.
+
+    ``arcs`` holds, for each place of the pattern with a hold by an arc, its first and its last
+    contact, and the sum of its adjustments.
     """
 
     norms: NDArray[np.float64]
@@ -105,6 +113,8 @@ class RouteProgram:
     high: NDArray[np.float64]
     gaps: dict[int, list[int]]
     sights: list[Sight]
+    rounds: NDArray[np.float64]
+    arcs: dict[int, tuple[Expression, Expression, Expression]]
 
 
 class RouteRelaxation:
@@ -157,15 +167,19 @@ class RouteRelaxation:
             offsets = (spaces[:, -1] - normals @ origin) / scale**2
             return np.column_stack([normals / scale, offsets])
 
+        # normals of flat walls are as long as these, those of arcs have no unit
         self._walls = [
             Wall(
                 (wall.origin - origin) / scale,
                 wall.axes / scale,
-                wall.normal / scale,
-                moved(wall.inside),
+                wall.normals / (scale if wall.is_flat else 1.0),
+                moved(wall.inside * (1.0 if wall.is_flat else scale)),
             )
             for wall in cells.walls
         ]
+        round_ = cells.round
+        self._axis = None if round_ is None else (round_.center - origin[:2]) / scale
+        self._radius = 0.0 if round_ is None else round_.radius / scale
         self._outer = moved(cells.outer)
         self._insides = [moved(inside) for inside in cells.insides]
         self._doors = (cells.doors - origin[: cells.doors.shape[2]]) / scale
@@ -200,8 +214,44 @@ class RouteRelaxation:
             (place, particle)
             for particle, places in enumerate(self._places)
             for place in range(len(places))
+            if self.cells.round is None or place not in self.cells.round.parents
         ]
         return True
+
+    def without(self, hold: Hold, known: Collection[Hold]) -> list[Hold]:
+        """Return the holds of a gap that are together one of its holds without others."""
+        if self.cells.round is None:
+            return [] if hold in known else [hold]
+        wall, particle = hold
+        walls = [one for one, other in known if other == particle]
+        return [(part, particle) for part in self.cells.without(wall, walls)]
+
+    def owners(self, holds: Collection[Hold]) -> list[int]:
+        """Return the particle of each change in a gap of some holds."""
+        return [
+            hold[1]
+            for hold in sorted(holds)
+            for _ in self._walls[self._places[hold[1]][hold[0]][1]].normals
+        ]
+
+    def halves(self, hold: Hold) -> tuple[Hold, Hold] | None:
+        """Return the holds of both halves of an arc; None if the wall is flat or is not divided."""
+        found = self.cells.round and self.cells.round.halves.get(hold[0])
+        return None if not found else ((found[0], hold[1]), (found[1], hold[1]))
+
+    def error(self, program: RouteProgram, solution: NDArray[np.float64], place: int) -> float:
+        """Return how far the solution of the hold by an arc at a place of the pattern is from one
+        contact, as a length.
+        """
+        values = np.append(solution, 1.0)
+        first, last, change = (one @ values for one in program.arcs[place])
+        total, against = 0.0, np.inf
+        for contact in (first, last):
+            out = contact[:2] - self._axis
+            far = float(np.hypot(*out))
+            total += self._radius - far
+            against = min(against, -float(out @ change[:2]) / max(far, 1e-12))
+        return total + max(against, 0.0)
 
     def _cover(self, particle: int, first: int) -> Cover | None:
         cover = Cover([first], [0], [-1], [])
@@ -233,10 +283,13 @@ class RouteRelaxation:
         of the particles.
         """
         if first[:2] == second[:2]:
-            return False
+            return not self.cells.walls[self._places[first[1]][first[0]][1]].is_flat
         if self.cells.corners:
             return True
-        one, other = self.cells.walls[first[0]].normal, self.cells.walls[second[0]].normal
+        walls = self.cells.walls[first[0]], self.cells.walls[second[0]]
+        if not all(wall.is_flat for wall in walls):
+            return True
+        one, other = (wall.normals[0] for wall in walls)
         sign = 1.0 if first[1] == second[1] else -1.0
         # in a convex workspace: with opposite normals times signs, the second finds both particles
         # on its wall, and so holds both
@@ -244,8 +297,8 @@ class RouteRelaxation:
 
     def allows(self, hold: Hold, change: NDArray[np.float64]) -> bool:
         """Return whether a hold can change the difference of the particles in a direction."""
-        normal = self._walls[self._places[hold[1]][hold[0]][1]].normal
-        return float(normal @ change) < -1e-6 * float(np.linalg.norm(normal))
+        normals = self._walls[self._places[hold[1]][hold[0]][1]].normals
+        return bool(np.any(normals @ change < -1e-6 * np.linalg.norm(normals, axis=1)))
 
     def bound(self, pattern: Pattern) -> RouteBound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
@@ -260,7 +313,11 @@ class RouteRelaxation:
         low, high, gaps = program.low, program.high, program.gaps
         count, number, dimensions = len(low), len(norms), norms.shape[1]
         # the variables of the program, then the length of each norm
-        heights = len(rows), len(legs), count, count, (1 + dimensions) * number
+        rounds = program.rounds
+        heights = (
+            *(len(rows), len(legs), count, count),
+            *((1 + dimensions) * number, 3 * len(rounds)),
+        )
         system = np.zeros((sum(heights), count + number + 1))
         parts = np.split(system, np.cumsum(heights)[:-1])
         parts[0][:, :count], parts[0][:, -1] = rows[:, :-1], rows[:, -1]
@@ -272,6 +329,9 @@ class RouteRelaxation:
         cones = parts[4].reshape(number, 1 + dimensions, -1)
         cones[:, 0, count:-1] = np.eye(number)
         cones[:, 1:, :count], cones[:, 1:, -1] = norms[:, :, :-1], norms[:, :, -1]
+        disks = parts[5].reshape(len(rounds), 3, count + number + 1)
+        disks[:, 0, -1] = self._radius
+        disks[:, 1:, :count], disks[:, 1:, -1] = rounds[:, :, :-1], rounds[:, :, -1]
         cost = np.zeros(count + number)
         cost[count : count + size] = 1
         solution = clarabel.DefaultSolver(
@@ -282,20 +342,24 @@ class RouteRelaxation:
             [
                 clarabel.NonnegativeConeT(sum(heights[:4])),
                 *(clarabel.SecondOrderConeT(1 + dimensions) for _ in range(number)),
+                *(clarabel.SecondOrderConeT(3) for _ in range(len(rounds))),
             ],
             self._settings,
         ).solve()
         dual = np.array(solution.z)
         slacks = np.maximum(dual[: len(rows)], 0.0)
         weights = np.maximum(dual[len(rows) : len(rows) + len(legs)], 0.0)
-        vectors = -dual[sum(heights[:4]) :].reshape(number, 1 + dimensions)[:, 1:]
+        long, round_ = np.split(dual[sum(heights[:4]) :], [heights[4]])
+        vectors = -long.reshape(number, 1 + dimensions)[:, 1:]
+        turns = -round_.reshape(len(rounds), 3)[:, 1:]
         if not np.isfinite(dual).all():
-            vectors, slacks, weights = vectors * 0, slacks * 0, weights * 0
-            vectors, slacks, weights = map(np.nan_to_num, (vectors, slacks, weights))
+            found = vectors, slacks, weights, turns
+            vectors, slacks, weights, turns = (np.zeros_like(one) for one in found)
         if "Infeasible" in str(solution.status):
             vectors, weights = np.zeros_like(vectors), np.zeros_like(weights)
-            worth = _worth(norms, rows, low, high, vectors, slacks)
-            slacks *= 2 * self.limit / worth if worth > 0 else 0.0
+            worth = self._worth(program, vectors, slacks, turns)
+            factor = 2 * self.limit / worth if worth > 0 else 0.0
+            slacks, turns = slacks * factor, turns * factor
         # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds its cap
         weights = np.trunc(weights / STEP) * STEP
         caps = caps_of(size, legs, weights, number)
@@ -305,8 +369,8 @@ class RouteRelaxation:
         lengths = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
         vectors = vectors * np.minimum(1.0, caps / lengths)[:, None]
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
-        slacks = np.round(slacks / STEP) * STEP
-        value = _worth(norms, rows, low, high, vectors, slacks)
+        slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
+        value = self._worth(program, vectors, slacks, turns)
         used = np.array(solution.x)[count:]
         loads = {place: float(np.sum(used[inside])) for place, inside in gaps.items()}
         return RouteBound(
@@ -314,9 +378,28 @@ class RouteRelaxation:
             vectors,
             slacks,
             weights,
+            turns,
             loads,
             np.array(solution.x)[:count],
         )
+
+    def _worth(
+        self,
+        program: RouteProgram,
+        vectors: NDArray[np.float64],
+        slacks: NDArray[np.float64],
+        turns: NDArray[np.float64],
+    ) -> float:
+        """Return the lower bound that multipliers prove, or minus infinity."""
+        total: Any = np.einsum("ni,nij->j", vectors, program.norms) - slacks @ program.rows
+        if len(turns):
+            # the checker, too, rounds up
+            sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
+            total += np.einsum("ni,nij->j", turns, program.rounds)
+            total[-1] -= self._radius * sizes.sum()
+        rest = total[:-1]
+        value = float(total[-1] + np.minimum(rest * program.low, rest * program.high).sum())
+        return value if np.isfinite(value) else -np.inf
 
     def lacking(self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]) -> float:
         """Return how much longer the inputs before and after a contact must be for the ways of the
@@ -356,11 +439,12 @@ class RouteRelaxation:
     def _most_variables(self, pattern: Pattern, through: tuple[int, Sequence[int]] | None) -> int:
         size = self.start.shape[1]
         count, ways = 2 * size, 2
+        parts = 1 if self.cells.round is None else 2  # of the adjustments of a hold
         for item in pattern:
             if isinstance(item, HoldsBetween):
-                count += size * (2 + (2 if item.holds is None else len(item.holds)))
+                count += size * (2 + (2 if item.holds is None else parts * len(item.holds)))
             else:
-                count, ways = count + 4 + size, ways + 3
+                count, ways = count + 2 * size + parts * size, ways + 3
         deepest = max((len(c.doors_from_start(len(c.cells) - 1)) for c in self.covers), default=0)
         return int(count + (len(through[1]) if through is not None else 2 * ways * deepest))
 
@@ -392,6 +476,8 @@ class RouteRelaxation:
 
         def spot(origin: NDArray[np.float64], axes: NDArray[np.float64]) -> Expression:
             nonlocal used
+            if not len(axes):
+                return vector(self.low, self.high)
             new = constant(origin)
             new[:, used : used + len(axes)] = axes.T
             high[used : used + len(axes)] = 1
@@ -403,7 +489,22 @@ class RouteRelaxation:
             inside[:, -1] -= spaces[:, -1]
             rows.append(inside)
 
+        def inside(point: Expression) -> None:
+            if self._axis is not None:
+                out = point[:2].copy()
+                out[:, -1] -= self._axis
+                rounds.append(out)
+
+        def adjust(change: Expression, wall: Wall, *particles: int) -> None:
+            """Count adjustments against one of the normals of a wall, as their sums by normal."""
+            parts = [vector(-reach, reach) for _ in wall.normals[1:]]
+            for part, normal in zip([change - sum(parts), *parts], wall.normals, strict=True):
+                move(part, *particles)
+                rows.append(-(normal[None] @ part))
+
         reach = np.full(size, self.limit)
+        rounds: list[Expression] = []
+        arcs: dict[int, tuple[Expression, Expression, Expression]] = {}
         goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
         places = [constant(one) for one in self.start]
         norms: list[Expression] = []
@@ -454,11 +555,12 @@ class RouteRelaxation:
                 gap = [places[0] + free, places[1] + free]
                 for hold in [(-1, 0), (-1, 1)] if item.holds is None else sorted(item.holds):
                     change = vector(-reach, reach)
-                    move(change, 1 - hold[1])
                     gap[1 - hold[1]] = gap[1 - hold[1]] + change
-                    if item.holds is not None:
+                    if item.holds is None:
+                        move(change, 1 - hold[1])
+                    else:
                         wall = self._walls[self._places[hold[1]][hold[0]][1]]
-                        rows.append(-(wall.normal[None] @ change))
+                        adjust(change, wall, 1 - hold[1])
                 gaps[number] = list(range(begun, len(norms)))
                 continue
             place, particle, *sites = (*item, -1, -1)[:4]
@@ -482,11 +584,14 @@ class RouteRelaxation:
                 else vector(-self.extent, self.extent)
             )
             move(last - first, 1 - particle)
-            move(after - before, 1 - particle)
+            adjust(sign * (after - before), wall, 1 - particle)
             for contact, apart in ((first, before), (last, after)):
                 within(contact, wall.inside)
                 within(contact + sign * apart, self._outer)
-            rows.append(sign * (wall.normal[None] @ (before - after)))
+                inside(contact)
+                inside(contact + sign * apart)
+            if not wall.is_flat:
+                arcs[number] = first, last, sign * (after - before)
             places = [last, last + after] if particle == 0 else [last - after, last]
             visit(1 - particle, places[1 - particle], sites[1], last=True)
             if number == len(pattern) - 1:
@@ -523,6 +628,11 @@ class RouteRelaxation:
                 )
                 for sight in sights
             ],
+            np.stack(rounds)[:, :, keep] if rounds else np.zeros((0, 2, used + 1)),
+            {
+                number: (one[:, keep], other[:, keep], change[:, keep])
+                for number, (one, other, change) in arcs.items()
+            },
         )
 
 
@@ -546,17 +656,3 @@ def are_opposite(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
         first[j] * second[k] == first[k] * second[j] for j in range(count) for k in range(j)
     )
     return parallel and sum(a * b for a, b in zip(first, second, strict=True)) < 0
-
-
-def _worth(
-    norms: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    vectors: NDArray[np.float64],
-    slacks: NDArray[np.float64],
-) -> float:
-    total: Any = np.einsum("ni,nij->j", vectors, norms) - slacks @ rows
-    rest = total[:-1]
-    value = float(total[-1] + np.minimum(rest * low, rest * high).sum())
-    return value if np.isfinite(value) else -np.inf

@@ -14,7 +14,9 @@ from shoal.steering.certificates.check_routes import route_values
 
 _SIZES = ("lower_bound", "unit", "limit", "tolerance", "radius", "height")
 _PLACES = ("center", "corners", "rings", "start", "goal", "directions")
-_WORKSPACES = ({"corners"}, {"corners", "height"}, {"center", "radius", "directions"}, {"rings"})
+_ROUND = {"center", "radius", "directions"}
+_SOLID = {"height", "open_ends"}
+_WORKSPACES = ({"corners"}, {"corners", *_SOLID}, _ROUND, {*_ROUND, *_SOLID}, {"rings"})
 """Fields of the workspaces. With those of two, a proof for one could be taken for the other's."""
 _MOST_NUMBERS = 100_000  # of the problem that a certificate states
 

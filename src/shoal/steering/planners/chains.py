@@ -4,9 +4,10 @@ their goals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import product
 from math import inf
 
 import numpy as np
@@ -318,11 +319,12 @@ class StartAndGoal:
     start: Points
     goal: Points
     deadline: float
+    clock: Callable[[], float]
 
     @property
     def late(self) -> bool:
         """Whether the deadline of the search has passed."""
-        return working_time() > self.deadline
+        return self.clock() > self.deadline
 
     @property
     def before(self) -> Points:
@@ -358,7 +360,9 @@ class ChainQuery(StartAndGoal):
         inside its limits. The lower the last sharpness is, the farther from its limits the chain
         stays.
     deadline : float
-        Time at which the search stops, in seconds on the clock `shoal.jit.working_time`.
+        Time at which the search stops, in seconds on ``clock``.
+    clock : callable
+        Returns seconds.
     """
 
     walls: NormalizedWalls
@@ -369,6 +373,7 @@ class ChainQuery(StartAndGoal):
     push: float = 1e-9
     rounds: NDArray[np.float64] = field(default_factory=lambda: REFINING)
     deadline: float = inf
+    clock: Callable[[], float] = working_time
 
     def model(self, inside: float = 1.0) -> CycleModel:
         """Return the walls and constants for kernels that compute cycles, with ``margin`` and
@@ -465,6 +470,7 @@ def refine_chain(query: ChainQuery, chain: Chain) -> Chain:
 FEW = 9  # maximum number of sides for which all kinds of chains are tried
 MANY = 12  # number of sides from which this reduction is used
 _WORTH = 1e-4  # relative to the length: gain that justifies a change of sides
+_BESIDE = 100  # most choices of sides for a chain that is feasible in a disk
 _END = 0.98  # relative to a side: a contact farther out may move to the next side
 
 
@@ -504,6 +510,25 @@ def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
         on[m] = int(np.argmax(outward))
         unknowns[m * (d - 1)] = _along_side(walls, int(on[m]), contact)
     return replace(chain, walls=on, unknowns=unknowns)
+
+
+def feasible_sides(query: ChainQuery, chain: Chain) -> Chain:
+    """Return ``chain``, or a copy with some contacts on the sides beside its own if only the copy is
+    feasible: a chain of a disk may press a little more steeply than the nearest side allows.
+    """
+    walls, d = query.walls, query.walls.dimensions
+    contacts = chain.contacts(walls)
+    steps = sorted(product((0, -1, 1), repeat=chain.cycles), key=lambda step: sum(map(abs, step)))
+    for step in steps[:_BESIDE]:
+        on, unknowns = chain.walls.copy(), chain.unknowns.copy()
+        for m in np.flatnonzero(step):
+            if on[m] < walls.sides:
+                on[m] = (on[m] + step[m]) % walls.sides
+                unknowns[m * (d - 1)] = _along_side(walls, int(on[m]), contacts[m])
+        guess = unknowns.copy()
+        if query.optimize(guess, chain.touchers, on, rounds=REFINING[:3]) < inf:
+            return replace(chain, walls=on, unknowns=unknowns)
+    return chain
 
 
 def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:

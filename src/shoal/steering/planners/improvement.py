@@ -26,6 +26,7 @@ from shoal.steering.planners.chains import (
     ROOM,
     Chain,
     ChainQuery,
+    feasible_sides,
     refine_chain,
     restore_sides,
     round_query,
@@ -39,6 +40,7 @@ CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tri
 # flat walls up to which all kinds of one cycle more are tried: the shortest plan may have a chain of
 # four that no insertion reaches (in a square 2.6 % shorter, in a pentagon 5 %)
 FEW = 6
+GROWING = (4, 5)  # numbers of cycles that are tried in a disk without a chain that can be changed
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
@@ -371,7 +373,7 @@ def improved_chains(
         []
         if (disk := round_query(query)) is None
         else [
-            restore_sides(query, disk, chain)
+            feasible_sides(query, restore_sides(query, disk, chain))
             for chain in improved_chains(disk, thorough=thorough, wide=wide)
         ]
     )
@@ -386,6 +388,11 @@ def improved_chains(
         if cycles == 2:
             pool.improve(EARLY)
     walls = query.walls
+    # by the law of growth, a disk may have no chains of so few cycles; there, greedy may have too many
+    for cycles in GROWING if walls.round and walls.dimensions == 2 else ():
+        if pool.best is None or pool.best.cycles > MOST_CYCLES:
+            for chain in chains_of(query, cycles, inf):
+                pool.add(chain)
     few = thorough and walls.dimensions == 2 and not walls.round and walls.sides <= FEW
     if few and pool.best is not None:
         for chain in chains_of(query, CYCLES[-1] + 1, pool.best.length):

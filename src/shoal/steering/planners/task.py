@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import inf
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
+from shoal.jit import working_time
 from shoal.steering.contact.clearance import CLEARANCE, PLANNED, why_sensitive
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import (
@@ -65,8 +66,9 @@ class SteeringTask(StartAndGoal):
     seed : int
         Seed of the random numbers that some planners draw.
     deadline : float
-        Time at which the planner must return the best plan so far, in seconds on the clock
-        `shoal.jit.working_time`.
+        Time at which the planner must return the best plan so far, in seconds on ``clock``.
+    clock : callable
+        Returns seconds.
     clearance : float
         Fraction of the workspace's size: largest contact tolerance with which a plan must still
         reach the goals.
@@ -84,6 +86,7 @@ class SteeringTask(StartAndGoal):
     max_moves: int = 100
     seed: int = 0
     deadline: float = inf
+    clock: Callable[[], float] = working_time
     clearance: float = CLEARANCE
     margin: float = CLEARANCE
     bounds: Any = None
@@ -119,6 +122,7 @@ class SteeringTask(StartAndGoal):
             friction=float(self.world.friction) * _CONE,
             margin=max(margin, 2e-9),
             deadline=self.deadline,
+            clock=self.clock,
         )
 
     def error(self, points: Points) -> float:
