@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.geometry import cross
-from shoal.search.kernels.borders import places_within
+from shoal.search.kernels.borders import places_around, places_within
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
 
@@ -61,18 +61,17 @@ class VisibilityGraph:
                 for side in (before - self.corners, after - self.corners)
             ]
         )
-        self._corner = self.corners.min(axis=0) if len(self.corners) else np.zeros(2)
-        wide = np.maximum((self.corners - self._corner).max(axis=0, initial=0.0), 1e-9)
+        low = self.corners.min(axis=0) if len(self.corners) else np.zeros(2)
+        wide = np.maximum((self.corners - low).max(axis=0, initial=0.0), 1e-9)
         # about two corners in each bin; at most as many bins as corners, whatever their places
         bins = max(1.0, len(self.corners) / 2)
-        self._size = max(float(np.sqrt(wide.prod() / bins)), float(wide.max()) / bins)
-        self._shape = (int(wide[1] / self._size) + 1, int(wide[0] / self._size) + 1)
-        col, row = ((self.corners - self._corner) / self._size).astype(np.int64).T
-        number = row * self._shape[1] + col
-        self._order = np.argsort(number, kind="stable")
-        self._first = np.searchsorted(
-            number[self._order], np.arange(self._shape[0] * self._shape[1] + 1)
-        )
+        size = max(float(np.sqrt(wide.prod() / bins)), float(wide.max()) / bins)
+        shape = (int(wide[1] / size) + 1, int(wide[0] / size) + 1)
+        col, row = ((self.corners - low) / size).astype(np.int64).T
+        number = row * shape[1] + col
+        order = np.argsort(number, kind="stable")
+        first = np.searchsorted(number[order], np.arange(shape[0] * shape[1] + 1))
+        self._bins = self.corners, order, first, shape, low, size
 
     def within(self, low: Points, high: Points, most: int | None = None) -> NDArray[np.int64]:
         """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
@@ -80,19 +79,15 @@ class VisibilityGraph:
         """
         count = len(self.corners)
         found = np.empty(count if most is None else min(most, count), dtype=np.int64)
-        bins = self._order, self._first, self._shape, self._corner, self._size
-        return np.sort(found[: places_within(self.corners, *bins, low, high, found)])
+        return np.sort(found[: places_within(*self._bins, low, high, found)])
 
     def around(self, points: Points, distance: float) -> NDArray[np.int64]:
         """Return the indices of the corners that are at most ``distance`` metres away from one of
         the points, in increasing order; int64, shape (k,).
         """
-        near, wide = [], (1 + 1e-9) * distance
-        for point in points:
-            some = self.within(point - wide, point + wide)
-            steps = self.corners[some] - point
-            near.append(some[np.sqrt((steps**2).sum(axis=1)) <= distance])
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *near]))
+        near = np.zeros(len(self.corners), dtype=np.bool_)
+        places_around(*self._bins, np.ascontiguousarray(points), float(distance), near)
+        return np.flatnonzero(near)
 
     def shortest(
         self,

@@ -270,6 +270,18 @@ def find_bends(
 
 
 @in_place_kernel
+def _bins_within(shape, corner, size, low, high):
+    """Return the first and the last row, and the first and the last column, of the bins of a grid
+    that a box touches.
+    """
+    left = max(np.int64(np.floor((low[0] - corner[0]) / size)), 0)
+    right = min(np.int64(np.floor((high[0] - corner[0]) / size)), shape[1] - 1)
+    down = max(np.int64(np.floor((low[1] - corner[1]) / size)), 0)
+    up = min(np.int64(np.floor((high[1] - corner[1]) / size)), shape[0] - 1)
+    return down, up, left, right
+
+
+@in_place_kernel
 def places_within(places, order, first, shape, corner, size, low, high, found):
     """Write to ``found`` the indices of the places (n, 2) in the box from ``low`` to ``high``, as
     far as it has room, and return their number.
@@ -277,14 +289,10 @@ def places_within(places, order, first, shape, corner, size, low, high, found):
     The places of bin ``row * shape[1] + col`` of a grid of bins of side ``size``, with the lower
     left corner ``corner``, are ``order[first[bin] : first[bin + 1]]``.
     """
-    height, width = shape
-    left = max(np.int64(np.floor((low[0] - corner[0]) / size)), 0)
-    right = min(np.int64(np.floor((high[0] - corner[0]) / size)), width - 1)
-    down = max(np.int64(np.floor((low[1] - corner[1]) / size)), 0)
-    up = min(np.int64(np.floor((high[1] - corner[1]) / size)), height - 1)
+    down, up, left, right = _bins_within(shape, corner, size, low, high)
     count = 0
     for row in range(down, up + 1):
-        for k in order[first[row * width + left] : first[row * width + right + 1]]:
+        for k in order[first[row * shape[1] + left] : first[row * shape[1] + right + 1]]:
             x, y = places[k]
             if low[0] <= x <= high[0] and low[1] <= y <= high[1]:
                 if count == len(found):
@@ -292,6 +300,22 @@ def places_within(places, order, first, shape, corner, size, low, high, found):
                 found[count] = k
                 count += 1
     return count
+
+
+@in_place_kernel
+def places_around(places, order, first, shape, corner, size, points, distance, near):
+    """Set to True in ``near`` which places are at most ``distance`` away from one of the ``points``
+    (m, 2). The bins are those of `places_within`.
+    """
+    wide = (1 + 1e-9) * distance  # whatever the rounding
+    for x, y in points:
+        low, high = (x - wide, y - wide), (x + wide, y + wide)
+        down, up, left, right = _bins_within(shape, corner, size, low, high)
+        for row in range(down, up + 1):
+            for k in order[first[row * shape[1] + left] : first[row * shape[1] + right + 1]]:
+                east, north = places[k, 0] - x, places[k, 1] - y
+                if np.sqrt(east * east + north * north) <= distance:
+                    near[k] = True
 
 
 @in_place_kernel

@@ -226,6 +226,31 @@ def sweep(chains, chain, from_last, from_right, cells, at):
     return at
 
 
+@in_place_kernel
+def nearest_next(ends, order, backwards):
+    """Write the order of strips in which the next end is the nearest one, and whether each strip
+    runs from its last cell to its first, from the first cell of the first strip.
+
+    ``ends`` (n, 2, 2) are the first and the last cell of each strip.
+    """
+    n = len(ends)
+    for strip in range(n):
+        backwards[strip] = -1  # not in the order yet
+    row, col = ends[0, 0]
+    for k in range(n):
+        best = np.int64(2) ** 62
+        for strip in range(n):
+            if backwards[strip] >= 0:
+                continue
+            for end in range(2):
+                down, right = ends[strip, end, 0] - row, ends[strip, end, 1] - col
+                away = down * down + right * right
+                if away < best:
+                    best, order[k], from_end = away, strip, end
+        backwards[order[k]] = from_end
+        row, col = ends[order[k], 1 - from_end]
+
+
 @kernel
 def shorten(ends, order, backwards, turn, disturbances):
     """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
