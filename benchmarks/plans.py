@@ -123,9 +123,10 @@ CASES = {
 PARTS = {
     "Python": "",
     "NumPy, Shapely, pyproj": "import numpy, shapely, pyproj",
-    "Typer, llvmlite, Pydantic": "import typer, llvmlite.binding, shoal.missions.formats.plan_form",
+    "Typer, llvmlite, Pydantic": "import typer, llvmlite.binding, pydantic",
     "Shoal's modules": (
-        "import shoal.cli.search.searching, shoal.missions.mission_set, shoal.search.run"
+        "import shoal.cli.search.searching, shoal.missions.mission_set, shoal.search.run\n"
+        "import shoal.missions.formats.plan_form"
     ),
     "Matplotlib": "from shoal.cli.output import import_matplotlib; import_matplotlib()",
     "an empty picture as large as the map": (
