@@ -1,9 +1,10 @@
-"""What plans cost: python -m benchmarks.plans [CASE…] [--beside CHECKOUT]
+"""What plans cost: python -m benchmarks.plans [CASE…] [--beside CHECKOUT] [--pairs N] [--parts]
 
 CPU seconds (user and system, with all child processes) of one plan in a fresh process, the start of
 Python included, with a warm cache of kernels and with Python's cache of bytecode, as after an
 installation. With --beside, each case also runs with the code of another checkout of Shoal, such as
-that of the commit before.
+that of the commit before, in turn with its own. The fewest of the seconds of some runs count, and
+the machine's load is printed. With --parts, only what the first case cannot do without is measured.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 
 from benchmarks.timing import ROOT
 
-_SHORT = 10.0  # CPU seconds of cases that run twice
+_SHORT = 10.0  # CPU seconds of cases that run again
 _METRES = 111_194.9  # per degree of latitude, and of longitude at the equator
 
 
@@ -119,6 +120,38 @@ CASES = {
 }
 
 
+PARTS = {
+    "Python": "",
+    "NumPy, Shapely, pyproj": "import numpy, shapely, pyproj",
+    "Typer, llvmlite, Pydantic": "import typer, llvmlite.binding, pydantic",
+    "Shoal's modules": (
+        "import shoal.cli.search.searching, shoal.missions.mission_set, shoal.search.run\n"
+        "import shoal.missions.formats.plan_form"
+    ),
+    "Matplotlib": "from shoal.cli.output import import_matplotlib; import_matplotlib()",
+    "an empty picture as large as the map": (
+        "import shoal.views.search.missions as views; figure = views.new_figure(7.4, 7.1);"
+        " figure.add_subplot(); views.save_figure(figure, 'empty.png')"
+    ),
+}
+"""What a command with missions needs, whatever the plan: each runs after those before it."""
+
+
+def parts(repeat: int) -> None:
+    """Print the CPU seconds of each of `PARTS`: how much longer than those before it a process
+    takes that also runs it, each the fewest of several.
+    """
+    texts = ["\n".join([*PARTS.values()][: k + 1]) for k in range(len(PARTS))]
+    fewest = [np.inf] * len(texts)
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(repeat):
+            for k, text in enumerate(texts):
+                fewest[k] = min(fewest[k], seconds_of(["-c", text], folder, ROOT, 60.0)[0])
+    for name, used in zip(PARTS, np.diff(fewest, prepend=0.0), strict=True):
+        print(f"{name:<40} {used:>6.3f} s")
+    print(f"{'together':<40} {fewest[-1]:>6.3f} s", flush=True)
+
+
 def write(polygons: list[np.ndarray], to: Path) -> None:
     """Write polygons in metres as GeoJSON in degrees, so that Shoal chooses the angle of rows."""
     rings = [(ring / _METRES).round(9).tolist() for ring in polygons]
@@ -139,23 +172,32 @@ def measure(case: Case, checkout: Path, limit: float) -> tuple[float, dict[str, 
             write(case.zones(), at / "zones.geojson")
             arguments += ["--no-go", str(at / "zones.geojson")]
         arguments = [str(at / "missions") if one == "MISSIONS" else one for one in arguments]
-        environment = os.environ | {"PYTHONPATH": str(checkout / "src")}
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run(
-            [sys.executable, "-m", "shoal", *arguments],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=limit,
-            check=False,
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used, printed = seconds_of(["-m", "shoal", *arguments], folder, checkout, limit)
+    return used, json.loads(printed)
+
+
+def seconds_of(
+    arguments: list[str], folder: str, checkout: Path, limit: float
+) -> tuple[float, str]:
+    """Return the CPU seconds of a Python process in a folder, with the code of a checkout, and what
+    it printed.
+    """
+    environment = os.environ | {"PYTHONPATH": str(checkout / "src")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=limit,
+        check=False,
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         raise SystemExit(done.stderr or done.stdout)
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return used, json.loads(done.stdout)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
 
 
 def main() -> None:
@@ -165,22 +207,32 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"one of {', '.join(CASES)}")
     parser.add_argument("--beside", type=Path, help="another checkout of Shoal")
     parser.add_argument("--limit", type=float, default=300.0, help="longest wall time of a case, s")
+    parser.add_argument("--pairs", type=int, default=2, help="number of runs of quick cases")
+    parser.add_argument("--parts", action="store_true", help="measure what no plan can do without")
     options = parser.parse_args()
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    if options.parts:
+        parts(options.pairs)
+        return
     checkouts = [ROOT] if options.beside is None else [options.beside.resolve(), ROOT]
     print(f"{'':<20} {'aim':>5}" + "".join(f"{checkout.name:>28}" for checkout in checkouts))
     for name in options.cases or CASES:
         case = CASES[name]
-        words = ""
-        for checkout in checkouts:
-            try:
-                used, report = measure(case, checkout, options.limit)
-                if used < _SHORT:  # the first may have filled the caches
-                    again, report = measure(case, checkout, options.limit)
-                    used = min(used, again)
-                words += f"{used:>9.2f} s, makespan {report['makespan_s']:>7.0f}"
-            except subprocess.TimeoutExpired:
-                words += f"{f'over {options.limit:.0f} s':>28}"
-        print(f"{name:<20} {case.aim or '':>5}{words}", flush=True)
+        words = dict.fromkeys(checkouts, f"{f'over {options.limit:.0f} s':>28}")
+        fewest = dict.fromkeys(checkouts, np.inf)
+        for run in range(options.pairs):
+            for checkout in checkouts:
+                if run and not fewest[checkout] < _SHORT:  # the first may have filled the caches
+                    continue
+                try:
+                    used, report = measure(case, checkout, options.limit)
+                except subprocess.TimeoutExpired:
+                    continue
+                fewest[checkout] = min(used, fewest[checkout])
+                words[checkout] = (
+                    f"{fewest[checkout]:>9.2f} s, makespan {report['makespan_s']:>7.0f}"
+                )
+        print(f"{name:<20} {case.aim or '':>5}{''.join(words.values())}", flush=True)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import pytest
 from tests.reference import tours as reference
 
 from shoal.search import Tour, hilbert_decode, hilbert_encode, make_tour, moore_decode
+from shoal.search.kernels import runs
 
 
 def to_cells(places, order):
@@ -74,3 +75,17 @@ def largest(full):
     full[0, 0] = True
     labels = label(full)[0]
     return labels == np.bincount(labels.ravel())[1:].argmax() + 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 60])
+def test_the_next_strip_is_the_nearest(count):
+    ends = np.random.default_rng(count).integers(0, 12, (count, 2, 2))  # often equally far
+    order, backwards = np.empty((2, count), dtype=np.int64)
+    runs.nearest_next(ends, order, backwards)
+    here, left = ends[0, 0], set(range(count))
+    for strip in order.tolist():
+        ways = [(((ends[k, end] - here) ** 2).sum(), k, end) for k in left for end in (0, 1)]
+        assert min(ways)[1:] == (strip, backwards[strip])
+        here = ends[strip, 1 - backwards[strip]]
+        left.remove(strip)
+    assert not left

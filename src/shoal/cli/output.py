@@ -322,6 +322,28 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
+def import_matplotlib() -> None:
+    """Import what draws figures, without the help texts that Matplotlib writes for its classes
+    meanwhile: no command reads them, and they take as long as the rest of the import.
+    """
+    if "matplotlib.figure" in sys.modules:
+        return
+    from matplotlib import artist
+
+    # Private names: without them, the import only takes longer.
+    own, kwdoc = vars(artist.Artist).get("_update_set_signature_and_docstring"), artist.kwdoc
+    if own is not None:
+        artist.Artist._update_set_signature_and_docstring = classmethod(lambda _: None)  # type: ignore[attr-defined]
+    artist.kwdoc = lambda artist: ""
+    try:
+        import matplotlib.backends.backend_agg
+        import matplotlib.figure  # noqa: F401
+    finally:
+        artist.kwdoc = kwdoc
+        if own is not None:
+            artist.Artist._update_set_signature_and_docstring = own  # type: ignore[attr-defined]
+
+
 FIGURES: dict[str, dict[str, str | None]] = {
     "steering": {"plan.png": None},
     "search": {"region.png": None, "timeline.png": "timeline"},
@@ -352,6 +374,7 @@ def write_episode(
     """
     written: list[Path] = []
     if out is not None:
+        import_matplotlib()
         from shoal.core.files import write_json
         from shoal.views import figure, save_figure
 

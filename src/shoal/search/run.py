@@ -20,7 +20,6 @@ from shoal.search.problem.fields import AUTO, read_key
 from shoal.search.problem.network import network_of
 from shoal.search.regions.places import places_of, points_inside
 from shoal.search.regions.region import SearchRegion
-from shoal.search.simulation.live.supervisor import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 from shoal.search.tours import TOURS
@@ -64,6 +63,9 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     scenario = scenario_of(problem, plan, seed)
     simulated = _is_simulated(problem, plan)
     if problem.live is not None:
+        # most searches start no processes
+        from shoal.search.simulation.live.supervisor import live_trace
+
         scenario, trace = live_trace(
             scenario, live=problem.live, key=key, makespan=plan.allocation.makespan
         )

@@ -162,6 +162,9 @@ def test_corners_near_a_place():
     away = np.hypot(*(graph.corners[:, None] - places).T).min(axis=0)
     inner = ((graph.corners >= low) & (graph.corners <= high)).all(axis=1)
     assert graph.within(low, high).tolist() == np.flatnonzero(inner).tolist() != []
+    few = graph.within(low, high, 3).tolist()
+    assert few == sorted({*few} & {*np.flatnonzero(inner).tolist()})
+    assert len(few) == 3
     assert graph.around(places, 15.0).tolist() == np.flatnonzero(away <= 15).tolist() != []
     assert graph.around(places[:0], 15.0).tolist() == []
 

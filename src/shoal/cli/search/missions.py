@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli.options import Json, UnusedSeed, takes_problem
-from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.cli.output import check_folder, import_matplotlib, print_json, print_table, say
 from shoal.core.checks import count_text
 from shoal.missions.diagnostics import group_mistakes
 from shoal.missions.formats import formats_by_suffix
@@ -67,6 +67,7 @@ def check(
     result = MissionSet.read(folder).check(options)
     written = []
     if out is not None:
+        import_matplotlib()
         from shoal.views.search.missions import save_missions_map
 
         written = [*result.write(out), *save_missions_map(result, out)]

@@ -12,6 +12,7 @@ from shoal.cli.options import Film, Json, Seed, takes_problem
 from shoal.cli.output import (
     check_folder,
     check_outputs,
+    import_matplotlib,
     patience,
     print_columns,
     print_json,
@@ -295,6 +296,7 @@ def _prepare(
 
 
 def _write(missions: MissionSet, folder: Path) -> list[Path]:
+    import_matplotlib()
     from shoal.views.search.missions import save_missions_map
 
     return [*missions.write(folder), *save_missions_map(missions, folder)]

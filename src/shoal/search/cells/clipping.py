@@ -192,14 +192,20 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     span = 1 << (max(height, width) - 1).bit_length()
     rows, cols = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
     shapes = np.array([area], dtype=object)
+    shapely.prepare(area)
     while True:
         boxes = lattice.boxes(rows, cols, span)
-        shapes = _polygonal(shapely.intersection(shapes, boxes))
-        areas, full = shapely.area(shapes), shapely.area(boxes)
-        inside = (shapely.get_num_coordinates(shapes) == 5) & (areas >= full * (1 - _WHOLE))
+        # whether most blocks are inside is asked at once; to cut them would only tell the same
+        inside = shapely.contains_properly(area, boxes)
+        cut = np.flatnonzero(~inside)
+        shapes[cut] = _polygonal(shapely.intersection(shapes[cut], boxes[cut]))
+        areas, full = shapely.area(shapes[cut]), shapely.area(boxes[cut])
+        inside[cut] = (shapely.get_num_coordinates(shapes[cut]) == 5) & (
+            areas >= full * (1 - _WHOLE)
+        )
         for row, col in zip(rows[inside].tolist(), cols[inside].tolist(), strict=True):
             whole[row : row + span, col : col + span] = True
-        left = ~inside & (areas > SPECK * lattice.size**2)
+        left = cut[~inside[cut] & (areas > SPECK * lattice.size**2)]
         rows, cols, shapes = rows[left], cols[left], shapes[left]
         if span == 1:
             break

@@ -62,13 +62,13 @@ class Graph:
 
         return np.asarray(way_to(self.first, self.ends, self.lengths, away, int(node)))
 
-    def before(self, node: int) -> Numbers:
+    def before(self, node: int, last: int = -1) -> Numbers:
         """Return the node before each node on a path of the fewest edges from a node, or -1; int64,
-        shape (n,).
+        shape (n,). If the node ``last`` is given, only the nodes before it are sure to have one.
         """
         from shoal.search.kernels.graphs import fewest_steps_from
 
-        return np.asarray(fewest_steps_from(self.first, self.ends, int(node)))
+        return np.asarray(fewest_steps_from(self.first, self.ends, int(node), int(last)))
 
     def parts(self) -> Numbers:
         """Return the number of each node's connected part; int64, shape (n,)."""

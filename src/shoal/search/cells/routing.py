@@ -50,7 +50,7 @@ class PortalGraph:
         If rounding errors have closed a portal so that no path exists, the result is None.
         """
         first, last = self._piece(start), self._piece(end)
-        came = self._graph.before(first)
+        came = self._graph.before(first, last)
         way = [last]
         while way[-1] != first:
             if came[way[-1]] < 0:
@@ -501,7 +501,7 @@ class RegionPaths:
         width = _FIRST_WIDTH * self.grid.size
         while True:
             candidates = self._corners.within(
-                np.minimum(start, end) - width, np.maximum(start, end) + width
+                np.minimum(start, end) - width, np.maximum(start, end) + width, _MOST_CORNERS + 1
             )
             if len(candidates) > _MOST_CORNERS:
                 return best

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.geometry import cross
+from shoal.search.kernels.borders import places_around, places_within
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
 
@@ -49,8 +50,6 @@ class VisibilityGraph:
     """
 
     def __init__(self, region: SearchRegion) -> None:
-        import shapely
-
         self._region = region
         few, every = (_inward_corners(shape) for shape in (region.bends, region.free))
         few = few[:, region.contains(few[0])] if few.size else few
@@ -62,27 +61,33 @@ class VisibilityGraph:
                 for side in (before - self.corners, after - self.corners)
             ]
         )
-        # of Shapely, which is loaded already: the import of SciPy's trees takes .2 s
-        self._tree = shapely.STRtree(shapely.points(self.corners))
+        low = self.corners.min(axis=0) if len(self.corners) else np.zeros(2)
+        wide = np.maximum((self.corners - low).max(axis=0, initial=0.0), 1e-9)
+        # about two corners in each bin; at most as many bins as corners, whatever their places
+        bins = max(1.0, len(self.corners) / 2)
+        size = max(float(np.sqrt(wide.prod() / bins)), float(wide.max()) / bins)
+        shape = (int(wide[1] / size) + 1, int(wide[0] / size) + 1)
+        col, row = ((self.corners - low) / size).astype(np.int64).T
+        number = row * shape[1] + col
+        order = np.argsort(number, kind="stable")
+        first = np.searchsorted(number[order], np.arange(shape[0] * shape[1] + 1))
+        self._bins = self.corners, order, first, shape, low, size
 
-    def within(self, low: Points, high: Points) -> NDArray[np.int64]:
+    def within(self, low: Points, high: Points, most: int | None = None) -> NDArray[np.int64]:
         """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
-        in increasing order; int64, shape (k,).
+        in increasing order, or some ``most`` of them if there are more; int64, shape (k,).
         """
-        import shapely
-
-        corners = np.sort(self._tree.query(shapely.box(*low, *high)))
-        places = self.corners[corners]
-        return np.asarray(corners[((places >= low) & (places <= high)).all(axis=1)])
+        count = len(self.corners)
+        found = np.empty(count if most is None else min(most, count), dtype=np.int64)
+        return np.sort(found[: places_within(*self._bins, low, high, found)])
 
     def around(self, points: Points, distance: float) -> NDArray[np.int64]:
         """Return the indices of the corners that are at most ``distance`` metres away from one of
         the points, in increasing order; int64, shape (k,).
         """
-        import shapely
-
-        near = self._tree.query(shapely.points(points), predicate="dwithin", distance=distance)
-        return np.asarray(np.unique(near[1]))
+        near = np.zeros(len(self.corners), dtype=np.bool_)
+        places_around(*self._bins, np.ascontiguousarray(points), float(distance), near)
+        return np.flatnonzero(near)
 
     def shortest(
         self,
@@ -167,14 +172,7 @@ def pulled(region: SearchRegion, way: Points) -> Points:
     From each of its points, the new path leads straight to the last visible point among the next 64
     points of the path ``way``.
     """
-    kept = [0]
-    while kept[-1] < len(way) - 1:
-        here = kept[-1]
-        ahead = np.arange(here + 1, min(here + 1 + _LOOK_AHEAD, len(way)))
-        seen = inside(region, np.broadcast_to(way[here], (len(ahead), 2)), way[ahead])
-        seen[0] = True  # this leg already exists
-        kept.append(int(ahead[np.flatnonzero(seen)[-1]]))
-    return np.asarray(way[kept])
+    return np.asarray(way[region.border.pulled(way, _LOOK_AHEAD)])
 
 
 def merge_collinear(points: Points) -> Points:

@@ -275,24 +275,41 @@ def _points_of(
     # most paths bend in each of their few windows
     bent = counts == lengths + 4
     found[np.repeat(bent, lengths)] = points[nodes[inner & bent[chain_of]]]
-    for c in np.flatnonzero((counts > 0) & ~bent).tolist():
-        path, cells = nodes[chains[c] : chains[c] + counts[c]], slice(at[c], at[c + 1])
-        found[cells] = _crossed(points[path], stage_of[path], shapes[cells], known[cells])
+    others = (counts > 0) & ~bent
+    there = (stage < counts[chain_of]) & others[chain_of]
+    path, of = nodes[there], np.repeat(np.arange(len(lengths)), lengths)
+    some = np.flatnonzero(others[of])
+    number = some - at[of[some]] + 2
+    if len(some):
+        found[some] = _crossed(
+            points[path], stage_of[path], chain_of[there], shapes[some], number, of[some]
+        )
     return found
 
 
-def _crossed(way: Points, stage_of: Numbers, shapes: Any, known: Points) -> Points:
+def _crossed(
+    way: Points, stages: Numbers, of_way: Numbers, shapes: Any, number: Numbers, of: Numbers
+) -> Points:
     """Return one point of each window: on the path where the path crosses the window, or else
-    nearest to the path.
+    nearest to the path; float64, shape (n, 2).
+
+    Parameters
+    ----------
+    way : ndarray of float64, shape (k, 2)
+        The points of all paths, one after another.
+    stages, of_way : ndarray of int64, shape (k,)
+        The number of each point's window in its chain, increasing along a path, and the chain.
+    shapes : ndarray of Shapely polygons, shape (n,)
+        The windows of all chains.
+    number, of : ndarray of int64, shape (n,)
+        The number of each window in its chain, and the chain.
     """
     import shapely
 
-    found = known.copy()
-    links = np.searchsorted(stage_of, np.arange(len(shapes)) + 2)
-    hit = stage_of[links] == np.arange(len(shapes)) + 2
-    found[hit] = way[links[hit]]
-    if hit.all():
-        return found
+    span = int(number.max()) + 3
+    links = np.searchsorted(of_way * span + stages, of * span + number)
+    hit = (stages[links] == number) & (of_way[links] == of)
+    found = way[links]
     rest = np.flatnonzero(~hit)
     ahead = links[rest]
     lines = shapely.linestrings(np.stack([way[ahead - 1], way[ahead]], axis=1))
@@ -304,7 +321,9 @@ def _crossed(way: Points, stage_of: Numbers, shapes: Any, known: Points) -> Poin
         # Backwards from the last point, so that the path never turns back.
         ends = shapely.get_coordinates(cut)
         step = way[link] - way[link - 1]
-        begun = found[k - 1] if k and stage_of[link - 1] < k + 1 else way[link - 1]
+        begun = (
+            found[k - 1] if number[k] > 2 and stages[link - 1] < number[k] - 1 else way[link - 1]
+        )
         far = (ends - way[link - 1]) @ step
         found[k] = (
             begun

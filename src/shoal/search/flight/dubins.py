@@ -244,8 +244,21 @@ class Airspace:
         shapely.prepare([shape for shape in (blocked, area, free) if shape is not None])
         return blocked, area, free
 
+    @cached_property
+    def _allowed(self) -> dict[bytes, bool]:
+        """Paths of which `allows` has told whether they are allowed. Sorties that are tried have
+        most of their short legs in common.
+        """
+        return {}
+
     def allows(self, path: Floats) -> bool:
         """Return whether a path avoids the blocked areas and stays in the free area."""
+        key = path.tobytes()
+        if key not in self._allowed:
+            self._allowed[key] = self._allows(path)
+        return self._allowed[key]
+
+    def _allows(self, path: Floats) -> bool:
         import shapely
 
         blocked, _, free = self._bounds

@@ -1,4 +1,4 @@
-"""Lines of sight, in compiled code: which of many segments meet a border, and shortest paths."""
+"""Lines of sight, in compiled code: which of many segments meet a border, and paths along them."""
 
 from __future__ import annotations
 
@@ -141,6 +141,184 @@ def look(lines, first, members, shape, corner, size, starts, ends, found):
 
 
 @in_place_kernel
+def _settle(code, known, met, doubts, doubtful):
+    """Return the status of a doubtful segment with a number, and the number of doubtful segments.
+
+    ``known`` are the numbers of segments, in increasing order, of which ``met`` tells whether they
+    meet the border. The number of any other segment, which counts as blocked, is written to
+    ``doubts`` if there is room.
+    """
+    place = np.searchsorted(known, code)
+    if place < len(known) and known[place] == code:
+        return (CROSSED if met[place] else CLEAR), doubtful
+    if doubtful < len(doubts):
+        doubts[doubtful] = code
+        doubtful += 1
+    return DOUBTFUL, doubtful
+
+
+@in_place_kernel
+def pull(lines, first, members, shape, corner, size, way, ahead, known, met, kept, doubts):
+    """Return (count, doubtful): the number of points of a path that are kept, so that each leads
+    straight to the last visible one of the next ``ahead`` points, and that of doubtful segments.
+
+    The indices of the points are written to ``kept``. The border is given as in `look`, and the
+    doubts as in `_settle`, where the segment from point i to point j of n has the number i n + j.
+    """
+    n = len(way)
+    kept[0] = here = doubtful = 0
+    count = 1
+    while here < n - 1:
+        then = min(here + ahead, n - 1)
+        while then > here + 1:  # the next leg already exists
+            status = _look_along(
+                lines,
+                first,
+                members,
+                shape,
+                corner,
+                size,
+                way[here, 0],
+                way[here, 1],
+                way[then, 0],
+                way[then, 1],
+            )
+            if status == DOUBTFUL:
+                status, doubtful = _settle(here * n + then, known, met, doubts, doubtful)
+            if status == CLEAR:
+                break
+            then -= 1
+        kept[count] = here = then
+        count += 1
+    return count, doubtful
+
+
+@kernel
+def find_bends(
+    lines,
+    first,
+    members,
+    shape,
+    corner,
+    size,
+    way,
+    lengths,
+    price,
+    known,
+    met,
+    bends,
+    doubts,
+    unclear,
+):
+    """Return (count, doubtful): the number of bends of the path that `with_fewer_bends` makes of
+    the path ``way`` (n, 2) with legs of ``lengths``, and the number of doubtful segments.
+
+    The bends are written to ``bends``, from the last to the first. The border is given as in `look`,
+    and the doubts as in `_settle`. From leg i of m, two segments lead to leg j, with the numbers
+    2 (i m + j) and 2 (i m + j) + 1. The ends of doubtful ones are written to ``unclear`` (_, 4).
+    """
+    count = len(way) - 1
+    costs, before = np.empty(count), np.empty(count, dtype=np.int64)
+    at, past = np.empty((count, 2)), np.zeros(count + 1)
+    for leg in range(count):
+        past[leg + 1] = past[leg] + lengths[leg]
+    costs[0], doubtful = lengths[0], 0
+    for leg in range(1, count):
+        costs[leg], before[leg] = costs[leg - 1] + price, leg - 1
+        from_x, from_y = way[leg]
+        at[leg] = way[leg]
+        then_x = (way[leg + 1, 0] - from_x) / lengths[leg]
+        then_y = (way[leg + 1, 1] - from_y) / lengths[leg]
+        for one in range(leg - 1):
+            end_x, end_y = way[one + 1]
+            along_x = (end_x - way[one, 0]) / lengths[one]
+            along_y = (end_y - way[one, 1]) / lengths[one]
+            sine = along_x * then_y - along_y * then_x
+            if not abs(sine) > _ALONG:
+                continue
+            # The point end + a along = from - b then lies ahead on both, with a and b at least 0.
+            gap_x, gap_y = from_x - end_x, from_y - end_y
+            a = (gap_x * then_y - gap_y * then_x) / sine
+            b = (along_x * gap_y - along_y * gap_x) / sine
+            longer = a + b - (past[leg] - past[one + 1])
+            cost = costs[one] + price + a + b
+            if not (a >= 0 and b >= 0 and longer < price * (leg - one - 1) and cost < costs[leg]):
+                continue
+            x, y = end_x + a * along_x, end_y + a * along_y
+            clear = True
+            for half in range(2):
+                x_0, y_0, x_1, y_1 = (x, y, from_x, from_y) if half else (end_x, end_y, x, y)
+                status = _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1)
+                if status == DOUBTFUL:
+                    unsettled = doubtful
+                    code = 2 * (one * count + leg) + half
+                    status, doubtful = _settle(code, known, met, doubts, doubtful)
+                    if doubtful > unsettled:
+                        unclear[unsettled] = x_0, y_0, x_1, y_1
+                if status != CLEAR:
+                    clear = False
+                    break
+            if clear:
+                costs[leg], before[leg], at[leg, 0], at[leg, 1] = cost, one, x, y
+        costs[leg] += lengths[leg]
+    made, leg = 0, count - 1
+    while leg > 0:
+        bends[made] = at[leg]
+        made += 1
+        leg = before[leg]
+    return made, doubtful
+
+
+@in_place_kernel
+def _bins_within(shape, corner, size, low, high):
+    """Return the first and the last row, and the first and the last column, of the bins of a grid
+    that a box touches.
+    """
+    left = max(np.int64(np.floor((low[0] - corner[0]) / size)), 0)
+    right = min(np.int64(np.floor((high[0] - corner[0]) / size)), shape[1] - 1)
+    down = max(np.int64(np.floor((low[1] - corner[1]) / size)), 0)
+    up = min(np.int64(np.floor((high[1] - corner[1]) / size)), shape[0] - 1)
+    return down, up, left, right
+
+
+@in_place_kernel
+def places_within(places, order, first, shape, corner, size, low, high, found):
+    """Write to ``found`` the indices of the places (n, 2) in the box from ``low`` to ``high``, as
+    far as it has room, and return their number.
+
+    The places of bin ``row * shape[1] + col`` of a grid of bins of side ``size``, with the lower
+    left corner ``corner``, are ``order[first[bin] : first[bin + 1]]``.
+    """
+    down, up, left, right = _bins_within(shape, corner, size, low, high)
+    count = 0
+    for row in range(down, up + 1):
+        for k in order[first[row * shape[1] + left] : first[row * shape[1] + right + 1]]:
+            x, y = places[k]
+            if low[0] <= x <= high[0] and low[1] <= y <= high[1]:
+                if count == len(found):
+                    return count
+                found[count] = k
+                count += 1
+    return count
+
+
+@in_place_kernel
+def places_around(places, order, first, shape, corner, size, points, distance, near):
+    """Set to True in ``near`` which places are at most ``distance`` away from one of the ``points``
+    (m, 2). The bins are those of `places_within`.
+    """
+    wide = (1 + 1e-9) * distance  # whatever the rounding
+    for x, y in points:
+        low, high = (x - wide, y - wide), (x + wide, y + wide)
+        down, up, left, right = _bins_within(shape, corner, size, low, high)
+        for row in range(down, up + 1):
+            for k in order[first[row * shape[1] + left] : first[row * shape[1] + right + 1]]:
+                east, north = places[k, 0] - x, places[k, 1] - y
+                if np.sqrt(east * east + north * north) <= distance:
+                    near[k] = True
+
+
+@in_place_kernel
 def _is_passable(places, sides, k, x, y):
     """Return whether a path in the direction (x, y) can pass corner ``k``: the border near the
     corner lies on one side of the path.
@@ -173,10 +351,8 @@ def find_way(
 
     The corners of the path are written to ``way``. The border is given as in `look`, the corners by
     their ``places`` (K, 2), and the unit vectors to their neighbours on the border by ``sides`` (K,
-    4). The pair of the points i and j has the number i * (K + 2) + j, with K for the start and K + 1
-    for the end. ``known`` are the numbers of pairs, in increasing order, of which ``met`` tells
-    whether the segment between them meets the border. Numbers of other doubtful pairs, which count
-    as blocked, are written to ``doubts`` as far as it has room.
+    4). The doubts are given as in `_settle`. The segment between the points i and j has the number
+    i * (K + 2) + j, with K for the start and K + 1 for the end.
 
     The algorithm is A*. A line of sight is tested only when a path along it is the most promising
     one, because most of the lines never are.
@@ -243,12 +419,7 @@ def find_way(
             )
             if status == DOUBTFUL:
                 code = previous * (count + 2) + node
-                place = np.searchsorted(known, code)
-                if place < len(known) and known[place] == code:
-                    status = CROSSED if met[place] else CLEAR
-                elif doubtful < len(doubts):
-                    doubts[doubtful] = code
-                    doubtful += 1
+                status, doubtful = _settle(code, known, met, doubts, doubtful)
             if status != CLEAR:
                 continue
             done[node], came[node], found = True, previous, True
@@ -263,12 +434,7 @@ def find_way(
         )
         if status == DOUBTFUL:
             code = node * (count + 2) + goal
-            place = np.searchsorted(known, code)
-            if place < len(known) and known[place] == code:
-                status = CROSSED if met[place] else CLEAR
-            elif doubtful < len(doubts):
-                doubts[doubtful] = code
-                doubtful += 1
+            status, doubtful = _settle(code, known, met, doubts, doubtful)
         if status == CLEAR:
             break
     legs = 0

@@ -61,14 +61,15 @@ def way_to(first, ends, lengths, away, node):
 
 
 @kernel
-def fewest_steps_from(first, ends, here):
+def fewest_steps_from(first, ends, here, last):
     """Return the node before each node on a path of the fewest steps from a node, or -1 for this
-    node itself and for those that no path reaches; int64, shape (n,).
+    node itself and for those that no path reaches; int64, shape (n,). Once the node ``last`` is
+    reached, the search ends.
     """
     before = np.full(len(first) - 1, -1, dtype=np.int64)
     queue = np.empty(len(first) - 1, dtype=np.int64)
     queue[0], at, count = here, 0, 1
-    while at < count:
+    while at < count and (last < 0 or before[last] < 0):
         node = queue[at]
         at += 1
         for edge in range(first[node], first[node + 1]):

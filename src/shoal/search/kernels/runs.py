@@ -226,6 +226,31 @@ def sweep(chains, chain, from_last, from_right, cells, at):
     return at
 
 
+@in_place_kernel
+def nearest_next(ends, order, backwards):
+    """Write the order of strips in which the next end is the nearest one, and whether each strip
+    runs from its last cell to its first, from the first cell of the first strip.
+
+    ``ends`` (n, 2, 2) are the first and the last cell of each strip.
+    """
+    n = len(ends)
+    for strip in range(n):
+        backwards[strip] = -1  # not in the order yet
+    row, col = ends[0, 0]
+    for k in range(n):
+        best = np.int64(2) ** 62
+        for strip in range(n):
+            if backwards[strip] >= 0:
+                continue
+            for end in range(2):
+                down, right = ends[strip, end, 0] - row, ends[strip, end, 1] - col
+                away = down * down + right * right
+                if away < best:
+                    best, order[k], from_end = away, strip, end
+        backwards[order[k]] = from_end
+        row, col = ends[order[k], 1 - from_end]
+
+
 @kernel
 def shorten(ends, order, backwards, turn, disturbances):
     """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
@@ -278,31 +303,46 @@ def exchange(costs, order, backwards, active, rest):
     An active run is a run at which an exchange may still shorten the tour. After the last exchange,
     no run is active.
     """
-    n, helped = len(order), True
+    n, helped, found = len(order), True, True
+    # of the run at each place of the order: the end at which it begins, and the cost of the link
+    entries, links = np.empty(n, dtype=np.int64), np.empty(n)
     while helped:
         helped = False
         for run in range(n):
             if not active[run]:
                 continue
             active[run] = False
+            if found:
+                for k in range(n):
+                    entries[k] = 2 * order[k] + backwards[order[k]]
+                for k in range(n):
+                    links[k] = costs[entries[k - 1] ^ 1, entries[k]]
             i = 0
             while order[i] != run:
                 i += 1
-            found = exchange_link(costs, order, backwards, active, i) or exchange_link(
-                costs, order, backwards, active, (i + 1) % n
-            )
+            found = exchange_link(
+                costs, order, backwards, active, entries, links, i
+            ) or exchange_link(costs, order, backwards, active, entries, links, (i + 1) % n)
             for count in range(1, _LONGEST + 1):
                 for back in (0, count - 1):
                     if not found:
                         found = move_runs(
-                            costs, order, backwards, active, rest, (i - back) % n, count
+                            costs,
+                            order,
+                            backwards,
+                            active,
+                            rest,
+                            entries,
+                            links,
+                            (i - back) % n,
+                            count,
                         )
             if found:
                 active[run], helped = True, True
 
 
 @in_place_kernel
-def exchange_link(costs, order, backwards, active, k):
+def exchange_link(costs, order, backwards, active, entries, links, k):
     """Replace link k and another link by two links with a smaller total length (2-opt), if such
     links exist.
 
@@ -314,12 +354,10 @@ def exchange_link(costs, order, backwards, active, k):
         if j == k:
             continue
         low, high = min(j, k), max(j, k)
-        before, first, last, after = order[low - 1], order[low], order[high - 1], order[high]
-        if before == last:
-            continue
-        now = link(costs, backwards, before, first) + link(costs, backwards, last, after)
-        then = step(costs, before, 1 - backwards[before], last, 1 - backwards[last])
-        then += step(costs, first, backwards[first], after, backwards[after])
+        # ends 2 r and 2 r + 1 are those of run r
+        then = costs[entries[low - 1] ^ 1, entries[high - 1] ^ 1]
+        then += costs[entries[low], entries[high]]
+        now = links[low] + links[high]
         if then - now < best:
             best, other = then - now, j
     if other < 0:
@@ -332,7 +370,7 @@ def exchange_link(costs, order, backwards, active, k):
 
 
 @in_place_kernel
-def move_runs(costs, order, backwards, active, rest, i, count):
+def move_runs(costs, order, backwards, active, rest, entries, links, i, count):
     """Move the ``count`` runs that begin at place i of the order to another place, if the tour
     becomes shorter (Or-opt).
 
@@ -341,27 +379,18 @@ def move_runs(costs, order, backwards, active, rest, i, count):
     n = len(order)
     first, last = order[i], order[(i + count - 1) % n]
     before, after = order[i - 1], order[(i + count) % n]
-    saved = (
-        link(costs, backwards, before, first)
-        + link(costs, backwards, last, after)
-        - link(costs, backwards, before, after)
-    )
+    begin, end = entries[i], entries[(i + count - 1) % n] ^ 1
+    saved = links[i] + links[(i + count) % n] - costs[entries[i - 1] ^ 1, entries[(i + count) % n]]
     best, place, turned = _LESS, -1, False
     at = (i + count) % n
     for k in range(n - count - 1):
-        one = order[at]
+        out = entries[at] ^ 1
         at = at + 1 if at + 1 < n else 0
-        other = order[at]
-        out, into = 1 - backwards[one], backwards[other]
-        there = link(costs, backwards, one, other)
-        ahead = step(costs, one, out, first, backwards[first]) + step(
-            costs, last, 1 - backwards[last], other, into
-        )
-        back = step(costs, one, out, last, 1 - backwards[last]) + step(
-            costs, first, backwards[first], other, into
-        )
-        if saved + there - min(ahead, back) > best:
-            best, place, turned = saved + there - min(ahead, back), k, back < ahead
+        into = entries[at]
+        ahead = costs[out, begin] + costs[end, into]
+        back = costs[out, end] + costs[begin, into]
+        if saved + links[at] - min(ahead, back) > best:
+            best, place, turned = saved + links[at] - min(ahead, back), k, back < ahead
     if place < 0:
         return False
     for k in range(n):

@@ -58,10 +58,12 @@ def fewest_links(points, starts, boxes, chains, asked, turn, reach, banned, node
         for i in range(low_window, high_window - 1):
             last = min(high_window - 1, i + reach)
             for p in range(starts[i], starts[i + 1]):
-                if cost[p] == np.inf:
+                if cost[p] >= cost[goal]:  # no path through it is the cheapest, or none leads to it
                     continue
                 for j in range(i + 1, last + 1):
                     for q in range(starts[j], starts[j + 1]):
+                        if cost[p] + turn >= cost[q]:
+                            continue
                         step_x, step_y = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1]
                         total = cost[p] + np.sqrt(step_x * step_x + step_y * step_y) + turn
                         if total >= cost[q]:

@@ -242,7 +242,10 @@ class SearchPlan:
             object.__setattr__(self, "delays", np.zeros(len(self.places)))
         if self.airspace is None:
             region = self.grid.region
-            blocked = grown(region.no_go, region.margin)
+            known = region.for_paths  # all plans of the region share it
+            if "blocked" not in known:
+                known["blocked"] = grown(region.no_go, region.margin)
+            blocked = known["blocked"]
             object.__setattr__(self, "airspace", Airspace(blocked, free=region.free))
 
     @property

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.kernels.borders import CLEAR, DOUBTFUL, bins_of, find_way, look
+from shoal.search.kernels.borders import (
+    CLEAR,
+    DOUBTFUL,
+    bins_of,
+    find_bends,
+    find_way,
+    look,
+    pull,
+)
 
 _BINS = 4_000_000  # largest number of bins
 _DOUBTS = 64  # lines of sight that are tested exactly at once
@@ -83,20 +92,95 @@ class Border:
         """
         points = np.concatenate([places, ends])
         way = np.empty(len(places), dtype=np.int64)
+
+        def find(*doubts: Any) -> tuple[int, int]:
+            known, met, unclear = doubts
+            given = places, sides, ends, float(most), known, met
+            found: tuple[int, int] = find_way(*self._bins, *given, way, unclear)
+            return found
+
+        def segments(codes: NDArray[np.int64]) -> NDArray[np.float64]:
+            return np.hstack([points[ends] for ends in np.divmod(codes, len(points))])
+
+        bends = self._without_doubts(find, segments)
+        return None if bends < 0 else way[:bends].copy()
+
+    def pulled(self, way: NDArray[np.float64], ahead: int) -> NDArray[np.int64]:
+        """Return the indices of those points of a path from each of which the last visible one of
+        the next ``ahead`` points is kept, too; int64, shape (k,). The last point is among them.
+
+        Parameters
+        ----------
+        way : ndarray of float64, shape (n, 2)
+            The path in metres, with legs that do not meet the border.
+        ahead : int
+        """
+        points, kept = np.ascontiguousarray(way), np.empty(len(way), dtype=np.int64)
+
+        def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
+            found: tuple[int, int] = pull(*self._bins, points, ahead, known, met, kept, unclear)
+            return found
+
+        def segments(codes: NDArray[np.int64]) -> NDArray[np.float64]:
+            return np.hstack([points[ends] for ends in np.divmod(codes, len(points))])
+
+        return kept[: self._without_doubts(find, segments)]
+
+    def with_fewer_bends(
+        self, way: NDArray[np.float64], lengths: NDArray[np.float64], price: float
+    ) -> NDArray[np.float64]:
+        """Return the bends of the path that `shoal.search.cells.bends.with_fewer_bends` describes;
+        float64, shape (k, 2).
+
+        Parameters
+        ----------
+        way : ndarray of float64, shape (n, 2)
+            A path in metres, with legs that do not meet the border.
+        lengths : ndarray of float64, shape (n - 1,)
+            The lengths of its legs, above 0.
+        price : float
+            Length in metres that a bend may cost.
+        """
+        bends, ends = np.empty((len(lengths) - 1, 2)), np.empty((_DOUBTS, 4))
+        given = np.ascontiguousarray(way), lengths, float(price)
+
+        def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
+            found: tuple[int, int] = find_bends(
+                *self._bins, *given, known, met, bends, unclear, ends
+            )
+            return found
+
+        count = self._without_doubts(find, lambda codes: ends[: len(codes)])
+        return bends[:count][::-1]
+
+    def _without_doubts(
+        self,
+        find: Callable[..., tuple[int, int]],
+        segments: Callable[[NDArray[np.int64]], NDArray[np.float64]],
+    ) -> int:
+        """Return what a kernel finds, called again as long as it took a segment for blocked that is
+        not.
+
+        Parameters
+        ----------
+        find : callable
+            Function that calls the kernel with the arguments ``known``, ``met`` and ``doubts`` of
+            `shoal.search.kernels.borders`, and returns its result and the number of doubts.
+        segments : callable
+            Function that returns the ends (x, y, x, y) of the segments with given numbers.
+        """
         known, met = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
         doubts = np.empty(_DOUBTS, dtype=np.int64)
         while True:
-            given = places, sides, ends, float(most), known, met
-            bends, doubtful = find_way(*self._bins, *given, way, doubts)
-            clear = False
-            if doubtful:
-                one, other = np.divmod(doubts[:doubtful], len(points))
-                blocked = self._is_met_exactly(points[one], points[other])
-                known, first = np.unique(np.append(known, doubts[:doubtful]), return_index=True)
-                met = np.append(met, blocked)[first]
-                clear = bool((~blocked).any()) or doubtful == _DOUBTS
-            if not clear:
-                return None if bends < 0 else way[:bends].copy()
+            result, doubtful = find(known, met, doubts)
+            if not doubtful:
+                return result
+            ends = segments(doubts[:doubtful])
+            blocked = self._is_met_exactly(ends[:, :2], ends[:, 2:])
+            known, first = np.unique(np.append(known, doubts[:doubtful]), return_index=True)
+            met = np.append(met, blocked)[first]
+            if blocked.all() and doubtful < _DOUBTS:
+                return result
 
     @property
     def _bins(self) -> tuple[Any, ...]:

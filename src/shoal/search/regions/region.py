@@ -177,7 +177,7 @@ class SearchRegion:
 
     @cached_property
     def for_paths(self) -> dict[Any, Any]:
-        """Cache of what depends on ``free`` and ``bends`` alone. A region of which robots see less
+        """Cache of what depends on where robots may be alone. A region of which robots see less
         shares it.
         """
         return {}

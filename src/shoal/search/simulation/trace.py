@@ -22,9 +22,7 @@ from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar
 from shoal.search.protocol.state import Brief, step_cost
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
-from shoal.search.simulation.compiled import CompiledSearches, can_compile
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import bits_to_array, members
 
 _HORIZON = 60.0  # time limit of a simulation, divided by the time of one robot alone
@@ -293,8 +291,14 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Simulate a scenario, and return the trace of the search."""
     late = max(scenario.brief.delays, default=0.0)
     until = late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0
-    if can_compile(scenario) and scenario.size > _PLAIN:
-        return _compiled_trace(scenario, until)
+    if scenario.size > _PLAIN:
+        # most searches that are planned are not simulated, or small
+        from shoal.search.simulation.compiled import can_compile
+
+        if can_compile(scenario):
+            return _compiled_trace(scenario, until)
+    from shoal.search.simulation.world import SearchWorld
+
     world = SearchWorld(scenario).run(until=until)
     logs = tuple(
         RobotLog(
@@ -317,6 +321,8 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 
 def _compiled_trace(scenario: Scenario, until: float) -> SearchTrace:
     """Simulate a scenario in compiled code, and return the trace of the search."""
+    from shoal.search.simulation.compiled import CompiledSearches
+
     searches = CompiledSearches([scenario])
     searches.run(0, until)
     outcome = searches.outcome(0)

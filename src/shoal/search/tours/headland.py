@@ -52,24 +52,23 @@ class HeadlandTour(BoustrophedonTour):
         super().__init__(turn, disturbances)
 
     def _in_order(self, region: NDArray[np.bool_]) -> Cells:
-        plain = super()._in_order(region)
-        sides = min(_SIDES, int((_WORK / len(plain)) ** 0.5))
+        sides = min(_SIDES, int((_WORK / np.count_nonzero(region)) ** 0.5))
         if not sides or components(region).max() > 1:
-            return plain
+            return super()._in_order(region)
         columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
         divisions = (runs_in, fewest_strips) if columns else (runs_in,)
-        found: list[tuple[float, int, list[Cells]]] = []
+        padded, found = np.pad(region, 2), list[tuple[float, int, list[Cells]]]()
         for lane, bends, rest in _likely_lanes(region, sides):
             for divide in divisions:
                 ends = divide(rest)
                 if len(ends) >= MOST_RUNS:
-                    return plain
+                    return super()._in_order(region)
                 strips = [lane, *map(cells_of_strip, ends)]
-                turns = 2 * len(strips) + bends + _slanted_ends(region, ends)
+                turns = 2 * len(strips) + bends + _slanted_ends(padded, ends)
                 length = _length(joined_strips(strips, self.turn, 0))
                 found.append((length + self.turn * turns, len(found), strips))
         if not found:
-            return plain
+            return super()._in_order(region)
         return np.concatenate(joined_strips(min(found)[2], self.turn, self.disturbances))
 
 
@@ -78,12 +77,14 @@ def _length(tour: list[Cells]) -> float:
     return float(np.hypot(*(np.roll(cells, -1, axis=0) - cells).T).sum())
 
 
-def _slanted_ends(region: NDArray[np.bool_], ends: NDArray[np.int64]) -> int:
+def _slanted_ends(inside: NDArray[np.bool_], ends: NDArray[np.int64]) -> int:
     """Return the number of ends of strips, of shape (n, 2, 2), at a border that is slanted by less
     than 45 degrees to them, where a path without a lane must follow the border.
+
+    The mask ``inside`` has two more rows and columns on each side of the region.
     """
     at, ahead = ends + 2, np.sign(ends - ends[:, ::-1])
-    inside, side = np.pad(region, 2), ahead[..., ::-1]
+    side = ahead[..., ::-1]
 
     def differs(steps: int) -> NDArray[np.bool_]:
         one, other = at + side + steps * ahead, at - side + steps * ahead
@@ -100,12 +101,12 @@ def _likely_lanes(
     """Return the lanes with the fewest turns of all rows, with the number of their bends and the
     cells beside them.
     """
-    ranked: list[tuple[int, int, Cells, int, NDArray[np.bool_]]] = []
+    padded, ranked = np.pad(region, 2), list[tuple[int, int, Cells, int, NDArray[np.bool_]]]()
     for lane, bends in _lanes(region, sides):
         rest = region.copy()
         rest[tuple(lane.T)] = False
         rows = runs_in(rest)
-        turns = 2 * len(rows) + bends + _slanted_ends(region, rows)
+        turns = 2 * len(rows) + bends + _slanted_ends(padded, rows)
         ranked.append((turns, len(ranked), lane, bends, rest))
     ranked.sort(key=lambda one: one[:2])
     return [(lane, bends, rest) for *_, lane, bends, rest in ranked[:_LANES]]

@@ -120,31 +120,14 @@ def joined_strips(
     turn, disturbances
         Parameters of `StripsTour`.
     """
-    from shoal.search.kernels.runs import shorten
+    from shoal.search.kernels.runs import nearest_next, shorten
 
     ends = np.array([strip[[0, -1]] for strip in strips])
-    order, backwards = _nearest_next(ends)
+    order, backwards = np.empty((2, len(strips)), dtype=np.int64)
+    nearest_next(ends, order, backwards)
     if len(strips) <= MOST_RUNS:
         shorten(ends.astype(np.float64), order, backwards, turn, disturbances)
     return [strips[k][:: -1 if backwards[k] else 1] for k in order.tolist()]
-
-
-def _nearest_next(strips: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return an order of strips in which the next end is the nearest one, and whether each strip
-    runs from its last cell to its first.
-    """
-    rest = np.ones(len(strips), dtype=np.bool_)
-    order, backwards = np.zeros(len(strips), dtype=np.int64), np.zeros(len(strips), dtype=np.int64)
-    here = strips[0, 0]
-    for k in range(len(strips)):
-        left = np.flatnonzero(rest)
-        far = ((strips[left] - here) ** 2).sum(axis=2)
-        nearest, end = divmod(int(far.argmin()), 2)
-        order[k] = left[nearest]
-        backwards[order[k]] = end
-        rest[order[k]] = False
-        here = strips[order[k], 1 - end]
-    return order, backwards
 
 
 @TOURS.register("comb")

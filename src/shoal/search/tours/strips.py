@@ -80,7 +80,9 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return first and last cell of all runs of a mask in reading order; int64, shape (R, 2, 2)."""
-    edges = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    row, first = np.nonzero(edges > 0)
-    last = np.nonzero(edges < 0)[1] - 1
-    return np.stack([np.stack([row, first], axis=1), np.stack([row, last], axis=1)], axis=1)
+    padded = np.zeros((len(mask), mask.shape[1] + 2), dtype=np.bool_)
+    padded[:, 1:-1] = mask
+    before, here = padded[:, :-1], padded[:, 1:]
+    row, first = np.nonzero(here & ~before)
+    last = np.nonzero(before & ~here)[1] - 1
+    return np.stack([row, first, row, last], axis=1).reshape(-1, 2, 2)

@@ -453,11 +453,16 @@ def fit_columns(
         Distance of the columns, as a multiple of the size of the text.
     """
     import numpy as np
-    from matplotlib.textpath import TextPath
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
 
     size = text_size() if size is None else size
-    handle = 2.8 * size  # with its distance from the label
-    lengths = [handle + TextPath((0, 0), label, size=size).get_extents().width for label in labels]
+    handle, font = (
+        2.8 * size,
+        FontProperties(size=size),
+    )  # a handle with its distance from the label
+    measured = (text_to_path.get_text_width_height_descent(label, font, False) for label in labels)
+    lengths = [handle + width for width, _, _ in measured]
     for columns in range(min(most, len(labels)), 1, -1):
         # shared out as by Matplotlib: the first columns have one entry more
         widths = [float(part.max()) for part in np.array_split(lengths, columns)]
