@@ -742,6 +742,62 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
     assert all(f"within {limit:.0f} s" in text for text in texts)
 
 
+@pytest.mark.parametrize(
+    ("vehicle", "apart", "ring", "chosen"),
+    [
+        ("multirotor", (60, 30), "71,34", "shorter"),
+        ("rover", (15,), "58,36", "tour"),
+        ("rover", (0,), "58,36", "auto"),
+    ],
+)
+def test_missions_have_the_order_that_finds_the_target_first_if_vehicles_wait(
+    tmp_path, monkeypatch, vehicle, apart, ring, chosen
+):
+    said = []
+    monkeypatch.setattr(mission_set, "tell_once", said.append)
+    problem = SearchProblem(
+        "square:100",
+        robots=3,
+        footprint=10,
+        vehicle=vehicle,
+        launch=((5.0, 5.0), (10.0, 5.0), (15.0, 5.0)),
+        prior=[f"ring:{ring}:0.25=8,0.5=16,0.95=40"],
+    )
+    options = MissionOptions(format=("csv",), separation=apart)
+    best, tour = (
+        MissionSet.from_problem(problem.replaced(**order), options, seed=1)
+        for order in ({}, {"order": "tour"})
+    )
+    assert best.problem.order == chosen
+    assert any(text.startswith("order:") for text in said) == (chosen != "auto")
+    limit = 1.25 * best.plan.plain_seconds
+    assert best.end <= max(limit + 1, 1.25 * tour.end)
+    episode = best.run()
+    stated = episode.expected_find
+    assert stated <= tour.run().expected_find + 1e-6
+    # who reads the episode plans the same order again
+    episode.save(tmp_path / "episode.json")
+    again = SearchEpisode.load(tmp_path / "episode.json")
+    assert again.verify()
+    assert again.expected_find == pytest.approx(stated)
+
+
+def test_the_order_of_the_tour_is_that_without_a_prior(tmp_path):
+    file, _ = corner(tmp_path)
+    plain = plan_search(SearchProblem(**SQUARE), seed=1)
+    tour, shorter, likely = (
+        plan_search(SearchProblem(**SQUARE, prior=[file], order=order, detection=0.7), seed=1)
+        for order in ("tour", "shorter", "likely")
+    )
+    assert all(np.array_equal(tour.stops(robot), plain.stops(robot)) for robot in range(2))
+    longest = [plan.planned_seconds / plain.planned_seconds for plan in (tour, shorter, likely)]
+    assert longest[0] == 1.0
+    assert longest[1] <= 1.125 + 1e-9
+    assert longest[2] <= 1.25 + 1e-9
+    with pytest.raises(InvalidInputError, match="order"):
+        SearchProblem(**SQUARE, order="tour")
+
+
 def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):
     file, _ = corner(tmp_path)
     said = []

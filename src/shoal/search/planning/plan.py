@@ -72,7 +72,7 @@ from shoal.search.planning.orientation import (
     other_angles,
     through_layers,
 )
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import TOUR, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
@@ -206,8 +206,8 @@ class SearchPlan:
         Probability that the target of a prior is in the area of the region.
     prior_before : float
         Probability with which earlier looks along tracks would have found the target.
-    plain_seconds : float, optional
-        Planned time in seconds without the prior and without delays, or None without a prior.
+    plain : SearchPlan, optional
+        The plan without the prior and without delays, or None without a prior.
     alternatives : tuple of SearchPlan
         The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
@@ -234,7 +234,7 @@ class SearchPlan:
     ground: Ground | MovingGround | None = field(default=None, repr=False)
     prior_inside: float = 1.0
     prior_before: float = 0.0
-    plain_seconds: float | None = None
+    plain: SearchPlan | None = field(default=None, repr=False)
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
@@ -270,6 +270,11 @@ class SearchPlan:
         return (
             TURNING if isinstance(layers_of(self.grid)[0].lattice, LineLattice) else self.grid.angle
         )
+
+    @property
+    def plain_seconds(self) -> float | None:
+        """Planned time in seconds without the prior and without delays, or None without a prior."""
+        return None if self.plain is None else self.plain.planned_seconds
 
     @property
     def cell_seconds(self) -> float:
@@ -751,25 +756,22 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan in which robots search the cells early that are likely by the prior of the
     problem, along the same tour, and some of them again if a search may miss the target.
 
-    The planned time is at most `SearchProblem.at_most` times as long.
+    The planned time is at most `SearchProblem.longest_order` times as long.
     """
     prior = problem.open_prior()
     if prior is None:
         return plan
     kept = _knowing(plan, problem, prior)
     ground = kept.ground
-    kept = replace(
-        kept,
-        plain_seconds=plan.planned_seconds,
-        alternatives=(),
-        flown={},
-    )
+    kept = replace(kept, plain=plan, alternatives=(), flown={})
+    if problem.order == TOUR:
+        return kept
     if isinstance(ground, MovingGround):
         rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
         kept = replace(rough, ground=ground)
     layouts = [kept]
     if 0 < problem.chosen_detection < 1:
-        budget = (problem.at_most - 1.0) * plan.tour_cost.least
+        budget = (problem.longest_order - 1.0) * plan.tour_cost.least
         more = [_with_revisits(kept, round(share * budget), problem) for share in _REVISITS]
         layouts += [one for one in more if one is not None]
     if len(layouts) > 1:
@@ -780,7 +782,7 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
             return found
     tell_once(
         "prior: robots search in the order of the plan without it, because no other order that was"
-        f" tried takes at most {problem.at_most:g} times as long; --at-most sets another limit"
+        f" tried takes at most {problem.longest_order:g} times as long; --at-most sets another limit"
     )
     return kept
 
@@ -843,7 +845,7 @@ def _in_likely_order(
     tells: what they need more is then counted for each such break of the tour, as long as the plan
     does not keep the limit, or finds the target earlier for it.
     """
-    limit, price = problem.at_most, 0.0
+    limit, price = problem.longest_order, 0.0
     best: SearchPlan | None = None
     earliest = inf
     least = plan.allocation.makespan / plain.allocation.makespan
@@ -1110,6 +1112,12 @@ def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -
         return plain
     # Missions learn their start times from the order, so the order does not depend on these.
     return _delayed(_with_prior(_delayed(plain, -plain.delays), problem), plain.delays)
+
+
+def in_order(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan with a prior in another `SearchProblem.order`, that of ``problem``."""
+    assert plan.plain is not None
+    return _delayed(_with_prior(plan.plain, problem), plan.delays)
 
 
 def _delayed(plan: SearchPlan, seconds: NDArray[np.float64]) -> SearchPlan:
