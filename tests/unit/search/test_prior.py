@@ -479,7 +479,7 @@ CRASHES = "crash:1@9,crash:2@25,crash:4@70"
     [
         {},
         {"faults": CRASHES},
-        {"bands": (20.0, 30.0), "faults": CRASHES},
+        {"bands": (20.0, 30.0), "faults": CRASHES, "footprint": 20},
         {"obstacles": 4, "faults": CRASHES},
         {"bands": (20.0, 30.0), "obstacles": 4, "footprint": 20},
         {"region": "box:60x60x30", "prior": ["ring:20,20:0.5=10,0.9=30"], "faults": CRASHES},
