@@ -965,7 +965,7 @@ def _looked_at_again(plan: SearchPlan, pieces: Ground, own: NDArray[np.int64]) -
         these = (again < 0) & (base == up)
         over = layers[up].cell_of(plan.positions(first[these])[:, :2])
         again[these] = plan.tour.position[(up, *over.T)]
-    return again
+    return np.asarray(again)
 
 
 def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
