@@ -17,6 +17,9 @@ a ring, and one a normal distribution around a last known position, with a stand
 each target deviates from it by a fifth of that. The plan that knows the drift stands beside the one
 that knows the prior alone. Targets are drawn and followed; one that no robot meets until the longest
 time of the plan counts with that time.
+
+With ``--kicks``, the local search for orders makes other numbers of kicks than its own, one after
+the other.
 """
 
 from __future__ import annotations
@@ -24,20 +27,22 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterable
-from heapq import heappop, heappush
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from shoal.search import SearchEpisode, SearchProblem, plan_search
+from shoal.search.allocation import likely as ordering
 from shoal.search.run import run
 
 SIDE, CELL = 40, 10.0
 SPEED = 1.0  # of robots, in metres per second
 SLOW, FAST, DEVIATION = 0.1, 0.3, 0.2
 AT_ONCE = 16  # looks
+NEVER = 1e6  # larger than any sum of probabilities times moments
 
 Floats = NDArray[np.float64]
 
@@ -126,22 +131,21 @@ def greedy(starts: Floats, values: Floats) -> tuple[float, float]:
 def least(starts: Floats, values: Floats) -> float:
     """Return a lower bound on the expected time to find of any plan from ``starts``, in seconds.
 
-    Each search takes a robot as long as the way of one cell. A robot therefore searches at most one
-    cell from k to k + 1 such times after the start, and no cell before it can be there. Of all plans
-    that keep to that alone, the best one searches the likeliest of the cells that can be reached.
+    Each search takes a robot at least as long as the way of one cell. A robot therefore ends at most
+    one search from k to k + 1 such times after the start, and none of a cell to which its way from
+    the start is longer. Of all assignments of cells to such times of the robots that keep to that
+    alone, the best one is the bound: ways between cells do not count.
     """
-    cells = middles()
-    ways = np.hypot(*(cells[:, None] - starts[None]).transpose(2, 0, 1)).min(axis=1) / CELL
-    first, odds = np.floor(ways + 1.0 + 1e-9).astype(int), values.ravel()
-    order, waiting = np.argsort(-first, kind="stable").tolist(), list[float]()
-    total, moment = 0.0, 0
-    while order or waiting:
-        moment += 1
-        while order and first[order[-1]] <= moment:
-            heappush(waiting, -float(odds[order.pop()]))
-        for _ in range(min(len(starts), len(waiting))):
-            total -= moment * heappop(waiting)
-    return total * CELL / SPEED
+    cells, odds = middles(), values.ravel()
+    ways = np.hypot(*(cells[:, None] - starts[None]).transpose(2, 0, 1)) / CELL
+    first = np.floor(ways + 1.0 + 1e-9)
+    # from the first of these moments on, every robot reaches every cell
+    count = int(first.max()) + -(-len(cells) // len(starts))
+    moments = np.tile(np.arange(1, count + 1), len(starts))
+    robots = np.repeat(np.arange(len(starts)), count)
+    costs = np.where(first[:, robots] <= moments, odds[:, None] * moments, NEVER)
+    cell, moment = linear_sum_assignment(costs)
+    return float(costs[cell, moment].sum()) * CELL / SPEED
 
 
 def middles() -> Floats:
@@ -222,6 +226,7 @@ def compare(numbers: Iterable[int], limits: list[float], detection: float, count
             spent = time.process_time() - begun
             starts = without.plan.positions(without.plan.starts)[:, :2]
             other, latest = greedy(starts, values) if detection == 1 else (np.nan, np.nan)
+            bound = least(starts, values) / before if detection == 1 else np.nan
             planned = planning_time(problem, number)
             for at_most in limits:
                 likely = problem.replaced(prior=(str(file),), at_most=at_most, detection=detection)
@@ -242,7 +247,6 @@ def compare(numbers: Iterable[int], limits: list[float], detection: float, count
                         stated,
                     )
                     if detection == 1:
-                        bound = least(starts, values) / before
                         row = (*row, other / before, latest / plain, bound)
                     found.setdefault((name, at_most), []).append(row)
     return found
@@ -302,17 +306,26 @@ def main() -> None:
     parser.add_argument("--at-most", type=float, nargs="+", default=[1.25, 1.05])
     parser.add_argument("--detection", type=float, default=1.0)
     parser.add_argument("--targets", type=int, default=10_000)
+    parser.add_argument("--only", help="family of the priors")
+    parser.add_argument("--kicks", type=int, nargs="+")
     options = parser.parse_args()
     if options.drifts:
         numbers = range(options.first, options.first + options.drifts)
         found = drift(numbers, options.at_most[0], options.targets)
         show(found, ["found without drift", "found with it", "stated time over judged"])
         return
-    numbers = range(options.first, options.first + options.priors)
-    found = compare(numbers, options.at_most, options.detection, options.targets)
+    numbers = [
+        number
+        for number in range(options.first, options.first + options.priors)
+        if options.only in (None, prior(number)[0])
+    ]
     columns = ["CPU", "of planning", "probability of success", "stated time over judged"]
     beside = ["greedy: time to find", "time for all", "bound"] if options.detection == 1 else []
-    show(found, [*columns, *beside])
+    for kicks in options.kicks or [ordering._KICKS]:
+        ordering._KICKS = kicks
+        print(f"{kicks} kicks")
+        found = compare(numbers, options.at_most, options.detection, options.targets)
+        show(found, [*columns, *beside])
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ NEEDED = {
     "detection": {"targets": 0},
     "elsewhere": {"prior": ["ring:5,5:0.5=9"]},
     "at_most": {"prior": ["ring:5,5:0.5=9"]},
+    "order": {"prior": ["ring:5,5:0.5=9"]},
     "drift": {"prior": ["ring:5,5:0.5=9"]},
     "varied": {"goal_x": 0.3, "goal_y": 0.4},
 }

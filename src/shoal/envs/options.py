@@ -171,7 +171,13 @@ class SearchEnvOptions(EnvOptions):
     """
 
     part: ClassVar[str] = "search-environment"
-    decided: ClassVar[tuple[str, ...]] = ("allocation", "at_most", "simulate", "live")
+    decided: ClassVar[tuple[str, ...]] = (
+        "allocation",
+        "at_most",
+        "order",
+        "simulate",
+        "live",
+    )
 
     observation: str = option(
         "dict",

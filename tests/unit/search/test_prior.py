@@ -16,6 +16,7 @@ from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionOptions, MissionSet, mission_set
 from shoal.search import SearchProblem, open_region, region_of
+from shoal.search.cells.layers import layers_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
 from shoal.search.planning.plan import SearchPlan, plan_search
@@ -418,6 +419,8 @@ def looks_at(episode, side=10.0):
         {"at_most": 1.4},
         {"passes": 2},
         {"at_most": 1.4, "footprint": (10.0, 30.0)},
+        {"at_most": 1.4, "bands": (20.0, 30.0)},
+        {"at_most": 1.4, "obstacles": 3},
     ],
 )
 def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path, fields):
@@ -439,16 +442,19 @@ def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path,
         looks = [sorted(own) for own in looks]
     else:
         looks = looks_at(episode)
-    assert min(map(len, looks)) >= 1
-    assert max(map(len, looks)) > 1
+    seen = np.array([bool(own) for own in looks])
+    assert (~seen).sum() == fields.get("obstacles", 0)
+    assert max(map(len, looks)) > 1 + ("bands" in fields)
     rng, last = np.random.default_rng(1), episode.makespan
-    odds = np.flipud(values).ravel()
+    odds = np.where(seen, np.flipud(values).ravel(), 0.0)
+    odds /= odds.sum()
     times, found = [], 0
     for square in rng.choice(100, size=20_000, p=odds):
         look, own = int(rng.geometric(0.7)) - 1, looks[square]
         times.append(own[look % len(own)] + look // len(own) * last)
         found += look < len(own)
-    assert found / len(times) == pytest.approx(episode.success.probability, abs=0.01)
+    success = episode.success.probability / np.flipud(values).ravel()[seen].sum()
+    assert found / len(times) == pytest.approx(success, abs=0.01)
     assert np.mean(times) == pytest.approx(episode.expected_find, rel=0.02)
 
 
@@ -465,26 +471,57 @@ def test_likely_cells_are_searched_again_where_a_search_may_miss_the_target(tmp_
     assert len(sure.tour) == 100
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_nothing_is_left_out_with_second_looks_and_one_survivor_finishes(seed):
-    # around an obstacle, so that ways between looks at the same place are measured
+CRASHES = "crash:1@9,crash:2@25,crash:4@70"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"faults": CRASHES},
+        {"bands": (20.0, 30.0), "faults": CRASHES, "footprint": 20},
+        {"obstacles": 4, "faults": CRASHES},
+        {"bands": (20.0, 30.0), "obstacles": 4, "footprint": 20},
+        {"region": "box:60x60x30", "prior": ["ring:20,20:0.5=10,0.9=30"], "faults": CRASHES},
+    ],
+)
+def test_nothing_is_left_out_with_second_looks_and_one_survivor_finishes(fields):
+    # around a hole, so that ways between looks at the same place are measured
+    field = {"region": "ring:100x70", "prior": ["ring:40,35:0.5=10,0.9=30"], "footprint": 10}
+    problem = SearchProblem(**(field | fields), robots=4, detection=0.6, at_most=1.4, loss=0.4)
+    episode = run(problem, seed=1)
+    assert episode.status == "complete"
+    plan = episode.plan
+    layers = layers_of(plan.grid)
+    assert any(layer.whole is not None for layer in layers)
+    assert plan.planned_seconds <= 1.4 * plan.plain_seconds * (1 + 1e-9)
+    # every cell of every layer but for the obstacles, on which no robot can be
+    assert np.isinf(episode.visits.times).sum() == len(episode.scenario.obstacles)
+    assert all(seen.covered_fraction > 1 - 1e-6 for seen in episode.coverages) or fields.get(
+        "obstacles"
+    )
+    assert len(episode.report()["layers"]) == sum(layer.whole is None for layer in layers)
+    assert episode.verify()
+
+
+def test_the_widest_cells_over_a_place_are_searched_again():
+    # from 40 m, a camera sees twice as far across as from 20 m
+    camera = "multirotor,sensor_width=13.2,sensor_height=8.8,focal_length=8.8,image_width=4000"
     problem = SearchProblem(
-        "ring:100x70",
-        robots=4,
-        footprint=10,
+        "square:150",
+        robots=2,
+        vehicle=camera,
+        bands=(20.0, 40.0),
         prior=["ring:40,35:0.5=10,0.9=30"],
         detection=0.6,
         at_most=1.4,
-        loss=0.4,
-        faults="crash:1@9,crash:2@25,crash:4@70" if seed % 2 else "",
+        margin=0.0,
     )
-    episode = run(problem, seed=seed)
-    assert episode.status == "complete"
-    assert len(episode.plan.tour) > len(np.unique(episode.plan.ground.cells[:, 0]))
-    assert episode.coverage.covered_fraction > 1 - 1e-6
-    assert np.isfinite(episode.visits.times).all()
-    assert len(episode.report()["layers"]) == 1
-    assert episode.verify()
+    plan = plan_search(problem, seed=1)
+    low, high, *further = layers_of(plan.grid)
+    assert high.size > low.size
+    assert further
+    assert all(layer.whole is high for layer in further)
 
 
 def test_missions_contain_second_looks(tmp_path):
@@ -579,7 +616,7 @@ def test_times_of_moving_targets_are_those_of_many_simulated_ones(tmp_path, fiel
 def test_a_plan_that_knows_the_drift_finds_the_target_earlier(tmp_path):
     moving = plan_search(drifting(tmp_path, robots=1), seed=2)
     still = plan_search(drifting(tmp_path, robots=1, drift=None), seed=2)
-    ignoring = replace(still, ground=moving.ground.along(still.tour, still.grid, still.tour))
+    ignoring = replace(still, ground=replace(moving.ground, grid=still.grid, tour=still.tour))
     problem = drifting(tmp_path, robots=1)
     assert moving.planned_seconds <= 1.25 * moving.plain_seconds * (1 + 1e-9)
     cells = np.concatenate([moving.stops(0)])
@@ -703,6 +740,62 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
     texts = [text for text in said if text.startswith("at_most")]
     assert len(texts) == late
     assert all(f"within {limit:.0f} s" in text for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "apart", "ring", "chosen"),
+    [
+        ("multirotor", (60, 30), "71,34", "shorter"),
+        ("rover", (15,), "58,36", "tour"),
+        ("rover", (0,), "58,36", "auto"),
+    ],
+)
+def test_missions_have_the_order_that_finds_the_target_first_if_vehicles_wait(
+    tmp_path, monkeypatch, vehicle, apart, ring, chosen
+):
+    said = []
+    monkeypatch.setattr(mission_set, "tell_once", said.append)
+    problem = SearchProblem(
+        "square:100",
+        robots=3,
+        footprint=10,
+        vehicle=vehicle,
+        launch=((5.0, 5.0), (10.0, 5.0), (15.0, 5.0)),
+        prior=[f"ring:{ring}:0.25=8,0.5=16,0.95=40"],
+    )
+    options = MissionOptions(format=("csv",), separation=apart)
+    best, tour = (
+        MissionSet.from_problem(problem.replaced(**order), options, seed=1)
+        for order in ({}, {"order": "tour"})
+    )
+    assert best.problem.order == chosen
+    assert any(text.startswith("order:") for text in said) == (chosen != "auto")
+    limit = 1.25 * best.plan.plain_seconds
+    assert best.end <= max(limit + 1, 1.25 * tour.end)
+    episode = best.run()
+    stated = episode.expected_find
+    assert stated <= tour.run().expected_find + 1e-6
+    # who reads the episode plans the same order again
+    episode.save(tmp_path / "episode.json")
+    again = SearchEpisode.load(tmp_path / "episode.json")
+    assert again.verify()
+    assert again.expected_find == pytest.approx(stated)
+
+
+def test_the_order_of_the_tour_is_that_without_a_prior(tmp_path):
+    file, _ = corner(tmp_path)
+    plain = plan_search(SearchProblem(**SQUARE), seed=1)
+    tour, shorter, likely = (
+        plan_search(SearchProblem(**SQUARE, prior=[file], order=order, detection=0.7), seed=1)
+        for order in ("tour", "shorter", "likely")
+    )
+    assert all(np.array_equal(tour.stops(robot), plain.stops(robot)) for robot in range(2))
+    longest = [plan.planned_seconds / plain.planned_seconds for plan in (tour, shorter, likely)]
+    assert longest[0] == 1.0
+    assert longest[1] <= 1.125 + 1e-9
+    assert longest[2] <= 1.25 + 1e-9
+    with pytest.raises(InvalidInputError, match="order"):
+        SearchProblem(**SQUARE, order="tour")
 
 
 def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):

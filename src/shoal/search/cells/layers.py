@@ -31,7 +31,8 @@ class LayeredGrid:
     Parameters
     ----------
     layers : tuple of CellGrid
-        The layers from the lowest to the highest. Equal layers are one shared object.
+        The layers from the lowest to the highest, and then those with some of their cells, which
+        robots search again. Equal layers are one shared object.
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
@@ -290,14 +291,14 @@ class LayeredFootprint:
     """
 
     def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
-        self._numbers, self._layers = numbers, layers
+        self.numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as
         increasing tour indices.
         """
-        layer, own = self._numbers.own(cell)
-        return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
+        layer, own = self.numbers.own(cell)
+        return np.sort(self.numbers.whole(layer, self._layers[layer].seen(own, width)))
 
 
 class LayeredDistances:
@@ -401,7 +402,8 @@ def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
     """Return the distances for robots that move only to neighbouring cells of the same layer, or of
-    the layer above or below.
+    the layer above or below. From a cell that they search again, they move to the same cell of its
+    own layer, too.
 
     Parameters
     ----------
@@ -420,8 +422,10 @@ def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -
     ends = [np.zeros((0, 2), dtype=np.int64)]
     for number in range(len(layers)):
         here = np.flatnonzero(grid.cells[:, 0] == number)
-        for other in (number - 1, number + 1):
-            if 0 <= other < len(layers):
+        whole = layers[number].whole
+        others = (number - 1, number + 1) if whole is None else (layers.index(whole),)
+        for other in others:
+            if 0 <= other < len(layers) and layers[other].whole is None:
                 over = layers[other].cell_of(places[here, :2] * grid.size)
                 there = grid.ordinals(np.column_stack([np.full(len(over), other), over]))
                 ends.append(np.sort(np.column_stack([here, there]), axis=1))

@@ -21,7 +21,7 @@ from shoal.search.planning.plan import (
     plans_along,
     price_of_turns,
 )
-from shoal.search.planning.sightings import sightings_of, success_of
+from shoal.search.planning.sightings import planned_success
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.tours import TOURS
@@ -211,15 +211,7 @@ def _figures(
     cells = np.unique(np.concatenate([one for own in seen for one in own]))
     success, expected = None, None
     if plan.ground is not None:
-        sightings = [sightings_of(plan, robot, plan.stops(robot)) for robot in robots]
-        found = success_of(
-            plan,
-            sightings,
-            seen,
-            view=problem.view,
-            detection=problem.chosen_detection,
-            limit=plan.planned_seconds if limit is None else limit,
-        )
+        found = planned_success(plan, problem, limit)
         success, expected = found.probability, found.mean
     times = [end_of(sorties) for sorties in plan.sorties] if plan.flies else _own_times(plan)
     last = max(times, default=0.0)

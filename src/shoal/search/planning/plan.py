@@ -39,6 +39,7 @@ from shoal.search.cells.layers import (
     Grid,
     LayeredDistances,
     LayeredFootprint,
+    LayeredGrid,
     LayeredPaths,
     LayerNumbers,
     Paths,
@@ -71,7 +72,7 @@ from shoal.search.planning.orientation import (
     other_angles,
     through_layers,
 )
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import TOUR, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
@@ -205,8 +206,8 @@ class SearchPlan:
         Probability that the target of a prior is in the area of the region.
     prior_before : float
         Probability with which earlier looks along tracks would have found the target.
-    plain_seconds : float, optional
-        Planned time in seconds without the prior and without delays, or None without a prior.
+    plain : SearchPlan, optional
+        The plan without the prior and without delays, or None without a prior.
     alternatives : tuple of SearchPlan
         The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
@@ -233,7 +234,7 @@ class SearchPlan:
     ground: Ground | MovingGround | None = field(default=None, repr=False)
     prior_inside: float = 1.0
     prior_before: float = 0.0
-    plain_seconds: float | None = None
+    plain: SearchPlan | None = field(default=None, repr=False)
     alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
@@ -254,6 +255,12 @@ class SearchPlan:
         return self.tour_cost.tour
 
     @property
+    def layer_tours(self) -> tuple[Tour, ...]:
+        """The tour of each layer, from the lowest layer to the highest."""
+        seen = self.tour_cost.footprint
+        return seen.numbers.layers if isinstance(seen, LayeredFootprint) else (self.tour,)
+
+    @property
     def row_angle(self) -> float:
         """Direction in degrees in which most of the tour's length in the lowest layer runs; see
         `Tour.row_angle`.
@@ -266,6 +273,11 @@ class SearchPlan:
         return (
             TURNING if isinstance(layers_of(self.grid)[0].lattice, LineLattice) else self.grid.angle
         )
+
+    @property
+    def plain_seconds(self) -> float | None:
+        """Planned time in seconds without the prior and without delays, or None without a prior."""
+        return None if self.plain is None else self.plain.planned_seconds
 
     @property
     def cell_seconds(self) -> float:
@@ -747,26 +759,22 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan in which robots search the cells early that are likely by the prior of the
     problem, along the same tour, and some of them again if a search may miss the target.
 
-    The planned time is at most `SearchProblem.at_most` times as long.
+    The planned time is at most `SearchProblem.longest_order` times as long.
     """
     prior = problem.open_prior()
     if prior is None:
         return plan
     kept = _knowing(plan, problem, prior)
     ground = kept.ground
-    kept = replace(
-        kept,
-        plain_seconds=plan.planned_seconds,
-        alternatives=(),
-        flown={},
-    )
+    kept = replace(kept, plain=plan, alternatives=(), flown={})
+    if problem.order == TOUR:
+        return kept
     if isinstance(ground, MovingGround):
         rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
         kept = replace(rough, ground=ground)
     layouts = [kept]
-    again = 0 < problem.chosen_detection < 1 and isinstance(kept.grid, CellGrid)
-    if again and not kept.tour_cost.stepwise:
-        budget = (problem.at_most - 1.0) * len(plan.tour)
+    if 0 < problem.chosen_detection < 1:
+        budget = (problem.longest_order - 1.0) * plan.tour_cost.least
         more = [_with_revisits(kept, round(share * budget), problem) for share in _REVISITS]
         layouts += [one for one in more if one is not None]
     if len(layouts) > 1:
@@ -777,7 +785,7 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
             return found
     tell_once(
         "prior: robots search in the order of the plan without it, because no other order that was"
-        f" tried takes at most {problem.at_most:g} times as long; --at-most sets another limit"
+        f" tried takes at most {problem.longest_order:g} times as long; --at-most sets another limit"
     )
     return kept
 
@@ -840,7 +848,7 @@ def _in_likely_order(
     tells: what they need more is then counted for each such break of the tour, as long as the plan
     does not keep the limit, or finds the target earlier for it.
     """
-    limit, price = problem.at_most, 0.0
+    limit, price = problem.longest_order, 0.0
     best: SearchPlan | None = None
     earliest = inf
     least = plan.allocation.makespan / plain.allocation.makespan
@@ -869,52 +877,98 @@ def _in_likely_order(
     return best
 
 
-def _with_revisits(plan: SearchPlan, count: int, problem: SearchProblem) -> SearchPlan | None:
-    """Return a plan in which robots search so many cells once more, where further looks find the
-    target most probably, or None if there are none.
+def _with_revisits(plan: SearchPlan, cells: int, problem: SearchProblem) -> SearchPlan | None:
+    """Return a plan in which robots search some cells once more, where further looks find the target
+    most probably in the time of so many of the smallest cells, or None if there are none.
 
-    Further looks are layers of their own, at the same altitude, which hold some of the cells.
+    Further looks are layers of their own, which hold some of the cells of another layer at the same
+    altitude. Where several layers show the same ground, it is that with the widest cells.
     """
-    grid = plan.grid
-    assert isinstance(grid, CellGrid)
+    layers, ground = layers_of(plan.grid), plan.ground
     assert plan.tour_cost.odds is not None
-    odds, n = plan.tour_cost.odds, len(plan.tour)
-    # probability that the look after j others finds the target
-    gains = np.outer((1.0 - _detection(problem)) ** np.arange(1, _LOOKS), odds)
-    count = min(count, int(np.count_nonzero(gains)))
-    if count < 1:
-        return None
+    assert ground is not None
+    own = plan.tour.cells[:, 0] if len(layers) > 1 else np.zeros(len(plan.tour), dtype=np.int64)
+    pieces = ground if isinstance(ground, Ground) else _pieces(plan.tour_cost.odds, own)
+    again = _looked_at_again(plan, pieces, own)
+    # probability, per time of a cell, that the look after all others finds the target
+    missed = (1.0 - _detection(problem)) ** (
+        np.arange(_LOOKS - 1)[:, None] + (pieces.cells >= 0).sum(axis=1)
+    )
+    sides = np.array([layer.size / plan.grid.size for layer in layers])[own]
+    gains = np.array(
+        [np.bincount(again, pieces.masses * one, minlength=len(own)) / sides for one in missed]
+    )
+    likeliest = np.argsort(-gains, axis=None, kind="stable")[: np.count_nonzero(gains)]
+    spent = np.cumsum(sides[likeliest % len(own)])
     chosen = np.zeros(gains.size, dtype=np.bool_)
-    chosen[np.argsort(-gains, axis=None, kind="stable")[:count]] = True
-    layers = [GridTour(grid, plan.tour, RegionPaths(grid, transit=plan.transit))]
-    for again in chosen.reshape(-1, n):
-        if not again.any():
-            break
-        mask = np.zeros(grid.shape, dtype=np.bool_)
-        mask[tuple(plan.tour.cells[again].T)] = True
-        part = grid.subset(mask)
-        cells = replace(plan.tour, cells=plan.tour.cells[again])
-        layers.append(GridTour(part, cells, RegionPaths(part, transit=plan.transit)))
+    chosen[likeliest[spent <= cells + _ROUNDED]] = True
+    if not chosen.any():
+        return None
+    tours = plan.layer_tours
+    known = {layer: RegionPaths(layer, transit=plan.transit) for layer in layers}
+    looks = [GridTour(layer, tour, known[layer]) for layer, tour in zip(layers, tours, strict=True)]
+    altitudes = list(plan.altitudes)
+    for further in chosen.reshape(gains.shape):
+        for up in np.unique(own[further]).tolist():
+            mask = np.zeros(layers[up].shape, dtype=np.bool_)
+            mask[tuple(plan.tour.cells[further & (own == up), -2:].T)] = True
+            part = layers[up].subset(mask)
+            tour = replace(tours[up], cells=tours[up].cells[mask[tuple(tours[up].cells.T)]])
+            looks.append(GridTour(part, tour, RegionPaths(part, transit=plan.transit)))
+            altitudes.append(plan.altitudes[up])
     whole = through_layers(
-        layers,
-        np.full(len(layers), plan.altitudes[0]),
-        climb=1.0,
+        looks,
+        np.array(altitudes),
+        climb=plan.grid.climb if isinstance(plan.grid, LayeredGrid) else 1.0,
         turn=plan.tour_cost.turn_cost,
     )
     cost = _tour_cost(whole, plan.tour_cost.turn_cost, stepwise=problem.stepwise)
-    assert plan.ground is not None
-    ground = plan.ground.along(plan.tour, whole.grid, whole.tour)
-    same = Ground(odds, np.arange(n)[:, None]).along(plan.tour, whole.grid, whole.tour)
+    same = pieces.along(plan.tour, whole.grid, whole.tour, again)
     odds = same.shares(len(whole.tour), _detection(problem))
     more = replace(
         plan,
         grid=whole.grid,
         tour_cost=replace(cost, odds=odds, at_most=0.0),
         starts=whole.tour.position[tuple(whole.grid.cell_of(plan.places).T)],
-        ground=ground,
+        ground=(
+            same
+            if isinstance(ground, Ground)
+            else replace(ground, grid=whole.grid, tour=whole.tour)
+        ),
         flown={},
     )
     return _allocated(more, plan.allocation, problem)
+
+
+def _pieces(odds: NDArray[np.float64], layers: NDArray[np.int64]) -> Ground:
+    """Return a piece of ground for each cell of a tour, which is seen from this cell alone, with the
+    probability of the cell. The argument ``layers`` gives the layer of each cell.
+    """
+    numbers = np.arange(len(odds))
+    cells = np.full((len(odds), int(layers.max()) + 1), -1, dtype=np.int64)
+    cells[numbers, layers] = numbers
+    return Ground(odds, cells)
+
+
+def _looked_at_again(plan: SearchPlan, pieces: Ground, own: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the cell from which robots look at each piece of the ground again, as a tour index;
+    int64, shape (G,). The argument ``own`` gives the layer of each cell.
+    """
+    layers = layers_of(plan.grid)
+    # layers of a box show different places
+    heights = np.array(plan.altitudes) * (plan.grid.region.height > 0)
+    widest = [
+        max(np.flatnonzero(heights == up).tolist(), key=lambda k: (layers[k].size, -k))
+        for up in heights
+    ]
+    first = pieces.cells[np.arange(len(pieces.cells)), (pieces.cells >= 0).argmax(axis=1)]
+    base = np.array(widest)[own[first]]
+    again = pieces.cells[np.arange(len(pieces.cells)), base]
+    for up in np.unique(base[again < 0]).tolist():
+        these = (again < 0) & (base == up)
+        over = layers[up].cell_of(plan.positions(first[these])[:, :2])
+        again[these] = plan.tour.position[(up, *over.T)]
+    return np.asarray(again)
 
 
 def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
@@ -1061,6 +1115,12 @@ def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -
         return plain
     # Missions learn their start times from the order, so the order does not depend on these.
     return _delayed(_with_prior(_delayed(plain, -plain.delays), problem), plain.delays)
+
+
+def in_order(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+    """Return a plan with a prior in another `SearchProblem.order`, that of ``problem``."""
+    assert plan.plain is not None
+    return _delayed(_with_prior(plan.plain, problem), plan.delays)
 
 
 def _delayed(plan: SearchPlan, seconds: NDArray[np.float64]) -> SearchPlan:

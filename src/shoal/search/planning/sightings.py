@@ -15,6 +15,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
 from shoal.search.flight.timing import Trajectory
 from shoal.search.planning.plan import SearchPlan
+from shoal.search.problem import SearchProblem
 from shoal.search.problem.target import Ground, looks_from
 
 Floats = NDArray[np.float64]
@@ -194,6 +195,24 @@ def success_of(
         moments.ravel()[order],
         np.minimum(np.cumsum(parts[order]), 1.0),  # rounded sums exceed 1
         mean if len(found) and mean < inf else None,
+    )
+
+
+def planned_success(
+    plan: SearchPlan, problem: SearchProblem, limit: float | None = None
+) -> Success:
+    """Return the probability that robots find the target of a prior over time, if all goes as in a
+    plan that knows where it may be. By default, the ``limit`` of `success_of` is the plan's time.
+    """
+    robots = range(len(plan.places))
+    stops = [plan.stops(robot) for robot in robots]
+    return success_of(
+        plan,
+        [sightings_of(plan, robot, stops[robot]) for robot in robots],
+        [plan.seen(robot, stops[robot]) for robot in robots],
+        view=problem.view,
+        detection=problem.chosen_detection,
+        limit=plan.planned_seconds if limit is None else limit,
     )
 
 

@@ -72,6 +72,14 @@ TWO_WAY_TOURS = ("strips", "headland")
 TURN_PRICES = {"time": 0.85, "rows": 3.0}
 """What a turn costs at least, in cells, in comparisons of plans, by what is preferred."""
 
+LIKELY, SHORTER, TOUR = "likely", "shorter", "tour"
+"""Orders of a search with a prior. The last one is that without it."""
+
+ORDERS = {LIKELY: 1.0, SHORTER: 0.5, TOUR: 0.0}
+"""The share that each order may take of the time that ``at_most`` allows beyond the plan without the
+prior.
+"""
+
 CENTRE = "centre"
 """What ``along`` is for the middle of a long region."""
 
@@ -485,6 +493,17 @@ class SearchProblem(Problem):
         ),
         least=1,
     )
+    order: str = option(
+        AUTO,
+        help=(
+            "With --prior: order in which robots search: likely (likely cells early, within"
+            " --at-most), shorter (the same, with half of the time that --at-most allows beyond the"
+            " plan without a prior), or tour (as without a prior)."
+            " auto means likely or, of missions whose vehicles wait for each other, the order that"
+            " finds the target earliest."
+        ),
+        choices=(AUTO, *ORDERS),
+    )
     drift: tuple[float, float, float] | None = option(
         None,
         help=(
@@ -608,7 +627,7 @@ class SearchProblem(Problem):
                 )
         if self.lateral_range is not None:
             self._check_lateral_range()
-        for name in ("elsewhere", "at_most", "drift"):
+        for name in ("elsewhere", "at_most", "order", "drift"):
             if name in self.given and not self.prior and getattr(self, name) is not None:
                 raise InvalidInputError(
                     f"{name}: expected a prior together with it, got"
@@ -659,6 +678,12 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 "prior: expected one altitude for a target that moves, got several"
             )
+
+    @property
+    def longest_order(self) -> float:
+        """Longest time of the order by the prior, divided by the time of the plan without it."""
+        share = ORDERS[LIKELY if self.order == AUTO else self.order]
+        return 1.0 + share * (self.at_most - 1.0)
 
     @property
     def moves(self) -> bool:

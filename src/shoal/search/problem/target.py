@@ -93,13 +93,30 @@ class Ground:
     masses: Floats
     cells: Numbers
 
-    def along(self, before: Tour, grid: Grid, tour: Tour) -> Ground:
-        """Return the same ground along another tour, whose layers hold the cells of the tour
-        ``before`` again.
+    def along(self, before: Tour, grid: Grid, tour: Tour, again: Numbers) -> Ground:
+        """Return the same ground along another tour, through the layers of the tour ``before`` and
+        then through layers with some of their cells.
+
+        Parameters
+        ----------
+        before : Tour
+        grid, tour
+            The grid and the tour with further layers.
+        again : ndarray of int64, shape (G,)
+            Index on the tour ``before`` of the cell that further looks at each piece search.
         """
-        cells = before.cells[self.cells[:, 0]]
-        layers = [tour.position[(up, *cells.T)] for up in range(len(layers_of(grid)))]
-        return Ground(self.masses, np.stack(layers, axis=1))
+        layers, columns = layers_of(grid), []
+        for up, layer in enumerate(layers):
+            if layer.whole is None:
+                numbers, base = self.cells[:, up], up
+            else:
+                numbers, base = again, layers.index(layer.whole)
+            cells = before.cells[numbers]
+            there = numbers >= 0
+            if cells.shape[1] == 3:
+                there &= cells[:, 0] == base
+            columns.append(np.where(there, tour.position[(up, *cells[:, -2:].T)], -1))
+        return Ground(self.masses, np.stack(columns, axis=1))
 
     def shares(self, n: int, detection: float) -> Floats:
         """Return the probability that the search of each of n cells is the one that finds the
@@ -227,10 +244,6 @@ class MovingGround:
     motion: Drift | Tracks
     grid: Grid
     tour: Tour
-
-    def along(self, before: Tour, grid: Grid, tour: Tour) -> MovingGround:
-        """Return the same particles over other cells."""
-        return MovingGround(self.masses, self.motion, grid, tour)
 
     def thinned(self, step: int) -> MovingGround:
         """Return the ground with every ``step``-th particle, or with all if they are few."""

@@ -410,18 +410,21 @@ class LayerPanels:
         if len(self.layers) == 1:
             return []
         ups, tour, (left, _, _, top) = self.plan.altitudes, self.plan.tour, self.extent
-        words = [f"{up:.4g} m" for up in ups]
-        if any(one.whole is not None for one in self.layers):
-            words = ["first look", *(f"look {k} where it pays" for k in range(2, len(ups) + 1))]
-        elif len({*ups}) < len(ups):
-            turned = [
-                f"rows at {tour.row_angle(one.angle, k):.4g}\N{DEGREE SIGN}"
-                for k, one in enumerate(self.layers)
-            ]
-            words = [
-                f"{word}, {rows}" if len({*ups}) > 1 else rows
-                for word, rows in zip(words, turned, strict=True)
-            ]
+        looks = [
+            sum((other.whole or other) is (layer.whole or layer) for other in self.layers[: k + 1])
+            for k, layer in enumerate(self.layers)
+        ]
+        first = [k for k, layer in enumerate(self.layers) if layer.whole is None]
+        words = []
+        for k, layer in enumerate(self.layers):
+            own = [f"{ups[k]:.4g} m"] if len({*ups}) > 1 else []
+            if layer.whole is not None:
+                own.append(f"look {looks[k]} where it pays")
+            elif len(first) == 1:
+                own.append("first look")
+            elif len({ups[up] for up in first}) < len(first):
+                own.append(f"rows at {tour.row_angle(layer.angle, k):.4g}\N{DEGREE SIGN}")
+            words.append(", ".join(own))
         offsets = self._offsets(np.arange(len(ups)))
         return [
             (word, left + float(x), top + float(y))
