@@ -1085,13 +1085,16 @@ def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
         (['["a,b",1,2]', '["a]",3,4]'], [0, 2], [["a,b", "a]"], [2, 4]]),
         (['["a\\"",1,2]', '["",true,4]'], [0, 1], [['a"', ""], [1, True]]),
         (["[1]", "[2]"], [0], [[1, 2]]),
+        (["[0,123]", "[10,4567890123456789]"], [0, 1], [[0, 10], [123, 4567890123456789]]),
+        (["[1,-2]", "[2,10]"], [0, 1], [[1, 2], [-2, 10]]),
         (['["a"]'], [0], [["a"]]),
         (["[1,[2],3]"], [1], [[[2]]]),
     ],
 )
 def test_columns_are_taken_out_of_the_rows(rows, wanted, columns):
     width = len(json.loads(rows[0]))
-    assert picked(",".join(rows), wanted, len(rows), width, where="a") == columns
+    found = picked(",".join(rows), wanted, len(rows), width, where="a")
+    assert [[*column] for column in found] == columns
 
 
 @pytest.mark.parametrize(
@@ -1102,6 +1105,7 @@ def test_columns_are_taken_out_of_the_rows(rows, wanted, columns):
         ["[1,2,3],[1,2,3]"],
         ['["a,b",1]'],
         ["[,1,2]"],
+        ["[01,1,2]"],
         ["[1,2,3"],
         ["1,2,3"],
         ['[",2,"]'],

@@ -469,8 +469,8 @@ def measured(store: Store, name: str, measure: str) -> Iterator[Measured]:
         name, measure, done=_DONE if has_status else ()
     ):
         # a text, list or None makes an array of objects, and so does a number too large to store
-        plain = set(map(type, values)) <= {bool, int, float}
-        array = np.asarray(values) if plain and values else np.array(None)
+        plain = isinstance(values, np.ndarray) or set(map(type, values)) <= {bool, int, float}
+        array = np.asarray(values) if plain and len(values) else np.array(None)
         if array.dtype.kind not in "bif" or not np.isfinite(array).all():
             for trial, value in zip(trials, values, strict=True):
                 if isinstance(value, str | list | dict) or not is_storable(value):

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from math import prod
 from pathlib import Path
 from types import TracebackType
@@ -47,6 +47,10 @@ from shoal.lab.sweep import (
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once
 _NAMED = 5  # trials that a fault names
+_DIGITS = 15  # of a whole number that fits into 64 bits and into a float
+
+Column = NDArray[np.int64] | list[Any]
+"""Values of a measure: an array of whole numbers, or a list of anything."""
 
 
 class Store:
@@ -499,10 +503,11 @@ class Store:
 
     def values(
         self, name: str, measure: str, *, done: Sequence[str] = ()
-    ) -> Iterator[tuple[dict[str, Any], NDArray[np.int64], list[Any], NDArray[np.bool_]]]:
+    ) -> Iterator[tuple[dict[str, Any], NDArray[np.int64], Column, NDArray[np.bool_]]]:
         """Yield one measure at each point of a sweep, in the order of the points: the axis values,
         the trial numbers, the values of the trials and, if ``done`` is not empty, whether the
-        measure "status" of each trial is not one of ``done``.
+        measure "status" of each trial is not one of ``done``. The values are an array of int64 if
+        all are whole numbers, and a list otherwise.
 
         Raises
         ------
@@ -523,7 +528,7 @@ class Store:
         for point, axes in self.points(name):
             trials: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
             unfinished: list[NDArray[np.bool_]] = [np.empty(0, dtype=np.bool_)]
-            values: list[Any] = []
+            values: list[Column] = []
             begin = 0
             while True:
                 least = "SELECT min(trial) FROM trials WHERE point = ? AND trial >= ?"
@@ -546,13 +551,15 @@ class Store:
                 # what every trial did is seen without taking the texts apart
                 all_done = any(text.count(f'["{status}",') == count for status in done)
                 columns = picked(text, wanted[: 2 - all_done], count, width, where=where)
-                values += columns[0]
+                values.append(columns[0])
                 open_ = np.zeros(count, dtype=np.bool_)
                 if len(columns) > 1:
                     open_ = np.array([status not in done for status in columns[1]], dtype=np.bool_)
                 unfinished.append(open_)
                 begin = stop
-            yield axes, np.concatenate(trials), values, np.concatenate(unfinished)
+            plain = all(isinstance(part, np.ndarray) for part in values) and values
+            joined_values = np.concatenate(values) if plain else [*chain.from_iterable(values)]
+            yield axes, np.concatenate(trials), joined_values, np.concatenate(unfinished)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows in the table of a sweep, sorted by point and trial."""
@@ -705,14 +712,31 @@ def columns_of(
     return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
 
 
-def picked(
-    text: str, wanted: Sequence[int], count: int, width: int, *, where: str
-) -> list[list[Any]]:
+def _whole_numbers(
+    data: NDArray[np.uint8], begins: NDArray[np.int64], lasts: NDArray[np.int64]
+) -> NDArray[np.int64] | None:
+    """Return the whole numbers whose first and last digits are at these places of a text; None if
+    there is a place with something else.
+    """
+    lengths = lasts - begins + 1
+    longest = int(lengths.max())
+    if longest > _DIGITS or ((data[begins] == ord("0")) & (lengths > 1)).any():
+        return None
+    numbers = np.zeros(len(begins), dtype=np.int64)
+    for k in range(longest):
+        digits = data[np.minimum(begins + k, lasts)] - np.uint8(ord("0"))  # a digit is below 10
+        if (digits > 9).any():
+            return None
+        numbers = np.where(k < lengths, 10 * numbers + digits, numbers)
+    return numbers
+
+
+def picked(text: str, wanted: Sequence[int], count: int, width: int, *, where: str) -> list[Column]:
     """Return some columns of so many rows, which are JSON lists of ``width`` values joined by
     commas.
 
     If no value contains a comma, a bracket or an escape, the other columns are skipped without
-    parsing them, which needs a third of the time.
+    parsing them, and whole numbers are read without JSON, which is several times as fast.
 
     Raises
     ------
@@ -735,8 +759,12 @@ def picked(
             and (opened == closed).all()
             and 2 * opened.sum() == text.count('"')
         ):
-            columns = []
+            columns: list[Column] = []
             for k in wanted:
+                numbers = _whole_numbers(data, begins[:, k], lasts[:, k])
+                if numbers is not None:
+                    columns.append(numbers)
+                    continue
                 change = np.zeros(len(data) + 2, dtype=np.int8)
                 change[begins[:, k]], change[ends[:, k] + 1] = 1, -1
                 kept = np.cumsum(change[: len(data)], dtype=np.int8).view(np.bool_)
