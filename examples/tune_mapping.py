@@ -28,6 +28,7 @@ REACH = 100  # largest distance from the frontier that the network distinguishes
 STEPS, EPOCHS, BATCHES = 64, 3, 8  # of a rollout; passes through it; parts of a pass
 DISCOUNT, TRACE, CLIP, ENTROPY = 0.995, 0.95, 0.2, 0.001
 RATE, LENGTH = 5e-4, 0.5  # of learning; longest slope
+WARM = 5  # updates at first, in which only the critic learns
 SHARPER = 3.0  # ratings times this: the deployed policy sends the best rated command
 REWARDS = {"classified_reward": 0.05, "move_price": 0.2, "final_bonus": 2.0}
 GROUPS = ((300, 30, 48, 600), (1000, 100, 16, 900))  # cells, particles, environments, longest
@@ -214,7 +215,7 @@ def tune(network: Network, *, commands: int, maps: range, seed: int) -> Network:
         for setting in optimizer.param_groups:
             setting["lr"] = RATE * (1 - 0.95 * played / commands)
         rollouts = [group.play(actor, critic) for group in groups]
-        far = improve(actor, critic, optimizer, rollouts, warm=played < 5 * each)
+        far = improve(actor, critic, optimizer, rollouts, warm=played < WARM * each)
         told = " and ".join(
             f"{np.mean(group.lengths or [np.nan]):.0f} of {group.cells} cells" for group in groups
         )
