@@ -18,15 +18,13 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
-    parser.add_argument("--commands", type=int, default=300_000, help="of trial and error")
     parser.add_argument("--folder", type=Path, default=Path(), help="of networks and results")
     given = parser.parse_args()
     models, store = [], given.folder / "learnt.sqlite"
     for seed in given.seeds:
         file = given.folder / f"tuned-{seed}.onnx"
         if not file.exists():
-            options = ["--seed", str(seed), "--commands", str(given.commands)]
-            run(str(EXAMPLES / "tune_mapping.py"), *options, "--export", str(file))
+            run(str(EXAMPLES / "tune_mapping.py"), "--seed", str(seed), "--export", str(file))
         models.append(f"model:{file}")
     suites = [word for suite in SUITES for word in ("--suite", suite)]
     run("-m", "shoal", "bench", "run", *models, *suites, "--store", str(store), "--workers", "1")

@@ -28,9 +28,11 @@ REACH = 100  # largest distance from the frontier that the network distinguishes
 STEPS, EPOCHS, BATCHES = 64, 3, 8  # of a rollout; passes through it; parts of a pass
 DISCOUNT, TRACE, CLIP, ENTROPY = 0.995, 0.95, 0.2, 0.001
 RATE, LENGTH = 5e-4, 0.5  # of learning; longest slope
+FALL = 300_000  # commands over which the rate falls
 WARM = 5  # updates at first, in which only the critic learns
 SHARPER = 3.0  # ratings times this: the deployed policy sends the best rated command
 REWARDS = {"classified_reward": 0.05, "move_price": 0.2, "final_bonus": 2.0}
+COMMANDS = 163_840  # in 40 updates
 GROUPS = ((300, 30, 48, 600), (1000, 100, 16, 900))  # cells, particles, environments, longest
 
 
@@ -213,7 +215,7 @@ def tune(network: Network, *, commands: int, maps: range, seed: int) -> Network:
     each, begun = STEPS * sum(group.count for group in groups), time.process_time()
     for played in range(0, commands, each):
         for setting in optimizer.param_groups:
-            setting["lr"] = RATE * (1 - 0.95 * played / commands)
+            setting["lr"] = RATE * max(0.05, 1 - 0.95 * played / FALL)
         rollouts = [group.play(actor, critic) for group in groups]
         far = improve(actor, critic, optimizer, rollouts, warm=played < WARM * each)
         told = " and ".join(
@@ -230,7 +232,7 @@ def tune(network: Network, *, commands: int, maps: range, seed: int) -> Network:
 def main(arguments: list[str] | None = None) -> None:
     """Train the network, and write it."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--commands", type=int, default=300_000, help="of trial and error")
+    parser.add_argument("--commands", type=int, default=COMMANDS, help="of trial and error")
     parser.add_argument("--first", type=int, default=2000, help="number of the first map")
     parser.add_argument("--maps", type=int, default=200, help="maps of each size")
     parser.add_argument("--seed", type=int, default=0)
