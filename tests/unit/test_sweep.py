@@ -508,6 +508,15 @@ run_sweep(sweep, sys.argv[1], workers=2, batch_seconds=0.02)
 """
 
 
+def test_a_worker_that_is_killed_in_the_middle_of_an_answer_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr("shoal.lab.coordinator._LOOK", 0.1)
+    problem = {"kind": "function", "function": f"{HERE}:torn"}
+    arguments = {"mark": [str(tmp_path / "mark")]}
+    sweep = Sweep(name="s", problem=problem, axes=arguments, trials=4)
+    status = run_sweep(sweep, tmp_path / "s", workers=1)
+    assert (status.done, status.failures) == (4, 0)
+
+
 def test_killed_coordinators_lose_nothing(tmp_path):
     """A short form of ``python -m benchmarks.kills``."""
     store, whole = tmp_path / "killed.sqlite", tmp_path / "whole.sqlite"
