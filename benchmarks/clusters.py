@@ -1,14 +1,17 @@
 """python -m benchmarks.clusters [TRIALS]: one sweep with local and with Dask workers, of which some
 are killed; the tables must be equal. Seconds of processors, not of the clock, as tests share them.
+
+With --cheap, a trial only draws a number, so that the cost is that of the sweep itself.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import os
+import random
 import resource
 import signal
-import sys
 import tempfile
 import threading
 import time
@@ -25,11 +28,20 @@ TRIALS = 20_000
 KILLS = 2
 
 
-def sweep_of(trials: int) -> Sweep:
+def draw(*, seed: int, particles: int) -> dict[str, float]:
+    """Return a number that depends on the seed: the cheapest trial."""
+    return {"drawn": random.Random(seed).random() * particles}
+
+
+draw.measures = ["drawn"]  # type: ignore[attr-defined]
+
+
+def sweep_of(trials: int, *, cheap: bool = False) -> Sweep:
     """Return a sweep of so many trials at ten points."""
+    episode = {"kind": "swarm", "map": "maze:9x7", "policy": "closest-frontier"}
     return Sweep(
         name="cluster",
-        problem={"kind": "swarm", "map": "maze:9x7", "policy": "closest-frontier"},
+        problem={"kind": "function", "function": f"{__spec__.name}:draw"} if cheap else episode,
         axes={"particles": [*range(1, 11)]},
         trials=trials // 10,
         seed=5,
@@ -121,7 +133,13 @@ def measure(sweep: Sweep, workers: int, *, dask: bool, kills: int) -> str:
 
 
 def main() -> None:
-    sweep = sweep_of(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trials", type=int, nargs="?", default=TRIALS)
+    parser.add_argument("--cheap", action="store_true", help="trials that only draw a number")
+    parser.add_argument("--workers", type=int, nargs="+", default=WORKERS)
+    parser.add_argument("--kinds", nargs="+", choices=("local", "dask"), default=("local", "dask"))
+    given = parser.parse_args()
+    sweep = sweep_of(given.trials, cheap=given.cheap)
     print(f"{sweep.total} trials\n")
     print(
         "| workers | number | killed | trials a CPU second | coordinator's CPU time a trial |"
@@ -129,8 +147,10 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     digests = {measure(sweep, 1, dask=False, kills=0)}
-    for dask in (False, True):
-        digests |= {measure(sweep, workers, dask=dask, kills=KILLS) for workers in WORKERS}
+    for kind in given.kinds:
+        digests |= {
+            measure(sweep, workers, dask=kind == "dask", kills=KILLS) for workers in given.workers
+        }
     assert len(digests) == 1, digests
 
 

@@ -40,51 +40,60 @@ SHARED = 5  # numbers of the whole swarm for each command
 # Inputs of the network.
 
 
-def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def distances(planes: NDArray[np.uint8], reach: int = REACH) -> NDArray[np.uint8]:
     """Return each cell's distance from the frontier through known free cells, in moves, at most
-    REACH; uint8, the planes' shape.
+    ``reach``; uint8, (worlds, H, W).
     """
-    found = np.full(planes.shape[1:], REACH, dtype=np.uint8)
-    free, edge = planes[FREE] > 0, planes[FRONTIER] > 0
-    found[edge] = 0
-    for step in range(1, REACH):
+    free, edge = planes[:, FREE] > 0, planes[:, FRONTIER] > 0
+    found = np.where(edge, np.uint8(0), np.uint8(reach))
+    for step in range(1, reach):
         grown = np.zeros_like(edge)
-        grown[1:] |= edge[:-1]
-        grown[:-1] |= edge[1:]
         grown[:, 1:] |= edge[:, :-1]
         grown[:, :-1] |= edge[:, 1:]
-        edge = grown & free & (found == REACH)
+        grown[:, :, 1:] |= edge[:, :, :-1]
+        grown[:, :, :-1] |= edge[:, :, 1:]
+        edge = grown & free & (found == reach)
         if not edge.any():
             break
         found[edge] = step
     return found
 
 
-def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return each particle's patch, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm for each
-    command, float32, (4, SHARED).
+def features(
+    planes: NDArray[np.uint8], last: NDArray[np.int64], reach: int = REACH
+) -> tuple[NDArray[np.uint8], Floats]:
+    """Return each particle's patch, uint8, (worlds, n, 5, SIDE, SIDE), and numbers of the swarm for
+    each command, float32, (worlds, 4, SHARED); ``last`` holds the last commands, -1 for none.
     """
-    planes, half = env.planes, SIDE // 2
-    far = distances(planes)
-    near = np.rint(255 * np.exp(far / -6.0) * (far < REACH)).astype(np.uint8)
-    stack = np.stack([*(255 * planes[[FREE, OBSTACLES, FRONTIER, PARTICLES]].clip(0, 1)), near])
-    padded = np.pad(stack, ((0, 0), (half, half), (half, half)))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (SIDE, SIDE), axis=(1, 2))
-    rows, columns = np.nonzero(planes[PARTICLES])
-    shared = np.zeros((4, SHARED), dtype=np.float32)
-    here = far[rows, columns].astype(int)
-    closest = int(here.min())
+    worlds, half = len(planes), SIDE // 2
+    far = distances(planes, reach)
+    steps = np.arange(reach + 1)
+    near = np.rint(255 * np.exp(steps / -6.0) * (steps < reach)).astype(np.uint8)[far]
+    seen = 255 * planes[:, [FREE, OBSTACLES, FRONTIER, PARTICLES]].clip(0, 1)
+    padded = np.pad(
+        np.concatenate([seen, near[:, None]], axis=1), ((0, 0), (0, 0), (half, half), (half, half))
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (SIDE, SIDE), axis=(2, 3))
+    world, rows, columns = np.nonzero(planes[:, PARTICLES])
+    each = (worlds, len(rows) // worlds)  # all worlds have the same number of particles
+    shared = np.zeros((worlds, 4, SHARED), dtype=np.float32)
+    here = far[world, rows, columns].astype(int).reshape(each)
+    closest = here.min(axis=1, keepdims=True)
     for command, (down, right) in enumerate([(0, -1), (-1, 0), (0, 1), (1, 0)]):
-        there, entered = far[rows + down, columns + right], planes[:, rows + down, columns + right]
+        there = far[world, rows + down, columns + right].reshape(each)
+        entered = planes[world, FRONTIER, rows + down, columns + right].reshape(each)
         goes_on = (here == closest) & (there < here)
-        shared[command] = [
-            goes_on.any() / max(1, closest),
-            entered[FRONTIER].mean() * 4,
-            (there < here).mean(),
-            last == command,
-            last == (command + 2) % 4,
-        ]
-    return np.moveaxis(windows[:, rows, columns], 1, 0).copy(), shared
+        shared[:, command] = np.stack(
+            [
+                goes_on.any(axis=1) / np.maximum(1, closest[:, 0]),
+                entered.mean(axis=1) * 4,
+                (there < here).mean(axis=1),
+                last == command,
+                last == (command + 2) % 4,
+            ],
+            axis=1,
+        )
+    return windows[world, :, rows, columns].reshape(*each, 5, SIDE, SIDE), shared
 
 
 # The network, with its gradients written out.
@@ -169,11 +178,11 @@ class Network:
         return loss
 
 
-def export(network: Network, path: str) -> None:
+def export(network: Network, path: str, reach: int = REACH) -> None:
     """Write the network as an ONNX file, which the policy ``model:FILE`` runs.
 
-    The file computes the inputs of the network, too: the distances from the frontier, step by step,
-    and the patches. It turns the first weights in place of the patches.
+    The file computes the inputs of the network, too: the distances from the frontier up to
+    ``reach``, step by step, and the patches. It turns the first weights in place of the patches.
     """
     import onnx
     from onnx import TensorProto, helper, numpy_helper
@@ -199,7 +208,7 @@ def export(network: Network, path: str) -> None:
     particles = node("Min", plane(PARTICLES), one)
     free, frontier = plane(FREE), plane(FRONTIER)
     near, far = frontier, node("Sub", one, frontier)
-    for _ in range(1, REACH):
+    for _ in range(1, reach):
         wide = node("MaxPool", near, kernel_shape=[1, 3], pads=[0, 1, 0, 1])
         high = node("MaxPool", near, kernel_shape=[3, 1], pads=[1, 0, 1, 0])
         near = node("Max", near, node("Mul", node("Max", wide, high), free))
@@ -283,7 +292,7 @@ class Learner:
         self, seen: tuple[NDArray[np.uint8], Floats], mask: NDArray[np.int8], idle: int
     ) -> int:
         """Return a command; ``idle`` is the number of moves since the last classified cell."""
-        ratings = self.network.forward(seen[0][None], seen[1][None])[0][0].astype(float)
+        ratings = self.network.forward(*seen)[0][0].astype(float)
         ratings[mask == 0] = -np.inf
         if idle < 20:
             return int(ratings.argmax())
@@ -305,16 +314,17 @@ def play(
     _, info = env.reset(**reset)
     env, plan, memory, last, idle = env.unwrapped, "", None, -1, 0
     while True:
-        seen = features(env, last)
+        seen = features(env.planes[None], np.array([last]))
         if learner is None:
             if not plan:
                 plan, memory = expert.decide(env.view, memory, rng)
             action, plan = LETTERS.index(plan[0]), plan[1:]
-            data.append((*seen, action))
+            data.append((seen[0][0], seen[1][0], action))
         else:
             action = learner.choose(seen, info["action_mask"], idle)
             if expert is not None and rng.random() < 0.5:  # successive states are very similar
-                data.append((*seen, LETTERS.index(expert.decide(env.view, None, rng)[0][0])))
+                label = LETTERS.index(expert.decide(env.view, None, rng)[0][0])
+                data.append((seen[0][0], seen[1][0], label))
         left = info["frontier"]
         _, reward, terminated, truncated, info = env.step(action)
         last, idle = (
@@ -400,6 +410,46 @@ def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_move
     )
 
 
+def imitate(
+    *,
+    seed: int,
+    maps: range,
+    cells: int = 300,
+    particles: int = 30,
+    rounds: int = 4,
+    epochs: int = 5,
+    longest: int = 1000,
+) -> Learner:
+    """Return a policy that imitates `best`: from its episodes, then from so many rounds along its
+    own.
+    """
+    begun, rng = time.process_time(), np.random.default_rng(seed)
+    network, expert, data = Network(rng), make_policy("best"), []
+    learner = Learner(network, rng)
+    env = environment([f"vessels:{cells}:{k}" for k in maps], particles, longest)
+    for turn in range(rounds + 1):
+        played = [
+            play(
+                env,
+                learner if turn else None,
+                expert,
+                data,
+                rng,
+                seed=turn * len(maps) + k,
+                options={"map": k},
+            )
+            for k in range(len(maps))
+        ]
+        loss = train(network, data, epochs * (1 if turn else 2), rng)
+        who = "learner" if turn else "best"
+        print(
+            f"round {turn}: {who} took {np.mean(played):.0f} moves; {len(data)} states, loss"
+            f" {loss:.3f}, {time.process_time() - begun:.0f} CPU s",
+            flush=True,
+        )
+    return learner
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Train the network, evaluate it, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -425,37 +475,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--export", metavar="FILE", help="write the network as an ONNX file")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
-    begun, rng = time.perf_counter(), np.random.default_rng(given.seed)
-    network, expert, data = Network(rng), make_policy("best"), []
-    learner = Learner(network, rng)
-    env = environment(
-        [f"vessels:{given.cells}:{k}" for k in range(given.first, given.first + given.maps)],
-        given.particles,
-        min(1000, given.max_moves),
+    learner = imitate(
+        seed=given.seed,
+        cells=given.cells,
+        particles=given.particles,
+        maps=range(given.first, given.first + given.maps),
+        rounds=given.rounds,
+        epochs=given.epochs,
+        longest=min(1000, given.max_moves),
     )
-    for turn in range(given.rounds + 1):
-        played = [
-            play(
-                env,
-                learner if turn else None,
-                expert,
-                data,
-                rng,
-                seed=turn * given.maps + k,
-                options={"map": k},
-            )
-            for k in range(given.maps)
-        ]
-        loss = train(network, data, given.epochs * (1 if turn else 2), rng)
-        who = "learner" if turn else "best"
-        print(
-            f"round {turn}: {who} took {np.mean(played):.0f} moves; {len(data)} states, loss"
-            f" {loss:.3f}, {time.perf_counter() - begun:.0f} s",
-            flush=True,
-        )
-    print(f"trained in {time.perf_counter() - begun:.0f} s")
     if given.export:
-        export(network, given.export)
+        export(learner.network, given.export)
     if given.tests:
         print(
             evaluate(

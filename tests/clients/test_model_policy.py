@@ -15,6 +15,7 @@ from shoal.swarm.policies.model import planes_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 import learn_mapping
+import tune_mapping
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +31,8 @@ def test_the_exported_network_rates_as_the_trained_one(network, tmp_path):
     rng, last = np.random.default_rng(1), -1
     _, info = env.reset(seed=0)
     for _ in range(40):
-        patches, shared = learn_mapping.features(env.unwrapped, last)
-        ratings = network.forward(patches[None], shared[None])[0][0]
+        seen = learn_mapping.features(env.unwrapped.planes[None], np.array([last]))
+        ratings = network.forward(*seen)[0][0]
         np.testing.assert_allclose(
             policy.rate(planes_of(env.unwrapped.view), last), ratings, rtol=1e-4, atol=1e-5
         )
@@ -40,6 +41,37 @@ def test_the_exported_network_rates_as_the_trained_one(network, tmp_path):
     episode = shoal.run("vessels:60", particles=5, policy=f"model:{path}", seed=1)
     assert str(episode.status) == "complete"
     assert episode.verify()
+
+
+def test_the_actor_rates_as_the_network_that_it_begins_with(network):
+    import torch
+
+    rng = np.random.default_rng(2)
+    patches = rng.integers(0, 256, (3, 4, 5, *[learn_mapping.SIDE] * 2)).astype(np.uint8)
+    shared = rng.normal(size=(3, 4, learn_mapping.SHARED)).astype(np.float32)
+    actor = tune_mapping.Actor(network.weights)
+    ratings, _ = actor(torch.from_numpy(patches), torch.from_numpy(shared))
+    expected = network.forward(patches, shared)[0]
+    np.testing.assert_allclose(
+        ratings.detach(), tune_mapping.SHARPER * expected, rtol=1e-4, atol=1e-4
+    )
+    after = actor.network().forward(patches, shared)[0]
+    np.testing.assert_allclose(after, ratings.detach(), rtol=1e-4, atol=1e-4)
+
+
+def test_trial_and_error_changes_the_network_and_repeats_itself(network, monkeypatch):
+    monkeypatch.setattr(tune_mapping, "GROUPS", ((60, 5, 4, 30), (100, 8, 2, 30)))
+    monkeypatch.setattr(tune_mapping, "STEPS", 8)
+    commands = 8 * 6 * (tune_mapping.WARM + 2)
+    tuned = [
+        tune_mapping.tune(network, commands=commands, maps=range(2), seed=seed)
+        for seed in (1, 1, 2)
+    ]
+    first, again, other = (one.weights["a"] for one in tuned)
+    assert np.isfinite(first).all()
+    assert not np.array_equal(first, network.weights["a"])
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_other_files_are_refused(network, tmp_path):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -93,3 +94,21 @@ def strange(*, seed: int, kind: str) -> dict[str, object]:
 
 
 strange.measures = ("value",)
+
+
+def torn(*, seed: int, mark: str) -> dict[str, object]:
+    """Kill the worker once, in the middle of the answer that it writes to its executor."""
+    try:
+        Path(mark).touch(exist_ok=False)
+    except FileExistsError:
+        return {"value": seed % 1000}
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    writer = frame.f_locals["result_queue"]._writer.fileno()
+    os.write(writer, (1000).to_bytes(4, "big") + b"a part of 1000 bytes")
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+torn.measures = ("value",)

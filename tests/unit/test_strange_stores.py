@@ -95,6 +95,28 @@ def test_damaged_stores_get_one_sentence(damage, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        ("UPDATE sweeps SET trials = 'many'", "table sweeps, row 1: trials: expected 0 to 1e+18"),
+        ("UPDATE batches SET version = x'00'", "table batches, row 1: version: expected a text"),
+        ("UPDATE sweeps SET name = '../a'", "name of a sweep: expected"),
+        (
+            "UPDATE trials SET result = x'00' WHERE point = 2",
+            "sweep s, point 1, trial 0: its result has not 5 numbers or texts",
+        ),
+        (
+            "UPDATE trials SET trial = 'b', seed = 'c' WHERE point = 2",
+            "sweep s, point 1, trial 'b': a trial that is not of the sweep",
+        ),
+    ],
+)
+def test_the_check_names_damaged_rows(damage, fault, tmp_path, capsys):
+    path = changed_store(tmp_path, damage)
+    assert command(["sweep", "check", str(path), "--json"]) == 1
+    assert fault in json.loads(capsys.readouterr().out)["faults"][0]
+
+
+@pytest.mark.parametrize(
     ("damage", "words"),
     [
         (

@@ -23,7 +23,7 @@ from shoal.lab.batches import MixedVersionsWarning, check_versions, versions_tex
 from shoal.lab.database import FORMAT
 from shoal.lab.exchange import export, frame
 from shoal.lab.statistics import number_text
-from shoal.lab.store import faults_of, is_locked, locked
+from shoal.lab.store import faults_of, is_locked, locked, picked
 from shoal.lab.sweep import differences, trial_seed
 from shoal.lab.workers import Processes
 
@@ -508,6 +508,15 @@ run_sweep(sweep, sys.argv[1], workers=2, batch_seconds=0.02)
 """
 
 
+def test_a_worker_that_is_killed_in_the_middle_of_an_answer_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr("shoal.lab.coordinator._LOOK", 0.1)
+    problem = {"kind": "function", "function": f"{HERE}:torn"}
+    arguments = {"mark": [str(tmp_path / "mark")]}
+    sweep = Sweep(name="s", problem=problem, axes=arguments, trials=4)
+    status = run_sweep(sweep, tmp_path / "s", workers=1)
+    assert (status.done, status.failures) == (4, 0)
+
+
 def test_killed_coordinators_lose_nothing(tmp_path):
     """A short form of ``python -m benchmarks.kills``."""
     store, whole = tmp_path / "killed.sqlite", tmp_path / "whole.sqlite"
@@ -735,7 +744,7 @@ def test_a_changed_value_is_found(tmp_path):
         faults = faults_of(store)
     assert [fault.partition(":")[0] for fault in faults] == [
         "sweep numbers, point 1, trial 4",
-        "sweep numbers, point 2",
+        "sweep numbers, point 2, trial 0",
     ]
     assert command(["sweep", "check", str(tmp_path / "s"), "--json"]) == 1
 
@@ -1076,3 +1085,41 @@ def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
         export(store, "words", tmp_path / "table.csv")
     rows = (tmp_path / "table.csv").read_text().splitlines()
     assert [row.split(",")[0] for row in rows[1:]] == ["'=1+1", "'@a", "plain", "'-x"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "wanted", "columns"),
+    [
+        (['["complete",1,2.5]', '["lost",3,null]'], [1, 2], [[1, 3], [2.5, None]]),
+        (['["a,b",1,2]', '["a]",3,4]'], [0, 2], [["a,b", "a]"], [2, 4]]),
+        (['["a\\"",1,2]', '["",true,4]'], [0, 1], [['a"', ""], [1, True]]),
+        (["[1]", "[2]"], [0], [[1, 2]]),
+        (["[0,123]", "[10,4567890123456789]"], [0, 1], [[0, 10], [123, 4567890123456789]]),
+        (["[1,-2]", "[2,10]"], [0, 1], [[1, 2], [-2, 10]]),
+        (['["a"]'], [0], [["a"]]),
+        (["[1,[2],3]"], [1], [[[2]]]),
+    ],
+)
+def test_columns_are_taken_out_of_the_rows(rows, wanted, columns):
+    width = len(json.loads(rows[0]))
+    found = picked(",".join(rows), wanted, len(rows), width, where="a")
+    assert [[*column] for column in found] == columns
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ['["a,b",1]', "[1,2,3]"],
+        ["[1,2]", "[1,2,3,4]"],
+        ["[1,2,3],[1,2,3]"],
+        ['["a,b",1]'],
+        ["[,1,2]"],
+        ["[01,1,2]"],
+        ["[1,2,3"],
+        ["1,2,3"],
+        ['[",2,"]'],
+    ],
+)
+def test_rows_of_other_widths_are_refused(rows):
+    with pytest.raises(InvalidInputError, match="expected"):
+        picked(",".join(rows), [0], len(rows), 3, where="a")

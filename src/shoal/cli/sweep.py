@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -652,8 +652,11 @@ def check(
 
     if out is not None:
         check_folder(out.parent)
-    with Store(store) as opened:
-        faults, names = faults_of(opened), opened.names
+    names: list[str] = []
+    with Store(store, damaged=True) as opened:
+        faults = faults_of(opened)
+        with suppress(InvalidInputError):  # a damaged name is one of the faults
+            names = opened.names
     result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
     if out is not None:
         write_json(out, result)

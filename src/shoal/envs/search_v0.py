@@ -195,6 +195,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Start an episode; the argument ``options`` has no effect.
 
+        Options are not refused, because PettingZoo's own check of environments passes one that
+        no environment knows.
+
         Raises
         ------
         OptionError

@@ -20,6 +20,9 @@ from shoal.envs.forms import Form
 from shoal.envs.options import OptionError, check_running, option_errors
 from shoal.envs.rendering import MODES, Picture, check_render_mode, close_window, rendered
 
+MOST_ENVS = 1_000_000
+"""Largest number of environments in a vector."""
+
 Infos = dict[str, Any]
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
 
@@ -227,7 +230,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
     ) -> None:
         modes = [mode for mode in MODES if mode != "human"]
         with option_errors():
-            self.num_envs = check_integer(num_envs, what="num_envs", least=1)
+            self.num_envs = check_integer(num_envs, what="num_envs", least=1, most=MOST_ENVS)
         if autoreset_mode not in [*AutoresetMode, *(mode.value for mode in AutoresetMode)]:
             names = ", ".join(mode.value for mode in AutoresetMode)
             raise OptionError(
@@ -240,7 +243,13 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._worlds = self.worlds(self.num_envs, pictured=render_mode is not None, **fields)
+        try:
+            self._worlds = self.worlds(self.num_envs, pictured=render_mode is not None, **fields)
+        except MemoryError:
+            raise OptionError(
+                "num_envs: expected a number of environments that fits into the memory, got"
+                f" {self.num_envs}"
+            ) from None
         self.problem, self.options, self.batch = (
             self._worlds.problem,
             self._worlds.options,

@@ -277,6 +277,8 @@ class _Run:
             if not pending:
                 return suspects
             ready = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED).done
+            if not ready:
+                self.pool.look()
             if not ready and not self.pool.workers:
                 tell_once(
                     f"shoal: sweep {self.sweep.name}: no workers are left; the sweep continues when"

@@ -62,8 +62,9 @@ CREATE INDEX batches_of_sweep ON batches (sweep, finished);
 """
 
 
-def connect(path: Path, *, write: bool) -> sqlite3.Connection:
-    """Open a store. If ``write`` is true, create a missing store.
+def connect(path: Path, *, write: bool, damaged: bool = False) -> sqlite3.Connection:
+    """Open a store. If ``write`` is true, create a missing store. If ``damaged`` is true, open also
+    a store with damaged rows.
 
     Raises
     ------
@@ -96,6 +97,9 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
         try:
             connection.execute("PRAGMA trusted_schema = OFF")
             _check(connection, path)
+            fault = None if damaged else next(row_faults(connection), None)
+            if fault is not None:
+                raise InvalidInputError(f"{path}: {fault}")
             if write:
                 _make_durable(connection)
         except BaseException:
@@ -239,18 +243,23 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: expected a store of format {FORMAT} or below, got format {number} of a Shoal"
             f" that is newer than {__version__}; upgrade Shoal, nothing was changed"
         )
+
+
+def row_faults(connection: sqlite3.Connection) -> Iterator[str]:
+    """Yield one sentence for each damaged row of the tables of sweeps, points and batches."""
     for table, ranges in _RANGES.items():
-        wrong = [
-            f"({column} BETWEEN {least} AND {most}) IS NOT 1"
+        damage = {
+            column: (f"({column} BETWEEN {least} AND {most}) IS NOT 1", f"{least:g} to {most:g}")
             for column, (least, most) in ranges.items()
-        ]
-        wrong += [f"typeof({column}) != 'text'" for column in _TEXTS[table]]
-        if connection.execute(
-            f"SELECT 1 FROM {table} WHERE {' OR '.join(wrong)} LIMIT 1"
-        ).fetchone():
-            raise InvalidInputError(
-                f"{path}: table {table}: expected valid texts and values of {' and '.join(ranges)},"
-                " got a damaged row"
+        }
+        damage |= {column: (f"typeof({column}) != 'text'", "a text") for column in _TEXTS[table]}
+        cases = " ".join(f"WHEN {found} THEN '{column}'" for column, (found, _) in damage.items())
+        for number, column in connection.execute(
+            f"SELECT id, CASE {cases} END AS damaged FROM {table} WHERE damaged IS NOT NULL"
+        ):
+            yield (
+                f"table {table}, row {number}: {column}: expected {damage[column][1]}, got a damaged"
+                " value"
             )
 
 

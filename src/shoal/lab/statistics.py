@@ -465,13 +465,12 @@ def measured(store: Store, name: str, measure: str) -> Iterator[Measured]:
     kind = stored.form.problem.get("kind")
     censored = kind in PARTS and measure in problem_type(kind).censored
     has_status = kind in PARTS and "status" in stored.measures
-    for axes, trials, values, unfinished in store.values(
+    for axes, trials, values, open_ in store.values(
         name, measure, done=_DONE if has_status else ()
     ):
-        numbers = np.asarray(trials, dtype=np.int64)
         # a text, list or None makes an array of objects, and so does a number too large to store
-        plain = set(map(type, values)) <= {bool, int, float}
-        array = np.asarray(values) if plain and values else np.array(None)
+        plain = isinstance(values, np.ndarray) or set(map(type, values)) <= {bool, int, float}
+        array = np.asarray(values) if plain and len(values) else np.array(None)
         if array.dtype.kind not in "bif" or not np.isfinite(array).all():
             for trial, value in zip(trials, values, strict=True):
                 if isinstance(value, str | list | dict) or not is_storable(value):
@@ -479,13 +478,15 @@ def measured(store: Store, name: str, measure: str) -> Iterator[Measured]:
                         f"measure: expected a measure with numbers, got {measure!r}, which is"
                         f" {shortened(value)} in trial {trial}"
                     )
-            numbers = numbers[[value is not None for value in values]]
+            there = np.array([value is not None for value in values], dtype=np.bool_)
             array = np.array([value for value in values if value is not None], dtype=np.float64)
+        else:
+            there = np.ones(len(trials), dtype=np.bool_)
         yield Measured(
             axes,
-            numbers,
+            trials[there],
             array.astype(np.float64),
-            np.isin(numbers, np.asarray(unfinished, dtype=np.int64)),
+            open_[there],
             has_status,
             censored,
         )

@@ -14,11 +14,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from math import prod
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.checks import parse_json, shortened
 from shoal.core.dataclass import dataclass
@@ -26,7 +29,7 @@ from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError, 
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
 from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable, versions_text
-from shoal.lab.database import connect, sqlite_errors_at, transaction
+from shoal.lab.database import connect, row_faults, sqlite_errors_at, transaction
 from shoal.lab.sweep import (
     MAX_POINTS,
     Sweep,
@@ -43,6 +46,11 @@ from shoal.lab.sweep import (
 
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once
+_NAMED = 5  # trials that a fault names
+_DIGITS = 15  # of a whole number that fits into 64 bits and into a float
+
+Column = NDArray[np.int64] | list[Any]
+"""Values of a measure: an array of whole numbers, or a list of anything."""
 
 
 class Store:
@@ -53,6 +61,8 @@ class Store:
     path : path
     write : bool
         Whether to open the store for writing, and to create a missing store.
+    damaged : bool
+        Whether to open also a store with damaged rows, for `faults_of`.
 
     Raises
     ------
@@ -68,10 +78,12 @@ class Store:
     Workers on other machines never access the store.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, write: bool = False) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], *, write: bool = False, damaged: bool = False
+    ) -> None:
         self.path = Path(path)
         self.write = write
-        self._connection = connect(self.path, write=write)
+        self._connection = connect(self.path, write=write, damaged=damaged)
 
     def __enter__(self) -> Self:
         return self
@@ -100,6 +112,11 @@ class Store:
         """Return the rows that a read-only SQL query finds."""
         with sqlite_errors_at(self.path):
             return self._connection.execute(query, values).fetchall()
+
+    def row_faults(self) -> list[str]:
+        """Return one sentence for each damaged row of the tables of sweeps, points and batches."""
+        with sqlite_errors_at(self.path):
+            return [*row_faults(self._connection)]
 
     @contextmanager
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
@@ -486,12 +503,11 @@ class Store:
 
     def values(
         self, name: str, measure: str, *, done: Sequence[str] = ()
-    ) -> Iterator[tuple[dict[str, Any], list[int], list[Any], list[int]]]:
+    ) -> Iterator[tuple[dict[str, Any], NDArray[np.int64], Column, NDArray[np.bool_]]]:
         """Yield one measure at each point of a sweep, in the order of the points: the axis values,
-        the trial numbers, the values of the trials and, if ``done`` is not empty, the numbers of
-        the trials whose measure "status" is not one of ``done``.
-
-        SQLite takes the values out of the rows, which needs a fifth of the time of the whole table.
+        the trial numbers, the values of the trials and, if ``done`` is not empty, whether the
+        measure "status" of each trial is not one of ``done``. The values are an array of int64 if
+        all are whole numbers, and a list otherwise.
 
         Raises
         ------
@@ -503,21 +519,16 @@ class Store:
             raise InvalidInputError(
                 f"measure: expected one of {', '.join(stored.measures)}, got {measure!r}"
             )
-        # Of two paths, SQLite returns the texts as they are stored, so that numbers keep all their
-        # digits. The path "$.none" finds null in each row.
-        second = f"$[{stored.measures.index('status')}]" if done else "$.none"
-        tails = [f',"{status}"]' for status in done] if done else [",null]"]
+        wanted = [stored.measures.index(one) for one in (measure, *["status"] * bool(done))]
+        width, where = len(stored.measures), f"{stored.where}: results"
         query = (
-            "SELECT count(*), min(trial), max(trial), sum(typeof(trial) != 'integer' OR"
-            f" json_array_length(result) != {len(stored.measures)}), group_concat(json_extract("
-            f"result, '$[{stored.measures.index(measure)}]', '{second}')) FROM trials"
-            " WHERE point = ? AND trial BETWEEN ? AND ?"
+            "SELECT count(*), min(trial), max(trial), total(typeof(trial) != 'integer'),"
+            " group_concat(result) FROM trials WHERE point = ? AND trial BETWEEN ? AND ?"
         )
-        where = f"{stored.where}: results"
         for point, axes in self.points(name):
-            trials: list[int] = []
-            values: list[Any] = []
-            unfinished: list[int] = []
+            trials: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
+            unfinished: list[NDArray[np.bool_]] = [np.empty(0, dtype=np.bool_)]
+            values: list[Column] = []
             begin = 0
             while True:
                 least = "SELECT min(trial) FROM trials WHERE point = ? AND trial >= ?"
@@ -529,31 +540,26 @@ class Store:
                 ((count, first, last, damaged, text),) = self.ask(query, *span)
                 if damaged:
                     raise InvalidInputError(
-                        f"{where}: expected rows of {len(stored.measures)} values and whole numbers"
-                        " of trials, got something else"
+                        f"{where}: expected whole numbers of trials, got something else"
                     )
-                numbers: Sequence[int] = range(first, last + 1)
+                numbers = np.arange(first, last + 1, dtype=np.int64)
                 if len(numbers) != count:
                     some = "group_concat(trial) FROM trials WHERE point = ? AND trial BETWEEN"
                     ((joined,),) = self.ask(f"SELECT {some} ? AND ?", *span)
-                    numbers = parse_json(f"[{joined}]", where=where)
-                trials += numbers
-                if text.count("[") == sum(map(text.count, tails)) == count:
-                    # nothing but values, which are parsed four times as fast without lists
-                    for tail in ("[", *tails):
-                        text = text.replace(tail, "")
-                    values += parse_json(f"[{text}]", where=where)
-                else:
-                    pairs = parse_json(f"[{text}]", where=where)
-                    values += [value for value, _ in pairs]
-                    if done:
-                        unfinished += [
-                            trial
-                            for trial, (_, status) in zip(numbers, pairs, strict=True)
-                            if status not in done
-                        ]
+                    numbers = np.array(parse_json(f"[{joined}]", where=where), dtype=np.int64)
+                trials.append(numbers)
+                # what every trial did is seen without taking the texts apart
+                all_done = any(text.count(f'["{status}",') == count for status in done)
+                columns = picked(text, wanted[: 2 - all_done], count, width, where=where)
+                values.append(columns[0])
+                open_ = np.zeros(count, dtype=np.bool_)
+                if len(columns) > 1:
+                    open_ = np.array([status not in done for status in columns[1]], dtype=np.bool_)
+                unfinished.append(open_)
                 begin = stop
-            yield axes, trials, values, unfinished
+            plain = all(isinstance(part, np.ndarray) for part in values) and values
+            joined_values = np.concatenate(values) if plain else [*chain.from_iterable(values)]
+            yield axes, np.concatenate(trials), joined_values, np.concatenate(unfinished)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows in the table of a sweep, sorted by point and trial."""
@@ -706,6 +712,73 @@ def columns_of(
     return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
 
 
+def _whole_numbers(
+    data: NDArray[np.uint8], begins: NDArray[np.int64], lasts: NDArray[np.int64]
+) -> NDArray[np.int64] | None:
+    """Return the whole numbers whose first and last digits are at these places of a text; None if
+    there is a place with something else.
+    """
+    lengths = lasts - begins + 1
+    longest = int(lengths.max())
+    if longest > _DIGITS or ((data[begins] == ord("0")) & (lengths > 1)).any():
+        return None
+    numbers = np.zeros(len(begins), dtype=np.int64)
+    for k in range(longest):
+        digits = data[np.minimum(begins + k, lasts)] - np.uint8(ord("0"))  # a digit is below 10
+        if (digits > 9).any():
+            return None
+        numbers = np.where(k < lengths, 10 * numbers + digits, numbers)
+    return numbers
+
+
+def picked(text: str, wanted: Sequence[int], count: int, width: int, *, where: str) -> list[Column]:
+    """Return some columns of so many rows, which are JSON lists of ``width`` values joined by
+    commas.
+
+    If no value contains a comma, a bracket or an escape, the other columns are skipped without
+    parsing them, and whole numbers are read without JSON, which is several times as fast.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a row has not ``width`` values.
+    """
+    data = np.frombuffer(text.encode(), dtype=np.uint8)
+    commas = np.append(np.flatnonzero(data == ord(",")), len(data))
+    if len(commas) == count * width and text.count("[") == text.count("]") == count:
+        ends = commas.reshape(count, width)
+        begins = np.append(0, commas[:-1] + 1).reshape(count, width)
+        brackets = data[begins[:, 0]] == ord("["), data[ends[:, -1] - 1] == ord("]")
+        begins[:, 0] += 1
+        lasts = ends - 1
+        lasts[:, -1] -= 1
+        opened, closed = data[begins] == ord('"'), data[lasts] == ord('"')
+        if (
+            all(one.all() for one in brackets)
+            and (lasts >= begins + opened).all()
+            and (opened == closed).all()
+            and 2 * opened.sum() == text.count('"')
+        ):
+            columns: list[Column] = []
+            for k in wanted:
+                numbers = _whole_numbers(data, begins[:, k], lasts[:, k])
+                if numbers is not None:
+                    columns.append(numbers)
+                    continue
+                change = np.zeros(len(data) + 2, dtype=np.int8)
+                change[begins[:, k]], change[ends[:, k] + 1] = 1, -1
+                kept = np.cumsum(change[: len(data)], dtype=np.int8).view(np.bool_)
+                column = data[kept].tobytes().decode().replace("]", "").removesuffix(",")
+                columns.append(parse_json(f"[{column}]", where=where))
+            return columns
+    rows = parse_json(f"[{text}]", where=where)
+    bad = next((one for one in rows if not isinstance(one, list) or len(one) != width), None)
+    if bad is not None or len(rows) != count:
+        got = f"{len(rows)} rows for {count} trials" if bad is None else shortened(bad)
+        raise InvalidInputError(f"{where}: expected rows of {width} values, got {got}")
+    return [[row[k] for row in rows] for k in wanted]
+
+
 _TRIES = 5
 # a link or a pipe may be an attack: nothing is written to it
 _PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
@@ -794,16 +867,24 @@ def faults_of(store: Store) -> list[str]:
     """Return the faults of a store as a list of sentences. For an intact store, return an empty
     list.
 
-    The function checks the structure of the SQLite file and the number of values in each row, and
-    compares the stored keys and seeds with the keys and seeds that the sweep defines.
+    The function checks the structure of the SQLite file and the values in each row, and compares
+    the stored keys and seeds with the keys and seeds that the sweep defines. Open a store that may
+    have damaged rows with ``damaged=True``.
     """
-    faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
-    faults += [
-        f"table {table}: a row refers to one that is not there"
-        for table, *_ in store.ask("PRAGMA foreign_key_check")
-    ]
-    for name in store.names:
-        faults += _faults_of(store, name)
+    faults: list[str] = []
+    try:
+        faults += [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
+        faults += [
+            f"table {table}: a row refers to one that is not there"
+            for table, *_ in store.ask("PRAGMA foreign_key_check")
+        ]
+        damaged = store.row_faults()
+        faults += damaged
+        if not damaged:  # else the sweeps cannot be read
+            for name in store.names:
+                faults += _faults_of(store, name)
+    except InvalidInputError as error:
+        faults.append(str(error))
     return faults
 
 
@@ -816,7 +897,6 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
         yield str(error)
         return
     points = {point.key: point for point in sweep.points}
-    width = len(stored.measures)
     rows_of_points = store.ask(
         "SELECT id, key, axes FROM points WHERE sweep = ? ORDER BY number", stored.id
     )
@@ -825,41 +905,46 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
         yield f"sweep {name}: its points are not those of its spec"
         return
     for point, key, _ in rows_of_points:
+        seeds = points[key].seeds
         rows = store.ask("SELECT trial, seed, result FROM trials WHERE point = ?", point)
-        wrong = next(
-            (
-                trial
-                for trial, seed, _ in rows
-                if seed != trial_seed(sweep.seed, points[key].seeds, trial)
-            ),
-            None,
-        )
-        if wrong is not None:
-            yield (
-                f"sweep {name}, point {points[key].number}, trial {wrong}: its seed is not the one"
-                " that the sweep gives"
-            )
-        twice = store.ask(
+        failed = store.ask(
             "SELECT t.trial FROM trials t JOIN failures f ON f.point = t.point AND f.trial = t.trial"
-            " WHERE t.point = ? LIMIT 1",
+            " WHERE t.point = ?",
             point,
         )
-        if twice:
-            yield (
-                f"sweep {name}, point {points[key].number}, trial {twice[0][0]}: it has a result and"
-                " has failed"
-            )
-        if any(not 0 <= trial < sweep.trials for trial, _, _ in rows):
-            yield f"sweep {name}, point {points[key].number}: a trial that is not of the sweep"
+        numbered = [row for row in rows if isinstance(row[0], int) and 0 <= row[0] < sweep.trials]
+        damaged = _damaged_results(rows, len(stored.measures))
+        found = {
+            "a trial that is not of the sweep": {row[0] for row in rows} - {r[0] for r in numbered},
+            "its seed is not the one that the sweep gives": [
+                trial for trial, seed, _ in numbered if seed != trial_seed(sweep.seed, seeds, trial)
+            ],
+            "it has a result and has failed": [trial for (trial,) in failed],
+            f"its result has not {len(stored.measures)} numbers or texts": damaged,
+        }
+        for fault, trials in found.items():
+            if trials:
+                ordered = sorted(trials, key=lambda trial: (type(trial).__name__, trial))
+                some = [shortened(trial) for trial in ordered[:_NAMED]]
+                more = f" and {len(trials) - _NAMED} more" if len(trials) > _NAMED else ""
+                number = points[key].number
+                word = "trial" if len(trials) == 1 else "trials"
+                yield f"sweep {name}, point {number}, {word} {', '.join(some)}{more}: {fault}"
+
+
+def _damaged_results(rows: Sequence[tuple[Any, ...]], width: int) -> list[Any]:
+    """Return the trials whose result is not a JSON list of ``width`` values that can be stored."""
+
+    def whole(texts: list[str]) -> bool:
         try:
-            whole = all(
-                len(values) == width and all(map(is_storable, values))
-                for values in json.loads(f"[{','.join([row[2] for row in rows])}]")
+            found = json.loads(f"[{','.join(texts)}]")
+            return len(found) == len(texts) and all(
+                len(values) == width and all(map(is_storable, values)) for values in found
             )
         except (ValueError, TypeError, RecursionError):
-            whole = False
-        if not whole:
-            yield (
-                f"sweep {name}, point {points[key].number}: a row that has not {width} numbers or"
-                " texts"
-            )
+            return False
+
+    texts = [row[2] if isinstance(row[2], str) else "" for row in rows]
+    if whole(texts):
+        return []
+    return [row[0] for row, text in zip(rows, texts, strict=True) if not whole([text])]

@@ -55,6 +55,11 @@ class WorkerPool:
         """
         return False
 
+    def look(self) -> None:
+        """End the executor if a worker has died without its notice; its futures then get errors
+        that `lost` knows.
+        """
+
     def close(self, *, at_once: bool) -> None:
         """Release all workers of the pool, with ``at_once`` in the middle of their batches."""
 
@@ -140,6 +145,24 @@ class Processes(WorkerPool):
         self.close(at_once=True)
         return True
 
+    def look(self) -> None:
+        """End the executor if one of its workers has died.
+
+        A worker that is killed while it writes an answer leaves a part of it in the pipe, and the
+        executor waits for the rest, in place of noticing the death.
+        """
+        processes = list((getattr(self._pool, "_processes", None) or {}).values())
+        if self._pool is not None and wait([one.sentinel for one in processes], timeout=0):
+            self._give_up(self._pool)
+
+    @staticmethod
+    def _give_up(pool: ProcessPoolExecutor) -> None:
+        """End all workers immediately, and the executor's wait for their answers."""
+        give_up(pool)
+        answers = getattr(pool, "_result_queue", None)
+        if answers is not None:
+            answers._writer.close()  # with those of the workers, so that the reader sees an end
+
     def close(self, *, at_once: bool) -> None:
         """Wait until all workers have finished. If ``at_once`` is true, end all workers
         immediately.
@@ -147,7 +170,7 @@ class Processes(WorkerPool):
         pool, self._pool = self._pool, None
         if pool is not None:
             if at_once:
-                give_up(pool)
+                self._give_up(pool)
             pool.shutdown(wait=True, cancel_futures=True)
 
 

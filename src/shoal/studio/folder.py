@@ -115,10 +115,11 @@ class Folder:
                 for text in (value if isinstance(value, list) else [value])
                 if isinstance(text, str) and len(text) <= 4096
             ]
-            # fields follow the file name of a vehicle
+            # fields follow the file name of a vehicle; a file may follow the name of a policy
             for text in {
                 *texts,
                 *(text.partition(",")[0] for text in texts),
+                *(text.partition(":")[2] for text in texts),
             }:
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:

@@ -437,7 +437,12 @@ def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, A
     kind = check_choice(
         spec.get("format"), what="format", choices=(*(suffix[1:] for suffix in SUFFIXES), *FIGURES)
     )
-    path, measure = folder.path(str(spec.get("store"))), str(spec.get("measure"))
+    path, measure = folder.path(str(spec.get("store"))), spec.get("measure")
+    if (measure is None) == (kind in FIGURES):
+        expected = (
+            "a measure for a figure" if measure is None else "none for a table, of all measures"
+        )
+        raise InvalidInputError(f"measure: expected {expected}, got {shortened(measure)}")
     say("progress", (0.0, f"reading {path.name}"))
     with Store(path) as store:
         name = store.only(spec.get("sweep"))
@@ -448,9 +453,9 @@ def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, A
         from shoal.views import save_figure
         from shoal.views.drawing.curves import means_figure
 
-        rows = [row for row in summarise(store, name, measure) if row.estimate]
+        rows = [row for row in summarise(store, name, str(measure)) if row.estimate]
         file = folder.new_name(f"{name}-{measure}-figure", f".{kind}")
-        save_figure(means_figure(rows, title=name, measure=measure), folder.path(file))
+        save_figure(means_figure(rows, title=name, measure=str(measure)), folder.path(file))
     return {"file": file}
 
 

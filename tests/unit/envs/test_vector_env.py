@@ -237,7 +237,11 @@ def test_what_is_wrong_is_said_in_one_sentence(does, error, words):
 
 def test_wrong_options():
     for options, words in (
-        ({"num_envs": 0}, "num_envs: expected a whole number, 1 or more, got 0"),
+        ({"num_envs": 0}, "num_envs: expected a whole number from 1 to 1000000, got 0"),
+        (
+            {"num_envs": 10**12},
+            "num_envs: expected a whole number from 1 to 1000000, got 1000000000000",
+        ),
         (
             {"autoreset_mode": "never"},
             "autoreset_mode: expected one of NextStep, SameStep, Disabled, got 'never'",

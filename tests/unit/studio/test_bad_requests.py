@@ -87,7 +87,7 @@ GOOD_JOBS = {
     "export": {"episode": "a.npz", "format": "png", "width": 60, "font_size": 7, "at": 1},
     "reproduce": {"name": "m-theorem1", "quick": True},
     "sweep": {"toml": TOML, "store": "s.sqlite", "sweep": "s"},
-    "table": {"store": "a.sqlite", "measure": "moves", "format": "csv"},
+    "table": {"store": "a.sqlite", "measure": "moves", "format": "png"},
     "missions": {"problem": SEARCH, "missions": {}, "seed": 1},
 }
 
@@ -276,6 +276,8 @@ def test_wrong_values_are_said_with_their_field(studio):
         ("particles", "x", "Expected a whole number from 1 to 268435456, got 'x'."),
         ("mpa", 1, "mpa: expected no such field"),
         ("map", "../x", "expected a name inside the folder"),
+        ("policy", "model:../x.onnx", "expected a name inside the folder"),
+        ("policy", "model:/etc/passwd", "expected a name inside the folder"),
     ):
         body = json.dumps({"kind": "play", "spec": {"problem": SWARM | {name: value}}}).encode()
         assert said in refused(ask(studio, "POST", "/api/jobs", body), name)

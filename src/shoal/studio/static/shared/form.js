@@ -1,8 +1,9 @@
 /* Forms made from the schema of a problem: no field is written here. */
 import { capital, el, told } from "./page.js";
 
-/** Names that mean nothing without options after a colon. */
-export const NEED_OPTIONS = ["manual", "offline"];
+/** What follows a name and a colon, for names that mean nothing without it. */
+const NEEDED = { manual: "its commands, such as llurr", offline: "its planner, such as best", model: "its file in the folder, such as learned.onnx" };
+export const NEED_OPTIONS = Object.keys(NEEDED);
 
 /** What a number field holds; the browser gives nothing for what is no number, and nothing would be
  *  the default. */
@@ -340,12 +341,12 @@ function named(field, about, changed) {
   );
   const showOptions = () => {
     options.hidden = select.value === "auto";
+    options.placeholder = NEEDED[select.value] ?? "its options, if it has any";
   };
   const options = el("input", {
     type: "text",
     autocomplete: "off",
     spellcheck: false,
-    placeholder: "its options, if it has any",
     "aria-label": `Options of the ${field.title}`,
     onchange: changed,
   });

@@ -90,7 +90,7 @@ export const exports = (episode, { fresh = true } = {}) => exportsOf("export", (
   el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
 ], fresh ? "Export" : "Export the earlier episode");
 
-/** Buttons that write a file each, by a job of that kind; `spec()` is what the job is told. */
+/** Buttons that write a file each, by a job of that kind; `spec(format)` is what the job is told. */
 export function exportsOf(kind, spec, formats, more = [], words = "Export") {
   const buttons = formats.map(([format, what, word]) => {
     const button = el("button.chip", { type: "button", title: `${what} as ${word}`, "aria-label": `${what} as ${word}` }, word);
@@ -102,7 +102,7 @@ export function exportsOf(kind, spec, formats, more = [], words = "Export") {
         button.classList.remove("working");
       };
       try {
-        await run(kind, { ...spec(), format }, {
+        await run(kind, { ...spec(format), format }, {
           done: ({ file }) => { free(); give(file); },
           failed: (job) => { free(); told(new Error(failure(job))); },
         });

@@ -88,7 +88,7 @@ export function results({ shown, change }) {
       el("p.soft", { role: "status" }, [stateOf(one), found.failures ? `${found.failures} failed` : "", `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`].filter(Boolean).join(", ")),
       found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
       el("p.verdict", { role: "status" }, verdict(found)),
-      el("div.actions", {}, el("label", { htmlFor: "measure" }, "Measure"), measure, exportsOf("table", () => ({ store: one.store, sweep: one.name, measure: found.measure }), FORMATS, el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"))),
+      el("div.actions", {}, el("label", { htmlFor: "measure" }, "Measure"), measure, exportsOf("table", (format) => ({ store: one.store, sweep: one.name, ...(format === "csv" ? {} : { measure: found.measure }) }), FORMATS, el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"))),
       el("div.chartArea", {}, chart(found)),
       found.comparisons.length ? comparisons(found) : [], points(found));
     if (focus) measure.focus();
