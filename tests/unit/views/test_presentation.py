@@ -154,8 +154,8 @@ def test_pixels_that_do_not_change_cost_nothing_in_a_gif(tmp_path):
     for k, frame in enumerate(frames):
         frame[10, k] = (250, 0, 0)
         frame[50, 79 - k] = (0, 0, 250)
-    write_gif(tmp_path / "a.gif", iter(frames), 10, palette=palette_of(frames), side=None)
-    write_gif(tmp_path / "b.gif", iter(frames[:1]), 10, palette=palette_of(frames), side=None)
+    write_gif(tmp_path / "a.gif", iter(frames), 10, palette=palette_of(frames))
+    write_gif(tmp_path / "b.gif", iter(frames[:1]), 10, palette=palette_of(frames))
     assert (tmp_path / "a.gif").stat().st_size < 3 * (tmp_path / "b.gif").stat().st_size
     with Image.open(tmp_path / "a.gif") as film_:
         for k, frame in enumerate(frames):

@@ -50,7 +50,6 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
         ),
         moments=shown.tolist(),
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
-        side=None,
         quality=26,
         # a volume is drawn with shading
         palette=(None if volume else palette_of_cells(episode).rgb.tobytes()),
