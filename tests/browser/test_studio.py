@@ -322,3 +322,23 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
     page.get_by_label("Photograph below").uncheck()
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None
+    player.locator("#picture").hover()
+    assert re.fullmatch(r"row \d+, column \d+", player.locator("#where").inner_text())
+
+    # as under a race and under all films of a comparison
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    tab(page, "Compare")
+    page.locator("#compareTrials").fill("2")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
+    for place, count in ((".race", 1), (".quad", 2)):
+        frames = page.locator(f"{place} iframe:not([hidden])").all()
+        players = [frame.content_frame.locator("body") for frame in frames]
+        assert len(players) == count
+        for checked, share in ((True, 0.95), (False, None)):
+            page.get_by_label("Photograph below").set_checked(checked)
+            for player in players:
+                below = player.evaluate("() => shoalPlayer.picture.below?.share ?? null")
+                assert below == share

@@ -75,7 +75,7 @@ export function vessels({ remember }) {
     changed: (below) => {
       editor.below = below;
       editor.paint();
-      runs.setBelow();
+      for (const shown of [runs, races, comparisons]) shown.setBelow();
       showLayers();
     },
     look: (changes) => store.look(changes),
@@ -302,10 +302,10 @@ export function vessels({ remember }) {
   }
 
   let view = "cells";
-  /** The photograph below is a matter of the cells and of the player. */
+  /** The photograph below is a matter of the cells and of all players. */
   function showLayers() {
     const { tab = "map" } = store.view;
-    layers.element.hidden = !layers.known || !(tab === "run" || (tab === "map" && view === "cells"));
+    layers.element.hidden = !layers.known || (tab === "map" && view !== "cells");
   }
   const photograph = photographs({
     editor,
@@ -412,6 +412,7 @@ export function vessels({ remember }) {
     current: () => store.text,
     look: (changes) => store.look(changes),
     view: () => store.view,
+    below: () => layers.below(),
   };
   const runs = running({
     store,

@@ -74,6 +74,14 @@ export class PlayerFrame {
     return this.shown?.contentWindow.shoalPlayer ?? null;
   }
 
+  /** Show a photograph under the map: { image, box, share }; or none. A volume has none. */
+  setBelow(below) {
+    const { player } = this;
+    if (!player?.picture?.setBelow) return;
+    player.picture.setBelow(below);
+    player.redraw();
+  }
+
   focus() {
     this.shown?.contentWindow.focus();
   }

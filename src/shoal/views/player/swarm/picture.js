@@ -181,6 +181,17 @@ const ShoalPicture = (() => {
       else if (!many) this.drawParticles(swarm, slide);
     }
 
+    /** The row and column of the map at a place in the canvas, in device pixels; null beside the map. */
+    cellAt(x, y) {
+      const [col, row] = [(x - this.left) / this.size, (y - this.top) / this.size].map(Math.floor);
+      const cell = this.layout.lines === 1
+        ? (col >= 0 && col < this.world.cols && row >= 0 ? row * this.world.cols + col : -1)
+        : this.x.findIndex((left, k) => left === col && this.y[k] === row);
+      const found = [Math.floor(cell / this.world.cols) - 1, (cell % this.world.cols) - 1]; // without the rim
+      const inside = cell >= 0 && found.every((at, axis) => at >= 0 && at < [this.world.rows, this.world.cols][axis] - 2);
+      return inside ? found : null;
+    }
+
     /** Draw the photograph under the map, which has a rim of one cell. */
     drawBelow({ image, box: [left, top, right, bottom] }) {
       const { pen, world, size } = this;

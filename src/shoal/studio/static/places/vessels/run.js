@@ -54,10 +54,7 @@ export function running({ store, problem, open, below }) {
 
   /** The photograph under the player, if what is played is of the settings that are set. */
   function setBelow() {
-    const { player } = frame;
-    if (!player?.picture || !player.picture.setBelow) return; // a volume
-    player.picture.setBelow(dates.fresh ? below() : null);
-    player.redraw();
+    frame.setBelow(dates.fresh ? below() : null);
   }
 
   function showResult(file, sentence, at) {
