@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib import get_data_path
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont, ImageOps
+from PIL import Image, ImageDraw, ImageFont
 
 from shoal.core.checks import count_text
-from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.notices import tell_once
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.maps.files import vessel_map
 from shoal.swarm.maps.workspace import FREE, PALETTE
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import BLUE, INK, MUTED, bar_length
@@ -28,13 +26,12 @@ from shoal.views.swarm.colours import (
     palette_of_cells,
     rgb_of,
 )
+from shoal.views.swarm.photograph import PhotographBelow
 
 _SECONDS = 4.0, 20.0  # the shortest and the longest film
 _A_SECOND = 6.0  # moves, of short episodes
 _REST = 1.2  # seconds for which the final map is shown
 _HEAD, _FOOT, _SIDE = 110, 176, 60  # pixels around the map
-_PHOTOGRAPH = 0.55  # how much of the photograph shows through unknown cells and obstacles
-_THROUGH = 0.25  # and through all others
 _WHOLE = 8.0  # pixels a cell from which cells are a whole number of pixels wide
 _SMALLEST = 9.0  # pixels: diameter of a particle
 _SCALE_BAR = 600  # pixels at the right of the line that says the move
@@ -86,16 +83,8 @@ class PresentedSwarm:
             f" {count_text(episode.particles, 'particle')}"
         )
         self._palette = palette_of_cells(episode)
-        self._colours = self._palette.rgb
-        self._photograph = self._read_photograph()
+        self._photograph = PhotographBelow.of(episode, self._size, self._scale)
         self._stamp = _stamp_of(max(self._scale, _SMALLEST))
-        if self._photograph is not None:
-            self._through = [
-                np.floor(share * self._photograph).astype(np.uint8)
-                for share in (_THROUGH, _PHOTOGRAPH)
-            ]
-            shares = np.where(self._palette.solid, 1 - _THROUGH, 1 - _PHOTOGRAPH)
-            self._colours = np.floor(shares[:, None] * self._colours).astype(np.uint8)
         self._draw_background()
 
     def frames(self, moments: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
@@ -163,20 +152,11 @@ class PresentedSwarm:
         return np.asarray(first + smooth * (then - first))
 
     def _ground(self, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        colours = self._colours[codes]
-        picture = np.asarray(
-            Image.fromarray(colours).resize(
-                self._size,
-                Image.Resampling.NEAREST if self._scale >= 1 else Image.Resampling.BOX,
-            )
-        )
-        if self._photograph is None:
-            return picture
-        solid = np.asarray(
-            Image.fromarray(self._palette.solid[codes]).resize(self._size, Image.Resampling.NEAREST)
-        )
-        through = np.where(solid[..., None], *self._through)
-        return np.asarray(np.add(through, picture, out=through))
+        colours = self._palette.rgb[codes]
+        method = Image.Resampling.NEAREST if self._scale >= 1 else Image.Resampling.BOX
+        if self._photograph is not None:
+            return self._photograph.under(colours, self._palette.solid[codes], method)
+        return np.asarray(Image.fromarray(colours).resize(self._size, method))
 
     def _draw_particles(self, picture: NDArray[np.uint8], places: NDArray[np.float64]) -> None:
         stamp = self._stamp
@@ -188,28 +168,6 @@ class PresentedSwarm:
         below = picture[rows, columns]
         picture[rows, columns] = below + ((stamp[..., None] * (colour - below) + 128) >> 8)
 
-    def _read_photograph(self) -> NDArray[np.uint8] | None:
-        problem = self._episode.problem
-        if not problem.vessels or not isinstance(problem.map, str):
-            return None
-        try:
-            left, top, right, bottom = vessel_map(problem.map, **problem.reading).picture_box
-            with Image.open(problem.map) as opened:
-                upright = ImageOps.exif_transpose(opened).convert("RGB")
-            # the last cell may be partly beside the photograph
-            box = left, top, min(right, upright.width), min(bottom, upright.height)
-        except (OSError, ShoalError) as error:
-            tell_once(f"film: no photograph under the map: {error}")
-            return None
-        # the rim around the map shows no photograph but its last pixels
-        width, height = (max(1, round(side - 2 * self._scale)) for side in self._size)
-        inner = np.asarray(upright.resize((width, height), Image.Resampling.BICUBIC, box=box))
-        rim = [
-            ((full - side) // 2, full - side - (full - side) // 2)
-            for full, side in ((self._size[1], height), (self._size[0], width))
-        ]
-        return np.pad(inner, (*rim, (0, 0)), mode="edge")
-
     def _draw_background(self) -> None:
         canvas, episode = Canvas(self.width, self.height), self._episode
         size = min(34.0, 1.55 * (self.width - 2 * _SIDE) / len(self.title))
@@ -219,9 +177,7 @@ class PresentedSwarm:
         for key, name in legend_of(episode).items():
             colour = legend_colour(episode, key)
             if key == "unknown" and self._photograph is not None:
-                mean = self._photograph.mean(axis=(0, 1))
-                shade = _PHOTOGRAPH * mean + (1 - _PHOTOGRAPH) * np.array(rgb_of(colour))
-                colour = f"#{bytes(np.rint(shade).astype(np.uint8)).hex()}"
+                colour = f"#{bytes(self._photograph.shade(rgb_of(colour))).hex()}"
             middle = np.array([left + 11, level - 8])
             if key == "particle":
                 canvas.disc(middle, 10, colour)
