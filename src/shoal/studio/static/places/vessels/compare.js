@@ -126,6 +126,7 @@ export function comparison({ names, problem, seed, current, look, view, below })
       rowsChart(
         policies.map((one, i) => ({ ...one, label: one.policy, best: i === best })),
         "Moves of each policy: each trial, the mean and its interval",
+        "moves",
       ),
       dataTable(
         "Numbers",
