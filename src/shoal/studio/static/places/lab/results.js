@@ -17,6 +17,7 @@ export function results({ shown, change }) {
   const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }), detail = el("section.sweep", { "aria-label": "The sweep" }, el("p.soft", { role: "status" }, "Reading the sweeps of the folder …"));
   const element = el("div.labTwo", {}, list, detail);
   let sweeps = [], chosen = null, wanted = null, drawn = "";
+  let zoom = {}; // of the chart, while its numbers come in
   const key = (one) => `${one.store} ${one.name}`;
   const jobOf = (one) => [...state.jobs.values()].filter((job) => job.kind === "sweep" && job.spec.store === one.store && job.spec.sweep === one.name).sort((a, b) => b.id - a.id)[0];
   const atWork = (one) => { const job = jobOf(one); return job && !ended(job) ? job : null; };
@@ -136,8 +137,7 @@ export function results({ shown, change }) {
     }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
   }
 
-  let zoom = {}; // of the chart, while its numbers come in
-  function chart({ points: all, comparisons: pairs, measure }) {
+  function chart({ points: all, measure }) {
     const known = all.filter((one) => one.estimate);
     if (!known.length) return el("p.soft", {}, "No trial has this measure yet.");
     const axis = Object.keys(known[0].axes).find((name) => new Set(known.map((one) => one.axes[name])).size > 1 && known.every((one) => typeof one.axes[name] === "number"));
