@@ -302,6 +302,30 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     page.locator(".editor canvas").hover()
     page.locator(".where", has_text=re.compile(r"^pixel 1[12]\d, 1[12]\d$")).wait_for()
 
+    # cells and photograph share their zoom
+    canvas = page.locator(".editor canvas")
+    places = []
+    for name in ("Cells", "Photograph", "Cells"):
+        page.get_by_role("button", name=name, exact=True).click()
+        kind = "row" if name == "Cells" else "pixel"
+        if not places:
+            page.locator(".facts", has_text="free cells").wait_for()
+            canvas.hover(position={"x": 420, "y": 200})
+            page.mouse.wheel(0, -600)
+        elif kind == "pixel":
+            page.locator(".facts", has_text="confidence").wait_for()
+        settle(page)
+        canvas.hover(position={"x": 300, "y": 210})
+        where = page.locator(".where", has_text=re.compile(f"^{kind}"))
+        where.wait_for()
+        places.append([float(part) for part in re.findall(r"\d+", where.inner_text())])
+    assert places[2] == places[0]
+    cells = np.array(places[1]) / 240 * 60  # of the whole photograph
+    assert np.abs(cells - places[0]).max() < 4
+    page.keyboard.press("0")
+    canvas.focus()
+    page.keyboard.press("0")
+
     page.get_by_role("button", name="Cells", exact=True).click()
     below, share = page.get_by_label("Photograph below"), page.get_by_label("How much of the")
     below.wait_for()

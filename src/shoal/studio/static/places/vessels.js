@@ -80,6 +80,7 @@ export function vessels({ remember }) {
     },
     look: (changes) => store.look(changes),
   });
+  editor.boxIn = layers.boxIn;
   const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}),
