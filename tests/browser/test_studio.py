@@ -346,6 +346,20 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
     page.get_by_label("Photograph below").uncheck()
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None
+    # with the zoom of the cells
+    tab(page, "Map")
+    page.get_by_role("button", name="Cells", exact=True).click()
+    canvas.hover(position={"x": 300, "y": 210})
+    page.mouse.wheel(0, -600)
+    settle(page)
+    wanted = page.locator(".where", has_text="row").inner_text()
+    tab(page, "Run")
+    view = player.locator("body").evaluate("() => shoalPlayer.picture.view")
+    assert view["wide"] < 1.5
+    tab(page, "Map")
+    canvas.hover(position={"x": 300, "y": 210})
+    assert page.locator(".where", has_text="row").inner_text() == wanted
+    tab(page, "Run")
     player.locator("#picture").hover()
     assert re.fullmatch(r"row \d+, column \d+", player.locator("#where").inner_text())
 

@@ -423,6 +423,9 @@ export function vessels({ remember }) {
   });
   const races = driving(context),
     comparisons = comparison(context);
+  // one zoom for the cells, the photograph and all players
+  const looks = { map: editor, run: runs, race: races, compare: comparisons };
+  let shownTab = "map";
   const stages = tabbed(
     "Vessels",
     [
@@ -440,7 +443,10 @@ export function vessels({ remember }) {
     ],
     {
       chosen: (name) => {
+        const view = looks[shownTab].look();
+        shownTab = name;
         if (name === "map") editor.resize();
+        if (view !== undefined) looks[name].lookAt(view);
         store.look({ tab: name });
         showLayers();
       },

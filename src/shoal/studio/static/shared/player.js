@@ -82,6 +82,15 @@ export class PlayerFrame {
     player.redraw();
   }
 
+  /** What of the map is looked at: see Picture; undefined: no plane map is shown. */
+  look() {
+    return this.player?.picture?.view;
+  }
+
+  lookAt(view) {
+    if (view !== undefined) this.player?.lookAt(view);
+  }
+
   focus() {
     this.shown?.contentWindow.focus();
   }

@@ -303,7 +303,7 @@
       else start();
     }
     return {
-      play: start, pause, snapshot, grow, end, setTheme, timeline, swarm, picture, redraw, stepBy, goTo,
+      play: start, pause, snapshot, grow, end, setTheme, timeline, swarm, picture, redraw, lookAt: (view) => moveView(() => picture.lookAt?.(view)), stepBy, goTo,
       get length() { return timeline.length; },
       get move() { return move; },
       get playing() { return playing; },

@@ -189,6 +189,8 @@ export function running({ store, problem, open, below }) {
     children: [el("div.stageHead", {}, result, episodes), frame.element, empty],
     refresh: () => dates.refresh(),
     setBelow,
+    look: () => (dates.fresh ? frame.look() : undefined),
+    lookAt: (view) => dates.fresh && frame.lookAt(view),
     show: guarded(show),
     /** The file of the episode on the stage, if it is of the settings that are set. */
     get current() {
