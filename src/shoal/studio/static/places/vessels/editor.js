@@ -91,7 +91,9 @@ export class Editor {
     this.pen = this.canvas.getContext("2d");
     this.image = document.createElement("canvas");
     this.overlay = null;
-    this.boxIn = () => null; // (photograph) => where the map is in it, if that is known
+    /** Where the map is in a photograph, if that is known.
+     *  @type {(photograph: any) => number[] | null} */
+    this.boxIn = () => null;
     this.below = null; // a photograph under the cells: { image, box, share }
     this.photograph = null;
     this.map = null; // { shape, free, start }
