@@ -1,7 +1,7 @@
 """Compile what most kinds of runs need, before several processes would do it at once: play each
 kind of run once, each quick.
 
-python -m benchmarks.first_calls [swarm steering search jit] [--archives]
+python -m benchmarks.first_calls [swarm steering search views jit] [--archives]
 
 With ``--archives`` (``make kernels``), all kinds are played, and the archives of lowered kernels,
 ``src/shoal/*/kernels/lowered.zip``, get what they miss and lose what no first call needs.
@@ -20,6 +20,7 @@ RING = "POLYGON_((0_0,_4_0,_4_4,_0_4,_0_0),_(1_1,_2_1,_2_2,_1_2,_1_1))"
 SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
     "jit": ["tour spanning-tree cave:20x15"],
+    "views": [],
     "swarm": [
         *(
             f"{SMALL} --policy {policy}"
@@ -101,6 +102,10 @@ def play(parts: list[str]) -> None:
         problem = SteeringProblem("square", start, goal, friction_at_least=1.0, max_moves=5)
         about = PlantProperties.of("exact", friction=1.0)
         steer_rig(problem, SteeringPlant(problem.place, start, about, np.random.default_rng(1)))
+    if "views" in parts:
+        from shoal.views.drawing.encoding import VideoPlanes
+
+        VideoPlanes(2, 2).show(np.zeros((2, 2, 3), np.uint8))
     if "swarm" in parts:
         play_batch()
     if "steering" in parts:

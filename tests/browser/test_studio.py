@@ -302,6 +302,30 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     page.locator(".editor canvas").hover()
     page.locator(".where", has_text=re.compile(r"^pixel 1[12]\d, 1[12]\d$")).wait_for()
 
+    # cells and photograph share their zoom
+    canvas = page.locator(".editor canvas")
+    places = []
+    for name in ("Cells", "Photograph", "Cells"):
+        page.get_by_role("button", name=name, exact=True).click()
+        kind = "row" if name == "Cells" else "pixel"
+        if not places:
+            page.locator(".facts", has_text="free cells").wait_for()
+            canvas.hover(position={"x": 420, "y": 200})
+            page.mouse.wheel(0, -600)
+        elif kind == "pixel":
+            page.locator(".facts", has_text="confidence").wait_for()
+        settle(page)
+        canvas.hover(position={"x": 300, "y": 210})
+        where = page.locator(".where", has_text=re.compile(f"^{kind}"))
+        where.wait_for()
+        places.append([float(part) for part in re.findall(r"\d+", where.inner_text())])
+    assert places[2] == places[0]
+    cells = np.array(places[1]) / 240 * 60  # of the whole photograph
+    assert np.abs(cells - places[0]).max() < 4
+    page.keyboard.press("0")
+    canvas.focus()
+    page.keyboard.press("0")
+
     page.get_by_role("button", name="Cells", exact=True).click()
     below, share = page.get_by_label("Photograph below"), page.get_by_label("How much of the")
     below.wait_for()
@@ -322,3 +346,37 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
     page.get_by_label("Photograph below").uncheck()
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None
+    # with the zoom of the cells
+    tab(page, "Map")
+    page.get_by_role("button", name="Cells", exact=True).click()
+    canvas.hover(position={"x": 300, "y": 210})
+    page.mouse.wheel(0, -600)
+    settle(page)
+    wanted = page.locator(".where", has_text="row").inner_text()
+    tab(page, "Run")
+    view = player.locator("body").evaluate("() => shoalPlayer.picture.view")
+    assert view["wide"] < 1.5
+    tab(page, "Map")
+    canvas.hover(position={"x": 300, "y": 210})
+    assert page.locator(".where", has_text="row").inner_text() == wanted
+    tab(page, "Run")
+    player.locator("#picture").hover()
+    assert re.fullmatch(r"row \d+, column \d+", player.locator("#where").inner_text())
+
+    # as under a race and under all films of a comparison
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    tab(page, "Compare")
+    page.locator("#compareTrials").fill("2")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
+    for place, count in ((".race", 1), (".quad", 2)):
+        frames = page.locator(f"{place} iframe:not([hidden])").all()
+        players = [frame.content_frame.locator("body") for frame in frames]
+        assert len(players) == count
+        for checked, share in ((True, 0.95), (False, None)):
+            page.get_by_label("Photograph below").set_checked(checked)
+            for player in players:
+                below = player.evaluate("() => shoalPlayer.picture.below?.share ?? null")
+                assert below == share

@@ -47,6 +47,7 @@ def complete(page: Page, name: str) -> None:
         "complete"
     ).wait_for(timeout=90_000)
     page.locator(".sweep > [role=status]", has_text="complete").wait_for()
+    page.locator(".sweep .chip.done").wait_for()
 
 
 def shown_table(page: Page, name: str) -> list[list[str]]:
@@ -158,8 +159,36 @@ def test_a_sweep_of_the_command_is_found_and_exported(
     page.locator(".sweep h2", has_text="mazes").wait_for()
     assert page.get_by_label("Measure").input_value() == "scans"
     page.get_by_label("Measure").select_option("moves")
-    page.locator("svg[aria-label='moves against particles']").wait_for()
-    assert page.locator(".chartArea .line circle").count() == 4
+    chart = page.get_by_label("moves against particles")
+    chart.locator("canvas").wait_for()
+    with Store(studio.folder / mazes) as store:
+        rows = [row for row in summarise(store, "mazes", "moves") if row.estimate]
+
+    def values() -> list[str]:
+        return chart.locator(".u-series .u-value").all_inner_texts()
+
+    # at the pointer, the mean and the interval of each line
+    over = chart.locator(".u-over")
+    box = over.bounding_box()
+    assert box is not None
+    over.hover(position={"x": box["width"] * 0.9, "y": 20})
+    told = [
+        f"{row.estimate.mean:.4g} ({row.estimate.low:.4g} to {row.estimate.high:.4g})"
+        for row in rows
+        if row.estimate and row.values["particles"] == 4
+    ]
+    assert values() == ["4", *told]
+    # a drag zooms in, a double click shows all
+    assert chart.locator(".u-axis").count() == 2
+    for drag in (True, False):
+        if drag:
+            page.mouse.down()
+            over.hover(position={"x": box["width"] * 0.6, "y": 20})
+            page.mouse.up()
+        else:
+            over.dblclick(position={"x": 5, "y": 20})
+        over.hover(position={"x": 3, "y": 20})
+        assert values()[0] == ("4" if drag else "2")
     with Store(studio.folder / mazes) as store:
         expected = [[str(value) for value in row] for row in store.rows("mazes")]
         means = [

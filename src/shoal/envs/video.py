@@ -52,5 +52,5 @@ class RecordVideo(gymnasium.wrappers.RecordVideo):
         if frames:
             path = Path(self.video_folder, f"{self._video_name}.mp4")
             pictures = (np.asarray(frame, dtype=np.uint8) for frame in frames)
-            write_mp4(path, pictures, self.frames_per_sec, side=None, quality=QUALITY)
+            write_mp4(path, pictures, self.frames_per_sec, quality=QUALITY)
         self.recording, self._video_name = False, None

@@ -71,7 +71,11 @@ def test_frames_and_figures_show_particles_and_what_is_wrong(episode):
         assert (code[moment.particles] == NOISY.particle).all()
     np.testing.assert_array_equal(codes_after(episode, episode.moves), codes[-1])
     labels = [text.get_text() for text in map_figure(episode).axes[0].get_legend().get_texts()]
-    assert labels[-1] == "classified wrongly"
+    assert labels[-2:] == ["wrongly free", "wrongly an obstacle"]
+    patches = map_figure(episode).axes[0].get_legend().get_patches()
+    colours = [(255 * np.array(patch.get_facecolor()[:3])).round() for patch in patches]
+    for colour in colours:  # of some cells
+        assert np.abs(NOISY.rgb - colour).max(axis=1).min() <= 1
 
 
 def numbers(data):

@@ -62,6 +62,23 @@ def test_every_figure_fits_a_column_of_a_journal(part, episodes):
         assert (box.max < drawn.get_size_inches() + 0.02).all(), kind
 
 
+@pytest.mark.parametrize("part", ["swarm", "volume", "search"])
+def test_maps_take_the_width_and_leave_no_empty_stripe(part, episodes):
+    drawn = figure(episodes[part], width=85)
+    drawn.draw_without_rendering()
+    (axes,) = drawn.axes
+    room, used = axes.get_position(original=True), axes.get_position()
+    assert used.width > 0.97 * room.width
+    box = drawn.get_tightbbox()
+    assert drawn.get_figheight() - box.height < 0.2  # inches
+
+
+def test_names_of_slices_are_text(episodes, tmp_path):
+    save_figure(figure(episodes["volume"], width=85), tmp_path / "volume.svg")
+    written = (tmp_path / "volume.svg").read_text(encoding="utf-8")
+    assert all(f">{name} " in written for name in ("layer", "row", "column"))
+
+
 def test_headings_are_parts_of_captions(episodes):
     swarm = episodes["swarm"]
     assert figure(swarm).axes[0].get_title(loc="left").startswith("maze:11x9 after")
@@ -123,6 +140,8 @@ def test_text_stays_text_and_equal_figures_give_equal_files(episodes, tmp_path):
 def test_columns_of_a_legend_fit():
     assert fit_columns(["a", "b", "c"], 3, width=3.0) == 3
     assert fit_columns(["a" * 60, "b" * 60, "c"], 3, width=4.0) == 1
+    # rows as even as can be
+    assert fit_columns(["a", "b", "c", "d", "e"], 4, width=9.0) == 3
 
 
 def test_command(folder, capsys):

@@ -258,7 +258,7 @@ def test_figure_in_space_shows_more_particles_than_colours():
     start = [(0.1 * k, 0.0, 0.1 + 0.1 * k) for k in range(-3, 4)]
     episode = thrown(cylinder(0.5, 0.8), [(x, y, abs(z)) for x, y, z in start], ANY)
     axes = plan_figure(episode).axes
-    assert len(axes[0].get_legend().get_texts()) == 7
+    assert len(axes[0].get_legend().get_texts()) == 7 + 1  # the goals
     assert len(axes[1].lines) == 14
 
 

@@ -61,7 +61,7 @@ def write_camera_film(
                 yield _drawn(kept[move], layers, scans[move], to_pixels)
 
     with atomic(path) as temporary:
-        clip = Clip(frames, moves, RATE, None, QUALITY)
+        clip = Clip(frames, moves, RATE, QUALITY)
         encode_film(temporary, clip, gif=False, on_frame=None)
     return path
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from math import cos, floor, log10, radians, sin
+from math import cos, floor, inf, log10, radians, sin
 from typing import TYPE_CHECKING, Any
 
 from shoal.core.checks import check_number
@@ -34,6 +34,9 @@ _TEXT = 8.0  # points: the size of most text in a figure
 _MM = 25.4  # millimetres an inch
 _WORDS = 0.9, 0.6  # inches of a figure's height for text: with a heading, and in print without it
 _CUT = 0.02  # inches beyond the figure that are only the soft edge of a sign
+_PAGE = 9.3  # inches: height of a page of a journal, for a figure of usual width
+_ROUNDS = 4  # of layouts until a height fits
+_FLAT = 0.7  # height of a panel of which more than two lie one below another
 _NARROW = 127.0  # millimetres: in print, narrower figures have their panels one below another
 
 
@@ -111,6 +114,7 @@ def with_room(kind: str) -> Iterator[list[Figure]]:
         try:
             yield figures
             for figure in figures:
+                fit_height(figure)
                 figure.draw_without_rendering()
             fits = all(_fits(figure) for figure in figures)
         except UserWarning:
@@ -161,6 +165,12 @@ def text_size(size: float = _TEXT) -> float:
     return size if asked is None else size * asked.font_size / _TEXT
 
 
+def figure_width(width: float) -> float:
+    """Return the width in inches of a figure that is ``width`` inches wide on a screen."""
+    asked = _print.get()
+    return width if asked is None else asked.width / _MM
+
+
 def new_figure(width: float, height: float, *, rows: bool = False) -> Figure:
     """Return an empty figure of ``width`` × ``height`` inches, which notebooks can display.
 
@@ -182,16 +192,25 @@ def new_figure(width: float, height: float, *, rows: bool = False) -> Figure:
 
 
 def new_panels(
-    width: float, height: float, count: int, *, ratios: Sequence[float] | None = None
+    width: float,
+    height: float,
+    count: int,
+    *,
+    rows: int = 1,
+    ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure and the axes of ``count`` panels side by side, with widths in the proportion
-    ``ratios``. In a narrow figure for print, the panels lie one below another.
+    """Return a figure and the axes of ``count`` panels in ``rows`` rows, with widths in the
+    proportion ``ratios``. In a narrow figure for print, the panels lie one below another.
     """
     asked = _print.get()
+    columns = count // rows
     if asked is None or asked.width >= _NARROW or count == 1:
         figure = new_figure(width, height)
-        return figure, list(figure.subplots(1, count, squeeze=False, width_ratios=ratios)[0])
-    figure = new_figure(width / count, count * height)
+        return figure, list(
+            figure.subplots(rows, columns, squeeze=False, width_ratios=ratios).ravel()
+        )
+    flat = 1.0 if count == 2 else _FLAT
+    figure = new_figure(width / columns, flat * columns * height)
     return figure, list(figure.subplots(count, 1, squeeze=False)[:, 0])
 
 
@@ -246,11 +265,42 @@ def bare_axes(axes: Axes) -> None:
         spine.set_visible(False)
 
 
+def fit_height(figure: Figure) -> None:
+    """Give a figure for print the height that it needs in its width.
+
+    Axes whose scales are tied, as those of maps, take all of the width, and no empty stripe is left
+    above or below them. The figure must have a layout that is not settled yet.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    engine = figure.get_layout_engine()
+    if _print.get() is None or not isinstance(engine, ConstrainedLayoutEngine):
+        return
+    maps = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
+    least = -inf if len(maps) == len(figure.axes) else 0.0  # charts take what maps would
+    most = max(_PAGE, 1.4 * figure.get_figwidth())
+    for _ in range(_ROUNDS):
+        figure.draw_without_rendering()
+        spare: dict[int, float] = {}  # in each row, beside its tallest axes
+        for axes in maps:
+            room, used = (
+                axes.get_position(original=whole).transformed(axes.figure.transSubfigure)
+                for whole in (True, False)
+            )
+            beside = room.height - used.height
+            if beside < 1.0:  # too low: what its width would need
+                beside = max(least, (1.0 - room.width / used.width) * used.height)
+            spare[round(room.y0)] = min(spare.get(round(room.y0), inf), beside)
+        wanted = figure.get_figheight() - sum(spare.values()) / figure.dpi
+        figure.set_figheight(min(wanted, most))
+
+
 def settle_layout(figure: Figure, *, rounds: int = 1) -> None:
     """Fix the positions of a figure's axes, so that what is drawn next can depend on them.
 
     A further round is needed if what has a place beside the axes moves with them.
     """
+    fit_height(figure)
     engine = figure.get_layout_engine()
     assert engine is not None
     for _ in range(rounds):
@@ -395,6 +445,12 @@ def draw_scale_bar(
         )
 
 
+def set_heading(figure: Figure, text: str, **look: Any) -> None:
+    """Write a heading above a whole figure, from its left edge. A figure for print has none."""
+    if _print.get() is None:
+        figure.suptitle(text, **{"fontsize": 11, "color": INK, "x": 0.01, "ha": "left"} | look)
+
+
 def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
     """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes. A
     figure for print has no heading.
@@ -464,6 +520,9 @@ def fit_columns(
     measured = (text_to_path.get_text_width_height_descent(label, font, False) for label in labels)
     lengths = [handle + width for width, _, _ in measured]
     for columns in range(min(most, len(labels)), 1, -1):
+        rows = -(-len(labels) // columns)
+        if -(-len(labels) // rows) < columns:
+            continue  # as many rows with fewer columns, which are more even
         # shared out as by Matplotlib: the first columns have one entry more
         widths = [float(part.max()) for part in np.array_split(lengths, columns)]
         if sum(widths) + (len(widths) - 1) * spacing * size <= 72.0 * width:
@@ -473,15 +532,27 @@ def fit_columns(
 
 def add_legend(figure: Figure, handles: Sequence[Any], most: int, *, spacing: float = 1.4) -> None:
     """Write a legend below a figure, in at most ``most`` columns."""
+    by_length = sorted(handles, key=lambda handle: -len(handle.get_label()))
+    columns, _, handles = max(
+        (
+            (
+                fit_columns(
+                    [handle.get_label() for handle in order],
+                    most,
+                    width=figure.get_figwidth(),
+                    spacing=spacing,
+                ),
+                order is handles,
+                order,
+            )
+            for order in (handles, by_length)
+        ),
+        key=lambda one: one[:2],
+    )
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=fit_columns(
-            [handle.get_label() for handle in handles],
-            most,
-            width=figure.get_figwidth(),
-            spacing=spacing,
-        ),
+        ncols=columns,
         frameon=False,
         fontsize=text_size(),
         labelcolor=INK,

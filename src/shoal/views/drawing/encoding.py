@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.views.kernels.planes import WORD, convert_changes
 
 SUFFIXES = (".gif", ".mp4", ".html")
 LONGEST = {".gif": 400, ".mp4": 1800}  # frames
@@ -28,6 +29,17 @@ Frame = NDArray[np.uint8]
 At = TypeVar("At")
 _SAMPLES = 6  # number of frames from which the palette of a GIF is computed
 _KEPT = 32  # number of most frequent colours that are kept exactly
+# of the frames' bytes: those of the standard for television
+_COLOURS = [
+    *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"),
+    *("-color_range", "tv"),
+]
+# Few changes a frame need no frames between others, nor motion between pixels: a fifth less time
+# than the preset alone, at as much likeness. Looking ahead makes files a quarter smaller.
+_FAST = [
+    *("-preset", "superfast", "-bf", "0"),
+    *("-x264-params", "subme=0:rc-lookahead=10:mbtree=1"),
+]
 # minimum difference of two palette colours, because Pillow rounds colours down to multiples of 4
 _APART = 9
 
@@ -40,25 +52,6 @@ def check_film(path: str | os.PathLike[str]) -> Path:
             f"{target}: expected a film ({' '.join(SUFFIXES)}), got the suffix {target.suffix!r}"
         )
     return target
-
-
-def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a film of ``height`` × ``width`` cells, such that its longer side
-    has at most ``side`` pixels.
-
-    Width and height are even, as video requires. If ``side`` permits, a cell is a whole number of
-    pixels wide. If ``side`` is None, a cell is one pixel.
-
-    Examples
-    --------
-    >>> film_size(155, 160, 960), film_size(5000, 4000, 960)
-    ((960, 930), (768, 960))
-    """
-    largest = max(height, width)
-    side = largest if side is None else side
-    factor = side // largest if largest <= side else side / largest
-    columns, rows = (max(2, round(length * factor / 2) * 2) for length in (width, height))
-    return columns, rows
 
 
 def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
@@ -82,9 +75,6 @@ class Clip(Generic[At]):
         The moments that the film shows, one for each frame.
     rate : float
         Number of frames per second.
-    side : int or None
-        Length of the film's longer side in pixels, to which smaller pictures are enlarged. If
-        ``side`` is None, the film has the size of the pictures.
     quality : int
         Constant rate factor (CRF) of H.264; smaller values give a better quality.
     palette : bytes, optional
@@ -95,7 +85,6 @@ class Clip(Generic[At]):
     frames: Callable[[Sequence[At]], Iterator[Frame]]
     moments: Sequence[At]
     rate: float
-    side: int | None
     quality: int
     palette: bytes | None = None
 
@@ -111,9 +100,9 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
                 for k in np.unique(np.linspace(0, len(moments) - 1, _SAMPLES).astype(int))
             ]
             palette = palette_of(list(clip.frames(sample)))
-        write_gif(path, frames, clip.rate, palette=palette, side=clip.side)
+        write_gif(path, frames, clip.rate, palette=palette)
     else:
-        write_mp4(path, frames, clip.rate, side=clip.side, quality=clip.quality)
+        write_mp4(path, frames, clip.rate, quality=clip.quality)
 
 
 def palette_of(frames: list[Frame]) -> bytes:
@@ -153,23 +142,17 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
 
 
-def write_gif(
-    path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None
-) -> None:
-    """Write uint8 frames of shape (H, W, 3) as a GIF.
-
-    The function enlarges small frames to about ``side`` pixels, without interpolation.
-    """
+def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes) -> None:
+    """Write uint8 frames of shape (H, W, 3) as a GIF."""
     from PIL import Image as Pillow
 
     colours = Pillow.new("P", (1, 1))
     colours.putpalette(palette)
 
-    def shown(frame: Frame) -> Pillow.Image:
-        image = Pillow.fromarray(frame).quantize(palette=colours, dither=Pillow.Dither.NONE)
-        return image.resize(film_size(image.height, image.width, side), Pillow.Resampling.NEAREST)
-
-    images = (shown(frame) for frame in frames)
+    images = (
+        Pillow.fromarray(frame).quantize(palette=colours, dither=Pillow.Dither.NONE)
+        for frame in frames
+    )
     first = next(images)
     duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
     with path.open("wb") as file:  # Pillow would leave the file open after an interruption
@@ -185,24 +168,59 @@ def write_gif(
         )
 
 
-def write_mp4(
-    path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int
-) -> None:
+class VideoPlanes:
+    """The picture of a video, converted from RGB where it changes.
+
+    The planes are those of the standard BT.709 for television: a brightness from 16 to 235, and two
+    differences of colour from 16 to 240.
+
+    Parameters
+    ----------
+    height, width : int
+        Size of the pictures in pixels; both even.
+    """
+
+    def __init__(self, height: int, width: int) -> None:
+        self._shape = height, width, 3
+        self._last = np.zeros(-(-3 * height * width // WORD) * WORD, np.uint8)
+        pixels = height * width
+        self.data: NDArray[np.uint8] = np.empty(pixels + pixels // 2, np.uint8)
+        """The planes one after another, as an encoder reads them; uint8."""
+        luma, blue, red = np.split(self.data, [pixels, pixels + pixels // 4])
+        # what a black picture is, which is what the last one is at first
+        luma[...], blue[...], red[...] = 16, 128, 128
+        half = height // 2, width // 2
+        self._planes = luma.reshape(height, width), blue.reshape(half), red.reshape(half)
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Convert a picture; uint8, shape (height, width, 3)."""
+        picture = np.ascontiguousarray(picture)
+        if picture.shape != self._shape:
+            raise ValueError(f"expected a picture of shape {self._shape}, got {picture.shape}")
+        whole = picture.size // WORD
+        words, last = (
+            flat[: WORD * whole].view(np.uint64) for flat in (picture.reshape(-1), self._last)
+        )
+        convert_changes(picture, words, last, *self._planes)
+
+
+def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, quality: int) -> None:
     """Write frames as H.264 with a separate ffmpeg process, with the constant rate factor
-    ``quality``.
+    ``quality``. A frame with an odd number of rows or columns gets one more, which video requires.
 
     The function raises an error if the exit code of ffmpeg shows a failure.
     """
     first = next(frames)
-    width, height = film_size(first.shape[0], first.shape[1], side)
-    flags = "neighbor" if width >= first.shape[1] else "area"
+    rim = [(0, side % 2) for side in first.shape[:2]]
+    height, width = (side + side % 2 for side in first.shape[:2])
+    odd, planes = (height, width) != first.shape[:2], VideoPlanes(height, width)
     # fmt: off
     command = [
         _encoder(), "-y", "-v", "error",
-        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}",
+        "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{width}x{height}", *_COLOURS,
         "-r", str(Fraction(rate).limit_denominator()), "-i", "-",
-        "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-vf", f"scale={width}:{height}:flags={flags}",
-        "-crf", str(quality), "-preset", "superfast", "-movflags", "+faststart", "-threads", "2", f"file:{path}",
+        "-an", "-vcodec", "libx264", *_COLOURS,
+        "-crf", str(quality), *_FAST, "-movflags", "+faststart", "-threads", "2", f"file:{path}",
     ]
     # fmt: on
     with (
@@ -217,7 +235,8 @@ def write_mp4(
                 encoder.stdin,
             ):
                 for frame in chain([first], frames):
-                    encoder.stdin.write(frame.tobytes())
+                    planes.show(np.pad(frame, (*rim, (0, 0)), mode="edge") if odd else frame)
+                    encoder.stdin.write(planes.data.data)
         except BaseException:
             encoder.kill()
             raise

@@ -95,9 +95,7 @@ def with_rest(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
             if moment is None:
                 yield picture
 
-    return Clip(
-        frames, [*clip.moments, *[None] * count], clip.rate, clip.side, clip.quality, clip.palette
-    )
+    return Clip(frames, [*clip.moments, *[None] * count], clip.rate, clip.quality, clip.palette)
 
 
 def end_card(stage: Stage, episode: Episode, title: str) -> Frame:

@@ -14,6 +14,7 @@ from shoal.core.geometry import left_of, segments_of
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
+from shoal.search.simulation.trace import Finding
 from shoal.views.drawing.canvas import hole_in, path_of_rings, rings_of
 from shoal.views.drawing.charts import (
     INK,
@@ -182,7 +183,12 @@ def _draw_ground(axes: Axes, history: SearchHistory, time: float) -> None:
         for ring in part:
             axes.add_patch(
                 PathPatch(
-                    Path(ring, closed=True), facecolor="none", edgecolor=_EDGE, lw=1.2, zorder=1.2
+                    Path(ring, closed=True),
+                    facecolor="none",
+                    edgecolor=_EDGE,
+                    lw=1.2,
+                    zorder=1.2,
+                    clip_on=False,  # half of its width lies beyond the axes
                 )
             )
     for words, x, y in history.panels.labels:
@@ -319,8 +325,18 @@ def _draw_findings(axes: Axes, history: SearchHistory, time: float) -> None:
     for finding in findings:
         place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
-        if len(findings) <= _NAMED:
-            _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
+        if len(findings) <= _NAMED and _shared_confidence(history.episode.findings) is None:
+            _label(axes, _percent(finding), place, (6, 5))
+
+
+def _percent(finding: Finding) -> str:
+    return f"{100 * finding.confidence:.3g} %"
+
+
+def _shared_confidence(findings: Sequence[Finding]) -> str | None:
+    """Return how sure findings are, if all are equally sure; the legend then says it once."""
+    known = {_percent(finding) for finding in findings}
+    return known.pop() if len(known) == 1 else None
 
 
 def _label(
@@ -456,7 +472,9 @@ def _draw_legend(figure: Figure, history: SearchHistory, time: float) -> None:
             Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot")
         )
     if any(searched[finding.cell] <= time for finding in episode.findings):
-        handles.append(marker("D", "finding, and how sure", mfc="#ffd54a", mec=INK, ms=6))
+        sure = _shared_confidence(episode.findings)
+        label = "finding, and how sure" if sure is None else f"finding, {sure} sure"
+        handles.append(marker("D", label, mfc="#ffd54a", mec=INK, ms=6))
     if any(moment <= time for moment in history.obstacles.values()):
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
     if whole and (

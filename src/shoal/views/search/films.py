@@ -35,11 +35,11 @@ def clip_of(episode: SearchEpisode, suffix: str, stage: Stage | None) -> Clip[An
     if stage is not None:
         film = SearchFilm(episode, height=stage.height, width=stage.width)
         times = film.times(stage.rate, stage.frames_of(SECONDS + _REST))
-        clip = Clip(film.frames, times, stage.rate, None, quality=20)
+        clip = Clip(film.frames, times, stage.rate, quality=20)
         return stage.with_card(clip, episode, film.title)
     film = SearchFilm(episode, height=HEIGHT[suffix])
     times = film.times(RATE[suffix], LONGEST[suffix])
-    return Clip(film.frames, times, RATE[suffix], max(film.width, film.height), quality=22)
+    return Clip(film.frames, times, RATE[suffix], quality=22)
 
 
 class SearchFilm:

@@ -57,8 +57,9 @@ def success_figure(episode: SearchEpisode) -> Figure:
     ground.set(xlim=(left, right), ylim=(bottom, top))
     ground.set_aspect("equal")
     bare_axes(ground)
+    ground.set_xlabel("metres", color=MUTED, fontsize=text_size())
     at_start = "" if isinstance(where, Ground) else " at the start"
-    set_title(ground, f"where the target is likely{at_start}")
+    set_title(ground, f"where the target is likely{at_start} (dark)")
     success = episode.success
     assert success is not None
     times, found = success.times / 60.0, success.probabilities

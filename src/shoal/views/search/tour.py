@@ -12,8 +12,12 @@ from shoal.search import Tour
 from shoal.views.drawing.charts import (
     INK,
     MUTED,
+    add_legend,
+    marker,
     new_figure,
+    set_heading,
     set_title,
+    text_size,
 )
 
 if TYPE_CHECKING:
@@ -46,9 +50,10 @@ def tour_figure(tour: Tour) -> Figure:
     turns = f"{metrics.turns_per_cell:.2f} turns a cell, length {metrics.length:.7g}"
     title = f"{tour.name}, {sides}: {turns}"
     if len(tour.shape) == 3:
-        figure = new_figure(6.4, 6.2)
+        figure = new_figure(6.4, 5.5)
         _draw_space(figure.add_subplot(projection="3d"), tour)
-        figure.suptitle(title, fontsize=11, color=INK, x=0.03, ha="left", fontweight="bold")
+        set_heading(figure, title, x=0.03, fontweight="bold")
+        _draw_legend(figure)
         return figure
     height, width = tour.shape
     inches = float(np.clip(6.4 * height / width, 1.2, 8.6))
@@ -59,8 +64,18 @@ def tour_figure(tour: Tour) -> Figure:
     else:
         _draw_lines(axes, tour, 72 * min(6.0 / width, inches / height))
     axes.set_axis_off()
-    set_title(axes, title if figure.get_figwidth() > 6 else f"{tour.name}, {sides}")
+    if len(tour) <= _TOUR_LINES:
+        _draw_legend(figure)
+    set_title(axes, title if figure.get_figwidth() > 6 else f"{tour.name}, {sides}", in_print="")
     return figure
+
+
+def _draw_legend(figure: Figure) -> None:
+    ends = [
+        marker(shape, label, mfc="white", mec=INK, mew=1.3, ms=6)
+        for shape, label in (("o", "first cell"), ("s", "last cell"))
+    ]
+    add_legend(figure, ends, 2)
 
 
 def _course() -> Colormap:
@@ -123,8 +138,8 @@ def _draw_picture(axes: Axes, tour: Tour) -> None:
     image = axes.imshow(visited, cmap=_course(), interpolation=interpolation)
     bar = image.axes.figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02)
     bar.outline.set_visible(False)
-    bar.ax.tick_params(colors=MUTED, labelsize=8)
-    bar.set_label("visited as number", color=MUTED, fontsize=9)
+    bar.ax.tick_params(colors=MUTED, labelsize=text_size())
+    bar.set_label("visited as number", color=MUTED, fontsize=text_size(9))
 
 
 def _draw_space(axes: Any, tour: Tour) -> None:

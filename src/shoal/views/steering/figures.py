@@ -22,6 +22,7 @@ from shoal.views.drawing.charts import (
     BLUE,
     GRID,
     INK,
+    MUTED,
     ORANGE,
     PURPLE,
     bare_axes,
@@ -150,6 +151,7 @@ def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
             zorder=0.5 if hole else 0,
         )
     bare_axes(axes)
+    axes.margins(0.08)  # the numbers of moves that end at walls
 
 
 def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
@@ -184,6 +186,7 @@ def draw_trajectories(
                 arrow_between(axes, at(here), at(there), colour, width=1.5)
         axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+    axes.plot([], [], "o", mfc="white", mec=MUTED, mew=2, ms=9, label="goal")
     ways = [at(episode.states[:, particle]) for particle in range(episode.problem.n_particles)]
     walls = [line.get_xydata() for line in axes.lines] + [
         patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)
@@ -213,7 +216,7 @@ def legend_below(axes: Axes, *, off: float = 0.06) -> None:
     """Place the legend of the chart below the axes."""
     from matplotlib.figure import Figure
 
-    figure, grid, size = axes.get_figure(), axes.get_gridspec(), text_size(10)
+    figure, grid, size = axes.get_figure(), axes.get_gridspec(), text_size()
     assert isinstance(figure, Figure)
     width = figure.get_figwidth() / (1 if grid is None else grid.ncols)
     labels = [str(label) for label in axes.get_legend_handles_labels()[1]]

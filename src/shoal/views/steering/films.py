@@ -366,11 +366,11 @@ def clip_of(episode: SteeringEpisode, suffix: str, stage: Stage | None) -> Clip[
     if stage is not None:
         film = SteeringFilm(episode, trajectories, height=stage.height, width=stage.width)
         moments, _ = schedule.moments(stage.rate, stage.frames_of(60.0))
-        clip = Clip(film.frames, moments, stage.rate, None, quality=20)
+        clip = Clip(film.frames, moments, stage.rate, quality=20)
         return stage.with_card(clip, episode, film.title)
     moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
     film = SteeringFilm(episode, trajectories, height=HEIGHT[suffix])
-    return Clip(film.frames, moments, rate, max(film.width, film.height), quality=20)
+    return Clip(film.frames, moments, rate, quality=20)
 
 
 class SteeringFilm:

@@ -112,6 +112,11 @@ def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
 
 def legend_colour(episode: SwarmEpisode, name: str) -> str:
     """Return the colour beside a name of the legend of an episode."""
+    if name == "frontier" and episode.noisy:  # of the shade of cells about which nothing is known
+        shade = FRONTIER_TINT * _shade(PALETTE[name]) + (1 - FRONTIER_TINT) * _shade(
+            PALETTE["unknown"]
+        )
+        return f"#{shade.round().astype(np.uint8).tobytes().hex()}"
     return VOLUME_FREE if name == "free" and episode.workspace.ndim == 3 else PALETTE[name]
 
 

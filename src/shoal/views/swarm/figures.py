@@ -18,8 +18,10 @@ from shoal.core.files import atomic
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views.drawing.charts import (
+    INK,
     MUTED,
     draw_scale_bar,
+    figure_width,
     fit_columns,
     new_figure,
     padded_figure,
@@ -30,12 +32,13 @@ from shoal.views.drawing.charts import (
 from shoal.views.drawing.curves import median_of
 from shoal.views.swarm.colours import (
     WRONG_FREE,
+    WRONG_OBSTACLE,
     codes_after,
     legend_colour,
     legend_of,
     palette_of_cells,
 )
-from shoal.views.swarm.volume import CORNER, Fit, Slices
+from shoal.views.swarm.volume import CORNER, Fit, Slices, room_of_names, sheet_width
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -44,6 +47,7 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 
+_LINE = 1.35  # height of a line as a multiple of the size of its text
 SIDE = 900  # pixels of the rotated 3-D view
 _WIDE = 9.0  # inches: width of a figure with several maps
 _MOMENTS = 3  # maps side by side, of several moments of an episode
@@ -83,8 +87,11 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
     )
     palette = palette_of_cells(episode)
     codes = codes_after(episode, moves)
+    inches = 6.4
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
+        points = 72 * figure_width(inches) / sheet_width(codes.shape, SIDE, workspace.spacing)
+        line = round(_LINE * text_size() / points)
         sheet = volume_sheet(
             codes,
             slices,
@@ -93,15 +100,19 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
             spacing=workspace.spacing,
             palette=palette,
             fit=fit,
+            unnamed=line,
         )
     else:
         sheet = in_strips(palette.rgb[codes])
     height, width = sheet.shape[:2]
-    inches = 6.4
     figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
     axes = figure.add_subplot()
     axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
     axes.set_axis_off()
+    if workspace.ndim == 3:
+        _name_slices(
+            axes, slices, *room_of_names(codes.shape, SIDE, workspace.spacing, line), points
+        )
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
     lost = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
@@ -118,6 +129,18 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
         cell = min(workspace.spacing) / fit.pixels_a_cell(SIDE) if turned else workspace.spacing[1]
         draw_scale_bar(figure, axes, unit="mm", size=cell, above=SIDE if turned else width - 0.5)
     return figure
+
+
+def _name_slices(
+    axes: Axes, slices: Slices, corners: list[tuple[int, int]], width: int, points: float
+) -> None:
+    """Write the names of the slices above them; a pixel is ``points`` points wide."""
+    from matplotlib.textpath import TextPath
+
+    longest = max(TextPath((0, 0), name, size=1).get_extents().width for name in slices.names)
+    size = min(text_size(), width * points / longest)
+    for (x, y), name in zip(corners, slices.names, strict=True):
+        axes.text(x, y - 0.3 * size / points, name, fontsize=size, color=INK)
 
 
 def map_panels(
@@ -194,9 +217,13 @@ def _legend(figure: Figure, axes: Axes, episode: SwarmEpisode, *, noisy: bool, s
 
     handles = _handles(episode, seen=seen)
     if noisy:
-        handles.append(
-            Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly")
-        )
+        handles += [
+            Patch(facecolor=colour, edgecolor=MUTED, linewidth=0.5, label=label)
+            for colour, label in (
+                (WRONG_FREE, "wrongly free"),
+                (WRONG_OBSTACLE, "wrongly an obstacle"),
+            )
+        ]
     axes.legend(
         handles=handles,
         loc="upper center",
@@ -246,7 +273,7 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
             lw=2,
             label=f"median of {len(curves)} trials",
         )
-        axes.legend(frameon=False, fontsize=text_size(9))
+        axes.legend(frameon=False, fontsize=text_size())
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     if first.task == "gathering":

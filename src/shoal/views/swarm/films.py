@@ -23,6 +23,7 @@ from shoal.views.swarm.colours import (
     palette_of_cells,
     rgb_of,
 )
+from shoal.views.swarm.photograph import PhotographBelow
 from shoal.views.swarm.presentation import presented_clip
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
@@ -50,10 +51,11 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
         ),
         moments=shown.tolist(),
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
-        side=None,
         quality=26,
-        # a volume is drawn with shading
-        palette=(None if volume else palette_of_cells(episode).rgb.tobytes()),
+        # shading of a volume, or a photograph: colours of the frames themselves
+        palette=(
+            None if volume or episode.problem.vessels else palette_of_cells(episode).rgb.tobytes()
+        ),
     )
 
 
@@ -111,15 +113,22 @@ def pictures_with_legend(
     a legend of the colours.
     """
     blank: Image.Image | None = None
+    below: PhotographBelow | None = None
+    rows, columns = (side + 2 for side in episode.workspace.shape[-2:])
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
         times = max(1, min(-(-SHORT_SIDE // short), LONG_SIDE // long))
         height, width = (side * times for side in picture.shape[:2])
         if blank is None:
-            blank = _legend(episode, width + width % 2, height + height % 2 + CAPTION)
+            if episode.workspace.ndim == 2 and picture.shape[1] == columns:  # not cut in strips
+                below = PhotographBelow.of(episode, (width, rows * times), times)
+            blank = _legend(episode, width + width % 2, height + height % 2 + CAPTION, below)
             _draw_scale_bar(blank, episode.workspace, times)
         sheet = blank.copy()
         sheet.paste(Image.fromarray(picture).resize((width, height), Image.Resampling.NEAREST))
+        if below is not None:
+            cells = picture[:rows]
+            sheet.paste(Image.fromarray(below.under(cells, _hides(episode, cells))))
         command = episode.commands[move - 1] if move else ""
         arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
         lost = f"   {episode.out_of_reach} are out of reach" if episode.unreachable else ""
@@ -130,15 +139,30 @@ def pictures_with_legend(
         yield np.asarray(sheet)
 
 
-def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
+def _hides(episode: SwarmEpisode, cells: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return for each cell of a picture whether its colour is one that hides a photograph."""
+    palette = palette_of_cells(episode)
+    packed, open_ = (
+        colours.astype(np.int64) @ [1 << 16, 1 << 8, 1]
+        for colours in (cells, palette.rgb[~palette.solid])
+    )
+    return ~np.isin(packed, open_)
+
+
+def _legend(
+    episode: SwarmEpisode, width: int, height: int, below: PhotographBelow | None
+) -> Image.Image:
     """Return the picture of the colour legend, which is the footer of all frames."""
     sheet = Image.new("RGB", (width, height), _colour("free"))
     pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
     left, size = 10.0, font.size
     for key, name in legend_of(episode).items():
+        colour = rgb_of(legend_colour(episode, key))
+        if key == "unknown" and below is not None:
+            colour = below.shade(colour)
         pen.rectangle(
             (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
-            rgb_of(legend_colour(episode, key)),
+            colour,
             _colour("unknown"),
         )
         pen.text((left + 1.2 * size, top + 38), name, _colour("obstacle"), font)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+from matplotlib import get_data_path
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageDraw, ImageFont
 
 from shoal.core.checks import count_text
-from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.notices import tell_once
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.maps.files import vessel_map
 from shoal.swarm.maps.workspace import FREE, PALETTE
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import BLUE, INK, MUTED, bar_length
@@ -26,15 +26,15 @@ from shoal.views.swarm.colours import (
     palette_of_cells,
     rgb_of,
 )
+from shoal.views.swarm.photograph import PhotographBelow
 
 _SECONDS = 4.0, 20.0  # the shortest and the longest film
 _A_SECOND = 6.0  # moves, of short episodes
 _REST = 1.2  # seconds for which the final map is shown
 _HEAD, _FOOT, _SIDE = 110, 176, 60  # pixels around the map
-_PHOTOGRAPH = 0.55  # how much of the photograph shows through unknown cells and obstacles
-_THROUGH = 0.25  # and through all others
 _WHOLE = 8.0  # pixels a cell from which cells are a whole number of pixels wide
 _SMALLEST = 9.0  # pixels: diameter of a particle
+_SCALE_BAR = 600  # pixels at the right of the line that says the move
 _LINE = "#dfe3e8"
 _ARROWS = {"l": "\u2190", "r": "\u2192", "u": "\u2191", "d": "\u2193"}
 
@@ -53,7 +53,7 @@ def presented_clip(episode: SwarmEpisode, stage: Stage) -> Clip[float]:
     moments = np.linspace(0, episode.moves, stage.frames_of(seconds)).tolist()
     moments += [float(episode.moves)] * round(_REST * stage.rate)
     film = PresentedSwarm(episode, stage)
-    clip = Clip(film.frames, moments, stage.rate, side=None, quality=23)
+    clip = Clip(film.frames, moments, stage.rate, quality=23)
     return stage.with_card(clip, episode, film.title)
 
 
@@ -83,19 +83,21 @@ class PresentedSwarm:
             f" {count_text(episode.particles, 'particle')}"
         )
         self._palette = palette_of_cells(episode)
-        self._photograph = self._read_photograph()
-        self._canvas: Canvas = Canvas(self.width, self.height)
+        self._photograph = PhotographBelow.of(episode, self._size, self._scale)
         self._stamp = _stamp_of(max(self._scale, _SMALLEST))
         self._draw_background()
 
     def frames(self, moments: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture of the swarm after each number of moves, which may be fractions; uint8,
-        shape (height, width, 3).
+        shape (height, width, 3). All pictures are the same array, drawn anew where it changes.
         """
         steps = self._steps()
         move, (codes, before) = 0, next(steps)
         after = next(steps, None)
         ground = self._ground(codes)
+        frame = self._plain.copy()
+        (left, top), (width, height) = self._corner, self._size
+        inside = frame[top : top + height, left : left + width]
         for moment in moments:
             begun = move
             while after is not None and move < min(int(moment), self._episode.moves):
@@ -103,13 +105,9 @@ class PresentedSwarm:
                 after = next(steps, None)
             if move != begun:
                 ground = self._ground(codes)
-            picture = ground.copy()
-            self._draw_particles(picture, self._between(before, after, move, moment - move))
-            self._canvas.clear()
-            self._draw_foot(moment)
-            frame = self._canvas.frame().copy()
-            (left, top), (width, height) = self._corner, self._size
-            frame[top : top + height, left : left + width] = picture
+            inside[...] = ground
+            self._draw_particles(inside, self._between(before, after, move, moment - move))
+            self._draw_foot(frame, moment)
             yield frame
 
     def _steps(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64]]]:
@@ -155,58 +153,23 @@ class PresentedSwarm:
 
     def _ground(self, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
         colours = self._palette.rgb[codes]
-        picture = np.asarray(
-            Image.fromarray(colours).resize(
-                self._size,
-                Image.Resampling.NEAREST if self._scale >= 1 else Image.Resampling.BOX,
-            )
-        )
-        if self._photograph is None:
-            return picture
-        solid = np.asarray(
-            Image.fromarray(self._palette.solid[codes]).resize(self._size, Image.Resampling.NEAREST)
-        )
-        share = np.where(solid, _THROUGH, _PHOTOGRAPH)[..., None]
-        return np.asarray(
-            (share * self._photograph + (1.0 - share) * picture).round(), dtype=np.uint8
-        )
+        method = Image.Resampling.NEAREST if self._scale >= 1 else Image.Resampling.BOX
+        if self._photograph is not None:
+            return self._photograph.under(colours, self._palette.solid[codes], method)
+        return np.asarray(Image.fromarray(colours).resize(self._size, method))
 
     def _draw_particles(self, picture: NDArray[np.uint8], places: NDArray[np.float64]) -> None:
         stamp = self._stamp
         side = len(stamp)
         corners = np.rint((places + 1.5) * self._scale - side / 2).astype(np.int64)
-        rows = (corners[:, 0, None] + np.arange(side))[:, :, None]
-        columns = (corners[:, 1, None] + np.arange(side))[:, None, :]
-        rows = np.clip(rows, 0, picture.shape[0] - 1)
-        columns = np.clip(columns, 0, picture.shape[1] - 1)
-        colour = np.array(rgb_of(PALETTE["particle"]), dtype=np.float64)
+        rows = np.clip(corners[:, 0, None] + np.arange(side), 0, picture.shape[0] - 1)[:, :, None]
+        columns = np.clip(corners[:, 1, None] + np.arange(side), 0, picture.shape[1] - 1)[:, None]
+        colour = np.array(rgb_of(PALETTE["particle"]), dtype=np.int32)
         below = picture[rows, columns]
-        picture[rows, columns] = np.rint(below + stamp[..., None] * (colour - below))
-
-    def _read_photograph(self) -> NDArray[np.uint8] | None:
-        problem = self._episode.problem
-        if not problem.vessels or not isinstance(problem.map, str):
-            return None
-        try:
-            left, top, right, bottom = vessel_map(problem.map, **problem.reading).picture_box
-            with Image.open(problem.map) as opened:
-                upright = ImageOps.exif_transpose(opened).convert("RGB")
-            # the last cell may be partly beside the photograph
-            box = left, top, min(right, upright.width), min(bottom, upright.height)
-        except (OSError, ShoalError) as error:
-            tell_once(f"film: no photograph under the map: {error}")
-            return None
-        # the rim around the map shows no photograph but its last pixels
-        width, height = (max(1, round(side - 2 * self._scale)) for side in self._size)
-        inner = np.asarray(upright.resize((width, height), Image.Resampling.BICUBIC, box=box))
-        rim = [
-            ((full - side) // 2, full - side - (full - side) // 2)
-            for full, side in ((self._size[1], height), (self._size[0], width))
-        ]
-        return np.pad(inner, (*rim, (0, 0)), mode="edge")
+        picture[rows, columns] = below + ((stamp[..., None] * (colour - below) + 128) >> 8)
 
     def _draw_background(self) -> None:
-        canvas, episode = self._canvas, self._episode
+        canvas, episode = Canvas(self.width, self.height), self._episode
         size = min(34.0, 1.55 * (self.width - 2 * _SIDE) / len(self.title))
         canvas.text((_SIDE, 66), self.title, INK, size, bold=True)
         canvas.text((_SIDE, 98), episode.policy, MUTED, 22)
@@ -214,9 +177,7 @@ class PresentedSwarm:
         for key, name in legend_of(episode).items():
             colour = legend_colour(episode, key)
             if key == "unknown" and self._photograph is not None:
-                mean = self._photograph.mean(axis=(0, 1))
-                shade = _PHOTOGRAPH * mean + (1 - _PHOTOGRAPH) * np.array(rgb_of(colour))
-                colour = f"#{bytes(np.rint(shade).astype(np.uint8)).hex()}"
+                colour = f"#{bytes(self._photograph.shade(rgb_of(colour))).hex()}"
             middle = np.array([left + 11, level - 8])
             if key == "particle":
                 canvas.disc(middle, 10, colour)
@@ -224,10 +185,11 @@ class PresentedSwarm:
                 square = middle + 10 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
                 canvas.area([square], colour, edge=MUTED, width=1.2)
             left += 62 + canvas.text((left + 32, level), name, INK, 22)
-        self._draw_scale_bar()
-        canvas.keep()
+        self._draw_scale_bar(canvas)
+        self._plain = canvas.frame().copy()
+        self._plain[self.height - 33 : self.height - 26, _SIDE : self.width - _SIDE] = rgb_of(_LINE)
 
-    def _draw_scale_bar(self) -> None:
+    def _draw_scale_bar(self, canvas: Canvas) -> None:
         spacing = self._episode.workspace.spacing
         size, unit = (1.0, "cells") if spacing is None else (spacing[1], "mm")
         a_pixel = size / self._scale
@@ -235,27 +197,35 @@ class PresentedSwarm:
         if spacing is None:
             length = max(1.0, length)
         right, level = self.width - _SIDE, self.height - 122.0
-        self._canvas.line([(right - length / a_pixel, level), (right, level)], INK, 4)
+        canvas.line([(right - length / a_pixel, level), (right, level)], INK, 4)
         words = f"{length:g} {unit if length != 1 or spacing else 'cell'}"
-        self._canvas.text((right - length / a_pixel - 14, level + 8), words, INK, 22, align=1.0)
+        canvas.text((right - length / a_pixel - 14, level + 8), words, INK, 22, align=1.0)
 
-    def _draw_foot(self, moment: float) -> None:
-        canvas, episode = self._canvas, self._episode
+    def _draw_foot(self, frame: NDArray[np.uint8], moment: float) -> None:
+        episode = self._episode
         move = min(int(moment) + (moment % 1 > 0), episode.moves)
         arrow = _ARROWS.get(episode.commands[move - 1], "") if move else ""
         lost = f"   {episode.out_of_reach} out of reach" if episode.unreachable else ""
         words = f"move {move:,} of {episode.moves:,}  {arrow}{lost}"
-        canvas.text((_SIDE, self.height - 114), words, INK, 28, bold=True)
+        top = self.height - 146  # above the letters
+        # Pillow writes text that changes with each picture in a tenth of Matplotlib's time
+        line = Image.fromarray(self._plain[top : self.height - 102, :-_SCALE_BAR])
+        ImageDraw.Draw(line).text((_SIDE, 32), words, INK, _font(), anchor="ls")
+        frame[top : self.height - 102, :-_SCALE_BAR] = np.asarray(line)
         left, right, level = _SIDE, self.width - _SIDE, self.height - 30
-        canvas.line([(left, level), (right, level)], _LINE, 7)
-        if moment > 0:
-            done = left + (right - left) * moment / episode.moves
-            canvas.line([(left, level), (done, level)], BLUE, 7)
+        done = left + round((right - left) * moment / max(1, episode.moves))
+        frame[level - 3 : level + 4, left:done] = rgb_of(BLUE)
 
 
-def _stamp_of(diameter: float) -> NDArray[np.float64]:
-    """Return how much of each pixel a disc covers; float64, shape (k, k)."""
+@cache
+def _font() -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans-Bold.ttf", 28)
+
+
+def _stamp_of(diameter: float) -> NDArray[np.int32]:
+    """Return how much of each pixel a disc covers, in parts of 256; int32, shape (k, k)."""
     side, fine = max(2, round(diameter)), 8
     steps = (np.arange(side * fine) + 0.5) / fine - side / 2
     inside = np.hypot(*np.meshgrid(steps, steps)) <= 0.46 * side
-    return np.asarray(inside.reshape(side, fine, side, fine).mean(axis=(1, 3)))
+    covered = inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+    return np.asarray(np.rint(256 * covered), dtype=np.int32)

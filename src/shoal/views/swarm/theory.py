@@ -23,9 +23,13 @@ from shoal.views.drawing.charts import (
     ORANGE,
     PURPLE,
     SKY,
+    add_legend,
     new_figure,
+    new_panels,
     plain_axes,
+    set_heading,
     set_title,
+    text_size,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +50,7 @@ def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
     last particle. Lines show the exact distributions. Bars show the Monte Carlo sample, if a sample
     is given.
     """
-    figure = new_figure(7.6, 5.2)
+    figure, grid = new_panels(7.6, 5.2, 4, rows=2)
     first = line.first_distribution
     panels = (
         ("to the first particle", "first", first),
@@ -54,12 +58,12 @@ def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
         ("largest gap", "largest_gap", line.largest_gap_distribution),
         ("spread", "spread", line.spread_distribution),
     )
-    for axes, (name, column, exact) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
+    for axes, (name, column, exact) in zip(grid, panels, strict=True):
         values = None if sample is None else getattr(sample, column)
         _density(axes, exact, values)
         axes.set(xlabel="cells", ylim=(0, None))
         set_title(axes, name)
-    figure.suptitle(_heading(line, sample), fontsize=11, color=INK, x=0.01, ha="left")
+    set_heading(figure, _heading(line, sample))
     return figure
 
 
@@ -80,7 +84,7 @@ def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) 
     axes.plot(exact.values[shown], probabilities[shown], color=BLUE, lw=1.8, label="exact")
     mean = float(exact.mean)
     axes.axvline(mean, color=ORANGE, lw=1.2, label=f"mean {mean:.2f}")
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=text_size())
     axes.set_ylabel("share of placements")
     axes.ticklabel_format(axis="y", style="plain")
     axes.locator_params(axis="y", nbins=4)
@@ -142,9 +146,11 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
             label="" if k else f"printed means: {', '.join(f'{m:g}' for m in printed)}",
         )
     axes.set(xlabel="moves", ylabel="share of placements")
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=text_size(9))
     set_title(
-        axes, f"{line.particles} particles in {line.cells} cells, {sample.trials:,} placements"
+        axes,
+        f"{line.particles} particles in {line.cells} cells, {sample.trials:,} placements",
+        in_print="",
     )
     plain_axes(axes)
     return figure
@@ -168,8 +174,7 @@ def simultaneous_ratios(
         the smallest possible value of this maximum over all schedules. ``growth`` is log D / log
         log D for the largest distance D.
     """
-    figure = new_figure(7.6, 3.8)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = new_panels(7.6, 3.8, 2)
     mine, least, by = (np.asarray(values, dtype=np.float64) for values in (ours, best, growth))
     for axes, name, curves in (
         (
@@ -188,7 +193,7 @@ def simultaneous_ratios(
         axes.set(xlabel="largest distance D, power of ten", ylim=(0, None))
         set_title(axes, name)
         plain_axes(axes)
-    left.legend(frameon=False, fontsize=9)
+    left.legend(frameon=False, fontsize=text_size(9))
     return figure
 
 
@@ -199,8 +204,9 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     The move ratio is the number of moves divided by the smallest possible number of moves. The scan
     ratio is the number of scans divided by the smallest possible number of scans.
     """
-    figure = new_figure(7.6, 4.2)
-    left, right = figure.subplots(1, 2)
+    from matplotlib.ticker import MaxNLocator
+
+    figure, (left, right) = new_panels(7.6, 4.2, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
         costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
@@ -223,7 +229,7 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     for axes, name in ((left, "moves"), (right, "scans")):
         axes.set(xlabel="distance of the wall + 1", ylabel=f"{name} / optimum", yscale="log")
         axes.set(xlim=(0, max(0.3, log10(max_distance + 1))), ylim=(0.9, None))
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         axes.xaxis.set_major_formatter(lambda x, _: f"$10^{{{x:g}}}$")
         set_title(axes, name)
         plain_axes(axes)
@@ -236,7 +242,7 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
         default=5,
     )
     right.set_ylim(0.9, 2 * highest)  # the range of one scan per move would hide the other curves
-    right.legend(frameon=False, fontsize=9)
+    add_legend(figure, right.get_legend_handles_labels()[0], len(schedules))
     return figure
 
 

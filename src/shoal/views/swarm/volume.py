@@ -36,6 +36,15 @@ class Slices:
     row: int
     column: int
 
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """Which slices these are, and from where they are seen."""
+        return (
+            f"layer {self.layer}, front",
+            f"row {self.row}, above",
+            f"column {self.column}, right",
+        )
+
     @classmethod
     def of(cls, workspace: GridWorkspace) -> Slices:
         """Return, for each axis of a workspace, the slice that contains the most free cells."""
@@ -223,12 +232,12 @@ def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | 
 
 
 def _room(
-    shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None
+    shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None, line: int | None = None
 ) -> tuple[int, int, int]:
     """Return the maximum height of a slice, the maximum width of a slice, and the height of a
     slice's name, all in pixels.
     """
-    line = max(LEAST_LINE, side // 30)
+    line = max(LEAST_LINE, side // 30) if line is None else line
     high = (side - 2 * GAP) // 3 - line
     deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
     widest = max(wide / tall, wide / deep, deep / tall) * high
@@ -244,24 +253,20 @@ def sheet(
     spacing: tuple[float, ...] | None = None,
     palette: CellPalette = VOLUME,
     fit: Fit,
+    unnamed: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Return a picture: the rotated view on the left, the named slices on the right; uint8, shape
-    (side, about 1.4 side, 3).
+    """Return a picture: the rotated view on the left, the slices on the right with their names, or
+    with ``unnamed`` rows of pixels for each name; uint8, shape (side, about 1.4 side, 3).
     """
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
-    names = (
-        f"layer {slices.layer}, from the front",
-        f"row {slices.row}, from above",
-        f"column {slices.column}, from the right",
-    )
-    *room, line = _room(codes.shape, side, spacing)
-    whole = np.full((side, sheet_width(codes.shape, side, spacing), 3), 255, dtype=np.uint8)
+    *room, line = _room(codes.shape, side, spacing, unnamed)
+    whole = np.full((side, side + GAP + room[1], 3), 255, dtype=np.uint8)
     whole[:, :side] = turned_view(
         codes, azimuth=azimuth, side=side, spacing=spacing, palette=palette, fit=fit
     )
     for number, (picture, (tall, wide), name) in enumerate(
-        zip(slice_pictures(codes, slices, palette), lengths, names, strict=True)
+        zip(slice_pictures(codes, slices, palette), lengths, slices.names, strict=True)
     ):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
         height = max(1, int(picture.shape[0] * tall * scale))
@@ -269,9 +274,21 @@ def sheet(
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
         drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
         top, left = number * (room[0] + line + GAP), side + GAP
-        whole[top : top + line, left:] = _written(name, room[1], line)
+        if unnamed is None:
+            whole[top : top + line, left:] = _written(name, room[1], line)
         whole[top + line : top + line + height, left : left + width] = drawn
     return whole
+
+
+def room_of_names(
+    shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None, unnamed: int
+) -> tuple[list[tuple[int, int]], int]:
+    """Return where `sheet` leaves ``unnamed`` rows for the names of the three slices: their left
+    lower corners (x, y), and their width, in pixels.
+    """
+    *room, line = _room(shape, side, spacing, unnamed)
+    corners = [(side + GAP, number * (room[0] + line + GAP) + line) for number in range(3)]
+    return corners, room[1]
 
 
 def notebook_picture(workspace: GridWorkspace, *, side: int = 640) -> bytes:

@@ -75,11 +75,12 @@ export function vessels({ remember }) {
     changed: (below) => {
       editor.below = below;
       editor.paint();
-      runs.setBelow();
+      for (const shown of [runs, races, comparisons]) shown.setBelow();
       showLayers();
     },
     look: (changes) => store.look(changes),
   });
+  editor.boxIn = layers.boxIn;
   const tools = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}),
@@ -302,10 +303,10 @@ export function vessels({ remember }) {
   }
 
   let view = "cells";
-  /** The photograph below is a matter of the cells and of the player. */
+  /** The photograph below is a matter of the cells and of all players. */
   function showLayers() {
     const { tab = "map" } = store.view;
-    layers.element.hidden = !layers.known || !(tab === "run" || (tab === "map" && view === "cells"));
+    layers.element.hidden = !layers.known || (tab === "map" && view !== "cells");
   }
   const photograph = photographs({
     editor,
@@ -412,6 +413,7 @@ export function vessels({ remember }) {
     current: () => store.text,
     look: (changes) => store.look(changes),
     view: () => store.view,
+    below: () => layers.below(),
   };
   const runs = running({
     store,
@@ -421,6 +423,9 @@ export function vessels({ remember }) {
   });
   const races = driving(context),
     comparisons = comparison(context);
+  // one zoom for the cells, the photograph and all players
+  const looks = { map: editor, run: runs, race: races, compare: comparisons };
+  let shownTab = "map";
   const stages = tabbed(
     "Vessels",
     [
@@ -438,7 +443,10 @@ export function vessels({ remember }) {
     ],
     {
       chosen: (name) => {
+        const view = looks[shownTab].look();
+        shownTab = name;
         if (name === "map") editor.resize();
+        if (view !== undefined) looks[name].lookAt(view);
         store.look({ tab: name });
         showLayers();
       },

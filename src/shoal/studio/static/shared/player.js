@@ -74,6 +74,23 @@ export class PlayerFrame {
     return this.shown?.contentWindow.shoalPlayer ?? null;
   }
 
+  /** Show a photograph under the map: { image, box, share }; or none. A volume has none. */
+  setBelow(below) {
+    const { player } = this;
+    if (!player?.picture?.setBelow) return;
+    player.picture.setBelow(below);
+    player.redraw();
+  }
+
+  /** What of the map is looked at: see Picture; undefined: no plane map is shown. */
+  look() {
+    return this.player?.picture?.view;
+  }
+
+  lookAt(view) {
+    if (view !== undefined) this.player?.lookAt(view);
+  }
+
   focus() {
     this.shown?.contentWindow.focus();
   }

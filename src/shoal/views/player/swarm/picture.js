@@ -57,6 +57,7 @@ const ShoalPicture = (() => {
       this.stamp = new Uint32Array(this.world.wall.length); // the last frame that drew a particle here
       this.frame = 0;
       this.zoom = 1;
+      this.view = null; // what is looked at, whatever the size of the canvas: see lookAt
       this.painted = -1; // the move that the image shows
     }
 
@@ -85,7 +86,7 @@ const ShoalPicture = (() => {
       const width = canvas.width - 2 * this.margin - this.gutter, height = canvas.height - 2 * this.margin;
       this.layOut(wrap(world.rows, world.cols, width, height));
       this.fitSize = this.snap(this.layout.size, SNAP_LOSS);
-      this.fit();
+      this.lookAt(this.view);
     }
 
     /** Where each cell goes in the image. */
@@ -117,6 +118,7 @@ const ShoalPicture = (() => {
     // ---- the view: cell size and the place of the image's corner -----------------------------------
 
     fit() {
+      this.view = null;
       this.zoom = 1;
       this.size = this.fitSize;
       this.centreX = this.layout.width / 2;
@@ -134,12 +136,38 @@ const ShoalPicture = (() => {
       this.size = this.snap(this.fitSize * this.zoom, 0);
       this.centreX = columnThere + (this.canvas.width / 2 - x) / this.size;
       this.centreY = rowThere + (this.canvas.height / 2 - y) / this.size;
-      return this.place();
+      this.place();
+      return this.note();
     }
 
     panBy(cssX, cssY) {
       this.centreX -= (cssX * this.ratio) / this.size;
       this.centreY -= (cssY * this.ratio) / this.size;
+      this.place();
+      this.note();
+    }
+
+    /** Note what is looked at: what of the map is in the middle, and how many of its widths are seen. */
+    note() {
+      const { world: { rows, cols }, centreX, centreY, canvas, size } = this;
+      this.view = this.zoom === 1 ? null
+        : { x: (centreX - 1) / (cols - 2), y: (centreY - 1) / (rows - 2), wide: canvas.width / size / (cols - 2) };
+    }
+
+    /** Look at what another picture of the map looks at; null: at all of it. */
+    lookAt(view) {
+      if (!this.layout) { // not on the page yet
+        this.view = view;
+        return;
+      }
+      this.fit();
+      this.view = view;
+      const { world: { rows, cols }, canvas } = this, size = view && canvas.width / (view.wide * (cols - 2));
+      if (!view || this.layout.lines > 1 || size <= this.fitSize) return;
+      this.zoom = size / this.fitSize;
+      this.size = size;
+      this.centreX = 1 + view.x * (cols - 2);
+      this.centreY = 1 + view.y * (rows - 2);
       this.place();
     }
 
@@ -179,6 +207,17 @@ const ShoalPicture = (() => {
       const points = this.timeline.pointsAt?.(n);
       if (points && this.layout.lines === 1) this.drawPoints(points);
       else if (!many) this.drawParticles(swarm, slide);
+    }
+
+    /** The row and column of the map at a place in the canvas, in device pixels; null beside the map. */
+    cellAt(x, y) {
+      const [col, row] = [(x - this.left) / this.size, (y - this.top) / this.size].map(Math.floor);
+      const cell = this.layout.lines === 1
+        ? (col >= 0 && col < this.world.cols && row >= 0 ? row * this.world.cols + col : -1)
+        : this.x.findIndex((left, k) => left === col && this.y[k] === row);
+      const found = [Math.floor(cell / this.world.cols) - 1, (cell % this.world.cols) - 1]; // without the rim
+      const inside = cell >= 0 && found.every((at, axis) => at >= 0 && at < [this.world.rows, this.world.cols][axis] - 2);
+      return inside ? found : null;
     }
 
     /** Draw the photograph under the map, which has a rim of one cell. */

@@ -237,11 +237,24 @@
     function listen() {
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
+      if ($("where")) placesUnderPointer(); // of a plane map
       ShoalHands.zoomOn($("picture"), {
         zoom: (factor, x, y) => moveView(() => picture.zoomAt(factor, x, y)), pan: (x, y) => moveView(() => picture.panBy(x, y)),
         zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on),
       });
       ShoalDesk.watchSizes(["stage", "chart"], () => { resized = true; redraw(); });
+    }
+
+    /** Say which cell is under the pointer, and where it is if the size of a cell is known. */
+    function placesUnderPointer() {
+      const canvas = $("picture"), where = $("where");
+      canvas.addEventListener("pointermove", ({ offsetX, offsetY }) => {
+        const cell = picture.cellAt(offsetX * picture.ratio, offsetY * picture.ratio);
+        const metric = cell && world.spacing ? `, ${cell.map((at, axis) => ((at + 0.5) * world.spacing.at(axis - 2)).toPrecision(4)).join(", ")} mm` : "";
+        where.textContent = cell ? `row ${cell[0]}, column ${cell[1]}${metric}` : "";
+        where.hidden = !cell;
+      });
+      canvas.addEventListener("pointerleave", () => { where.hidden = true; });
     }
 
     function snapshot() {
@@ -290,7 +303,7 @@
       else start();
     }
     return {
-      play: start, pause, snapshot, grow, end, setTheme, timeline, swarm, picture, redraw, stepBy, goTo,
+      play: start, pause, snapshot, grow, end, setTheme, timeline, swarm, picture, redraw, lookAt: (view) => moveView(() => picture.lookAt?.(view)), stepBy, goTo,
       get length() { return timeline.length; },
       get move() { return move; },
       get playing() { return playing; },

@@ -8,7 +8,7 @@ const AT_ONCE = 24;
 
 export function gallery() {
   const grid = el("ul.gallery", { "aria-label": "Episodes of the folder" }), more = el("button.second", { type: "button", hidden: true, onclick: () => { most += AT_ONCE; draw(); } }, "More");
-  const search = el("input", { type: "text", id: "episodeName", spellcheck: false, autocomplete: "off", placeholder: "part of a name", oninput: () => { most = AT_ONCE; draw(); } }), word = el("p.soft", { role: "status" });
+  const search = el("input", { type: "text", id: "episodeName", spellcheck: false, autocomplete: "off", placeholder: "part of a name", oninput: () => { most = AT_ONCE; draw(); } }), word = el("p.soft", { role: "status" }, "Reading the episodes of the folder …");
   const stage = el("section.watching", { "aria-label": "Episode", hidden: true }), frames = {}, cards = new Map();
   let most = AT_ONCE;
   const seen = new IntersectionObserver((entries) => {

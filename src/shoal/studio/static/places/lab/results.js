@@ -14,9 +14,10 @@ const short = (values) => Object.entries(values).map(([name, value]) => (typeof 
 const interval = (low, high) => (low === null || low === undefined ? "–" : `${number(low)} to ${number(high)}`);
 
 export function results({ shown, change }) {
-  const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }), detail = el("section.sweep", { "aria-label": "The sweep" });
+  const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }), detail = el("section.sweep", { "aria-label": "The sweep" }, el("p.soft", { role: "status" }, "Reading the sweeps of the folder …"));
   const element = el("div.labTwo", {}, list, detail);
   let sweeps = [], chosen = null, wanted = null, drawn = "";
+  let zoom = {}; // of the chart, while its numbers come in
   const key = (one) => `${one.store} ${one.name}`;
   const jobOf = (one) => [...state.jobs.values()].filter((job) => job.kind === "sweep" && job.spec.store === one.store && job.spec.sweep === one.name).sort((a, b) => b.id - a.id)[0];
   const atWork = (one) => { const job = jobOf(one); return job && !ended(job) ? job : null; };
@@ -52,6 +53,7 @@ export function results({ shown, change }) {
   function choose(store, name, measure = null) {
     if (chosen !== `${store} ${name}`) detail.replaceChildren(el("p.soft", { role: "status" }, `Opening ${name ?? store} …`)); // never one sweep under the mark of another
     chosen = `${store} ${name}`;
+    zoom = {};
     wanted = measure;
     drawn = "";
     drawList();
@@ -84,7 +86,7 @@ export function results({ shown, change }) {
     const measure = el("select", { id: "measure", onchange: () => { wanted = measure.value; look(); } }, found.measures.map((name) => el("option", { value: name, selected: name === found.measure }, name.replaceAll("_", " "))));
     const focus = document.activeElement?.id === "measure";
     detail.replaceChildren(
-      el("div.actions", {}, el("h2", {}, found.name), el("span.chip", {}, found.kind), buttons(one, found)),
+      el("div.actions", {}, el("h2", {}, found.name), el("span.chip", {}, found.kind), found.complete ? el("span.chip.done", {}, "complete") : [], buttons(one, found)),
       el("p.soft", { role: "status" }, [stateOf(one), found.failures ? `${found.failures} failed` : "", `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`].filter(Boolean).join(", ")),
       found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
       el("p.verdict", { role: "status" }, verdict(found)),
@@ -124,7 +126,7 @@ export function results({ shown, change }) {
       const where = Object.keys(axes).length ? `For ${words(axes)}: ` : "";
       if (d.low <= 0 && d.high >= 0) return `${where}${second} and ${first} do not differ clearly in ${what} (95 % interval of the difference ${interval(d.low, d.high)}, ${d.count} pairs).`;
       const low = Math.min(Math.abs(d.low), Math.abs(d.high)), high = Math.max(Math.abs(d.low), Math.abs(d.high));
-      return `${where}mean ${what} are ${number(Math.abs(d.mean))} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
+      return `${where}${where ? "mean" : "Mean"} ${what} are ${number(Math.abs(d.mean))} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
@@ -135,18 +137,18 @@ export function results({ shown, change }) {
     }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
   }
 
-  function chart({ points: all, comparisons: pairs, measure }) {
+  function chart({ points: all, measure }) {
     const known = all.filter((one) => one.estimate);
     if (!known.length) return el("p.soft", {}, "No trial has this measure yet.");
     const axis = Object.keys(known[0].axes).find((name) => new Set(known.map((one) => one.axes[name])).size > 1 && known.every((one) => typeof one.axes[name] === "number"));
-    if (!axis) return rowsChart(known.map((one) => ({ ...one.estimate, label: short(one.axes) })), `${measure}: means and intervals`);
+    if (!axis) return rowsChart(known.map((one) => ({ ...one.estimate, label: short(one.axes) })), `${measure}: means and intervals`, measure.replaceAll("_", " "));
     const lines = new Map();
     for (const { axes, estimate } of known) {
       const { [axis]: x, ...others } = axes, label = short(others);
       lines.set(label, [...(lines.get(label) ?? []), { x, ...estimate }]);
     }
     const named = [...lines].slice(0, MOST_LINES).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
-    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : [],
+    return [linesChart(named, { axis, measure, zoom }),
       lines.size > MOST_LINES ? el("p.soft", {}, `${MOST_LINES} of ${lines.size} lines are drawn: the table below has more.`) : []].flat();
   }
 

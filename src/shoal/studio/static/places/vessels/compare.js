@@ -10,7 +10,7 @@ import { dated } from "../../shared/store.js";
 
 const MOST = 4;
 
-export function comparison({ names, problem, seed, current, look, view }) {
+export function comparison({ names, problem, seed, current, look, view, below }) {
   const chosen = new Set(["best", "closest-frontier"].filter((name) => names.includes(name)));
   const boxes = names
     .filter((name) => !NEED_OPTIONS.includes(name))
@@ -59,8 +59,13 @@ export function comparison({ names, problem, seed, current, look, view }) {
   const results = el("div.compared", {}, verdict, chart, films);
   const aged = dated(current, results, (fresh) => {
     agedWord.hidden = fresh;
+    setBelow();
   });
   let frames = [];
+  /** The photograph under all films, if the comparison is of the settings that are set. */
+  function setBelow() {
+    for (const frame of frames) frame.setBelow(aged.fresh ? below() : null);
+  }
 
   async function start() {
     const policies = names.filter((name) => chosen.has(name));
@@ -121,6 +126,7 @@ export function comparison({ names, problem, seed, current, look, view }) {
       rowsChart(
         policies.map((one, i) => ({ ...one, label: one.policy, best: i === best })),
         "Moves of each policy: each trial, the mean and its interval",
+        "moves",
       ),
       dataTable(
         "Numbers",
@@ -199,6 +205,7 @@ export function comparison({ names, problem, seed, current, look, view }) {
         frames[i].open({ ...(await ask("page", { file })).data, playing: false }),
       ),
     );
+    setBelow();
   }
 
   const element = el(
@@ -244,5 +251,8 @@ export function comparison({ names, problem, seed, current, look, view }) {
     trials.value = count;
     limit();
   }
-  return { element, refresh: () => aged.refresh(), revive };
+  return { element, refresh: () => aged.refresh(), setBelow, revive,
+    look: () => (aged.fresh ? frames[0]?.look() : undefined),
+    lookAt: (view) => aged.fresh && frames.forEach((frame) => frame.lookAt(view)),
+  };
 }

@@ -16,7 +16,7 @@ const PAD = [
   ["o", "out", "M12 10a2 2 0 1 0 .01 0z"],
 ];
 
-export function driving({ names, problem, seed, current, look, view }) {
+export function driving({ names, problem, seed, current, look, view, below }) {
   const frame = new PlayerFrame("swarm", {
     title: "Your swarm: drive it with the arrow keys",
     bare: "driven",
@@ -56,7 +56,12 @@ export function driving({ names, problem, seed, current, look, view }) {
   );
   const aged = dated(current, frame.element, (fresh) => {
     agedWord.hidden = fresh;
+    setBelow();
   });
+  /** The photograph under the race, if the race is of the settings that are set. */
+  function setBelow() {
+    frame.setBelow(aged.fresh ? below() : null);
+  }
   let drive = null,
     begun = null,
     over = false,
@@ -107,6 +112,7 @@ export function driving({ names, problem, seed, current, look, view }) {
                 },
               });
               drive.ghost(piece.begin);
+              setBelow();
               pieces.forEach(take);
               pieces = null;
               pad.hidden = false;
@@ -183,5 +189,8 @@ export function driving({ names, problem, seed, current, look, view }) {
   const revive = () => {
     if (view().rival) rivals.value = view().rival;
   };
-  return { element, start, refresh: () => aged.refresh(), revive };
+  return { element, start, refresh: () => aged.refresh(), setBelow, revive,
+    look: () => (aged.fresh ? frame.look() : undefined),
+    lookAt: (view) => aged.fresh && frame.lookAt(view),
+  };
 }

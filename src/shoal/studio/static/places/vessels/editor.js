@@ -91,6 +91,9 @@ export class Editor {
     this.pen = this.canvas.getContext("2d");
     this.image = document.createElement("canvas");
     this.overlay = null;
+    /** Where the map is in a photograph, if that is known.
+     *  @type {(photograph: any) => number[] | null} */
+    this.boxIn = () => null;
     this.below = null; // a photograph under the cells: { image, box, share }
     this.photograph = null;
     this.map = null; // { shape, free, start }
@@ -110,22 +113,63 @@ export class Editor {
   /** Show a map; none, if there is none. */
   setMap(map) {
     const same = this.map && map && String(this.map.shape) === String(map.shape);
+    const view = this.photograph ? this.look() : null;
+    const other = this.photograph || !same;
     this.map = map;
     this.photograph = null;
-    if (!same) this.fit();
+    if (other) this.lookAt(map && view);
     this.paint();
     this.redraw();
   }
 
   setPhotograph(image, mask) {
+    const view = this.photograph ? null : this.look();
     const same =
       this.photograph &&
       this.photograph.naturalWidth === image.naturalWidth &&
       this.photograph.naturalHeight === image.naturalHeight;
     this.photograph = image;
     this.overlay = mask ? this.tinted(mask) : null;
-    if (!same) this.fit();
+    if (!same) this.lookAt(view);
     this.redraw();
+  }
+
+  /** What of the map is in the middle, and how many of its widths the canvas shows, as zoomed in;
+   *  null: all of it, or a photograph whose map is not known. */
+  look() {
+    const box = this.box;
+    if (this.zoom === 1 || !this.map || !box) return null;
+    const [rows, columns] = this.size,
+      [left, top, right, bottom] = box;
+    const [x, y] = [
+      (this.canvas.width / 2 - this.left) / (columns * this.scale),
+      (this.canvas.height / 2 - this.top) / (rows * this.scale),
+    ];
+    return {
+      x: (x - left) / (right - left),
+      y: (y - top) / (bottom - top),
+      wide: this.canvas.width / (columns * this.scale) / (right - left),
+    };
+  }
+
+  /** Show what `look` told, of the cells or of the photograph. */
+  lookAt(view) {
+    this.fit();
+    const box = this.box;
+    if (!view || !box) return;
+    const [rows, columns] = this.size,
+      [left, top, right, bottom] = box;
+    const scale = this.canvas.width / (view.wide * (right - left) * columns);
+    if (scale <= this.scale) return;
+    this.zoom = scale / this.scale;
+    this.scale = scale;
+    this.left = this.canvas.width / 2 - (left + view.x * (right - left)) * columns * scale;
+    this.top = this.canvas.height / 2 - (top + view.y * (bottom - top)) * rows * scale;
+  }
+
+  /** Where the map is in what is shown, in shares of its sides. */
+  get box() {
+    return this.photograph ? this.boxIn(this.photograph) : [0, 0, 1, 1];
   }
 
   tinted(mask) {

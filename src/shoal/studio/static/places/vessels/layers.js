@@ -40,6 +40,8 @@ export function photographBelow({ changed, look }) {
     get known() {
       return !!photograph;
     },
+    /** Where the map is in a photograph, in shares of its sides; null: not known. */
+    boxIn: (image) => (photograph?.image === image ? photograph.box : null),
     /** Another photograph, or none. */
     set(found) {
       photograph = found;

@@ -54,10 +54,7 @@ export function running({ store, problem, open, below }) {
 
   /** The photograph under the player, if what is played is of the settings that are set. */
   function setBelow() {
-    const { player } = frame;
-    if (!player?.picture || !player.picture.setBelow) return; // a volume
-    player.picture.setBelow(dates.fresh ? below() : null);
-    player.redraw();
+    frame.setBelow(dates.fresh ? below() : null);
   }
 
   function showResult(file, sentence, at) {
@@ -192,6 +189,8 @@ export function running({ store, problem, open, below }) {
     children: [el("div.stageHead", {}, result, episodes), frame.element, empty],
     refresh: () => dates.refresh(),
     setBelow,
+    look: () => (dates.fresh ? frame.look() : undefined),
+    lookAt: (view) => dates.fresh && frame.lookAt(view),
     show: guarded(show),
     /** The file of the episode on the stage, if it is of the settings that are set. */
     get current() {
