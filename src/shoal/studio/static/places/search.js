@@ -150,6 +150,7 @@ export function search({ remember }) {
   const complain = faultsOf(warning, rowOf);
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
+  /** @returns {Record<string, any>} */
   const fields = () => ({
     kind: "search",
     ...(region ? { region } : {}),

@@ -54,7 +54,9 @@ export function steering({ remember }) {
   const store = new Store(put);
   let begun = false,
     shown = null; // the episode on the stage: its file and its sentence
-  let problem = { ...BEGIN },
+  /** @type {Record<string, any>} */
+  let problem = { ...BEGIN };
+  let 
     seed = 0,
     place = null,
     corners = null,
@@ -290,7 +292,7 @@ export function steering({ remember }) {
 
   function drawRoom() {
     if (!place && !corners) return;
-    const focused = document.activeElement?.dataset?.handle;
+    const focused = document.activeElement?.getAttribute("data-handle");
     frame = frameOf(
       corners
         ? [

@@ -65,7 +65,8 @@ export async function uploadTogether(files, fits = /./) {
 }
 
 /** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
-export const listed = (kind, { skip = 0, name = "" } = {}) => request("GET", `/api/files?${new URLSearchParams({ kind, skip, name })}`);
+export const listed = (kind, { skip = 0, name = "" } = {}) =>
+  request("GET", `/api/files?${new URLSearchParams({ kind, skip: String(skip), name })}`);
 
 /** How many files of one kind are older than those that are listed. */
 export const leftOut = (kind) => (state.counts[kind] ?? 0) - state.files.filter((file) => file.kind === kind).length;

@@ -49,7 +49,11 @@ export const bearing = ([ax, ay], [bx, by]) =>
 export const centreOf = (ring) =>
   [0, 1].map((axis) => ring.reduce((sum, point) => sum + point[axis], 0) / ring.length);
 
-/** A ring turned about a point by so many radians, counter-clockwise. */
+/** A ring turned about a point by so many radians, counter-clockwise.
+ *
+ *  @param {number[][]} ring
+ *  @param {number[]} centre
+ *  @param {number} angle */
 export function turned(ring, [cx, cy], angle) {
   const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
   return ring.map(([x, y]) => [

@@ -1,6 +1,7 @@
 /* The keys of the studio, in a sheet. */
 import { el, openSheet } from "./page.js";
 
+/** @type {[string, [string, string][]][]} */
 const KEYS = [
   [
     "On all pages",

@@ -1,6 +1,11 @@
 /* Making elements, saying things, dialogs. Text is only ever set as text. */
 
-/** Make an element: `el("p.soft", { id: "x" }, "text", child, ...)`. */
+/** Make an element: `el("p.soft", { id: "x" }, "text", child, ...)`.
+ *
+ *  @param {string} what
+ *  @param {Record<string, any>} attributes
+ *  @param {...any} children
+ *  @returns {any} an element of the kind that its tag names */
 export function el(what, attributes = {}, ...children) {
   const [tag, ...classes] = what.split(".");
   const made = document.createElement(tag || "div");
@@ -16,6 +21,12 @@ export function el(what, attributes = {}, ...children) {
 }
 
 const SVG = "http://www.w3.org/2000/svg";
+/** Make an element of a drawing.
+ *
+ *  @param {string} tag
+ *  @param {Record<string, any>} attributes
+ *  @param {...any} children
+ *  @returns {any} */
 export function svg(tag, attributes = {}, ...children) {
   const made = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -79,7 +90,7 @@ export function acceptDrops(element, bring) {
 }
 
 export function openSheet(title, ...children) {
-  const sheet = document.getElementById("sheet");
+  const sheet = /** @type {HTMLDialogElement} */ (document.getElementById("sheet"));
   sheet.replaceChildren(
     el("div.sheetHead", {}, el("h2", { id: "sheetTitle" }, title),
       el("button.quiet.icon", { type: "button", "aria-label": "Close", onclick: () => sheet.close() }, "×")),
@@ -131,7 +142,12 @@ export function tabs(label, choices, choose, panel = null) {
   return { list, pick };
 }
 
-/** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels and how to choose one. */
+/** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels
+ *  and how to choose one.
+ *
+ *  @param {string} label
+ *  @param {any[][]} entries
+ *  @param {{ chosen?: (name: string) => void, scrolls?: boolean }} options */
 export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = {}) {
   const panels = entries.map(([name, , ...children]) => el(`div.panel${scrolls ? ".scrolls" : ""}`, { id: panelId(label, name), role: "tabpanel", "aria-labelledby": tabId(label, name) }, children));
   const found = tabs(label, entries, (picked) => {

@@ -135,7 +135,7 @@ export function results({ shown, change }) {
     }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
   }
 
-  function chart({ points: all, comparisons: pairs, measure }) {
+  function chart({ points: all, measure }) {
     const known = all.filter((one) => one.estimate);
     if (!known.length) return el("p.soft", {}, "No trial has this measure yet.");
     const axis = Object.keys(known[0].axes).find((name) => new Set(known.map((one) => one.axes[name])).size > 1 && known.every((one) => typeof one.axes[name] === "number"));

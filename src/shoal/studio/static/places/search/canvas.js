@@ -12,19 +12,18 @@ const LINES = 7; // about how many lines of the graticule there are
 export class MetricCanvas {
   /** `tap(point, event)` is called for a click that is no drag; `over(point)` as the pointer moves,
    *  with null when it leaves. */
-  constructor(label, { tap = () => {}, over = () => {} }) {
-    Object.assign(this, {
-      tap,
-      over,
-      earth: null,
-      marks: [],
-      scale: 1,
-      middle: [0, 0],
-      size: [1, 1],
-      bounds: null,
-      moved: false,
-      drag: null, // what may take a drag for itself, as hands() has it
-    });
+  constructor(label, { tap, over }) {
+    this.tap = tap;
+    this.over = over;
+    this.earth = null;
+    this.marks = [];
+    this.scale = 1; // pixels of a metre
+    this.middle = [0, 0];
+    this.size = [1, 1];
+    this.bounds = null;
+    this.moved = false;
+    this.drawing = 0;
+    this.drag = null; // what may take a drag for itself, as hands() has it
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
     this.world = svg("g", {});
@@ -70,6 +69,7 @@ export class MetricCanvas {
     else this.draw();
   }
 
+  /** @param {number[]} point in metres */
   at([x, y]) {
     return [
       this.size[0] / 2 + (x - this.middle[0]) * this.scale,
@@ -77,6 +77,7 @@ export class MetricCanvas {
     ];
   }
 
+  /** @param {number[]} spot in pixels */
   back([right, down]) {
     return [
       this.middle[0] + (right - this.size[0] / 2) / this.scale,
@@ -148,7 +149,7 @@ export class MetricCanvas {
   /** Things of one size whatever the zoom: each has a `point` in metres and an `element` around (0,
    *  0). */
   setMarks(marks) {
-    const focused = document.activeElement?.dataset?.mark;
+    const focused = document.activeElement?.getAttribute("data-mark");
     this.marks = marks;
     for (const mark of marks) this.place(mark);
     this.above.replaceChildren(...marks.map((mark) => mark.element));
@@ -185,6 +186,7 @@ export class MetricCanvas {
     this.graticule.replaceChildren(...lines.flat());
   }
 
+  /** @param {number} axis @param {number} tick @param {number[]} ends @param {string} words */
   drawLine(axis, tick, [low, high], words) {
     const spots = Array.from({ length: this.earth ? 9 : 2 }, (_, k, n = this.earth ? 8 : 1) => {
       const along = low + ((high - low) * k) / n,

@@ -44,7 +44,13 @@ export class Drawing {
    *  and with `corner` for an outline
    *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
   constructor(canvas, { changed, launched, store }) {
-    Object.assign(this, { canvas, changed, launched, tool: LOOK, shape: "corners", held: "" });
+    this.canvas = canvas;
+    this.changed = changed;
+    this.launched = launched;
+    this.tool = LOOK;
+    this.shape = "corners";
+    this.held = "";
+    this.sketching = false;
     canvas.drag = (point, back) => this.drag(point, back);
     this.load(null);
     this.layer = svg("g", { class: "drawn" });

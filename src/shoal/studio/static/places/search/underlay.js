@@ -5,6 +5,8 @@ import { el, guarded, svg } from "../../shared/page.js";
 import { earthAt } from "./earth.js";
 
 const PICTURES = /\.(png|jpe?g|bmp|tiff?)$/i;
+/** @type {{ file: string | null, spots: (number | null)[][], places: (number[] | null)[],
+ *  degrees: boolean, opacity: number }} */
 const EMPTY = {
   file: null,
   spots: [
@@ -20,15 +22,14 @@ export class Underlay {
   /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one;
    *  `changed()` is called when the picture moves. */
   constructor(canvas, { frame, setFrame, changed }) {
-    Object.assign(this, {
-      canvas,
-      frame,
-      setFrame,
-      changed,
-      told: structuredClone(EMPTY),
-      picking: -1,
-      size: null,
-    });
+    this.canvas = canvas;
+    this.frame = frame;
+    this.setFrame = setFrame;
+    this.changed = changed;
+    /** @type {typeof EMPTY} */
+    this.told = structuredClone(EMPTY);
+    this.picking = -1;
+    this.size = null;
     this.image = svg("image", { preserveAspectRatio: "none" });
     canvas.under.append(this.image);
     this.element = this.makeForm();
