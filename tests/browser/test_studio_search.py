@@ -277,7 +277,8 @@ def test_missions_are_written_and_checked(
     page.locator(".missions .soft", has_text="paddock-2.missions.zip").wait_for()
     assert page.locator(".measures").inner_text() == measures
     assert page.get_by_label("format", exact=True).input_value() == "plan"
-    monkeypatch.chdir(studio.folder)
+    # the command of the archive runs where it is unpacked: the region is in it
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert command[-1] == "--format=plan"
     assert run_command([*command[1:], f"--missions={tmp_path / 'again'}"]) == 0

@@ -109,24 +109,27 @@ class Folder:
         """Refuse a problem if one of its fields names a file outside the folder, or a picture that
         is too large.
         """
-        for value in data.values():
-            texts = [
-                text
-                for text in (value if isinstance(value, list) else [value])
-                if isinstance(text, str) and len(text) <= 4096
-            ]
-            # fields follow the file name of a vehicle
-            for text in {
-                *texts,
-                *(text.partition(",")[0] for text in texts),
-            }:
-                path = Path(text)
-                if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
-                    raise InvalidInputError(
-                        f"file: expected a name inside the folder, got {shortened(text)}"
-                    )
-                if "/" in text or (text and os.path.lexists(self.root / path)):
-                    check_pixels(self.path(text))
+        for text in texts_of(data):
+            path = Path(text)
+            if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
+                raise InvalidInputError(
+                    f"file: expected a name inside the folder, got {shortened(text)}"
+                )
+            if "/" in text or (text and os.path.lexists(self.root / path)):
+                check_pixels(self.path(text))
+
+    def named_in(self, *given: Mapping[str, Any]) -> list[str]:
+        """Return the names of the files of the folder that fields name, with all parts of a
+        Shapefile, in alphabetical order.
+        """
+        files = set()
+        for text in set().union(*map(texts_of, given)):
+            path = Path(text)
+            parts = [path.with_suffix(one) for one in SHAPEFILE] if path.suffix == ".shp" else []
+            for file in (path, *parts):
+                if text and os.path.lexists(self.root / file) and self.path(str(file)).is_file():
+                    files.add(file.as_posix())
+        return sorted(files)
 
     def files(self) -> list[dict[str, Any]]:
         """Return the files of the folder, newest first, with the name, purpose, size in bytes and
@@ -260,6 +263,18 @@ class Folder:
                 named = str(error).replace(temporary.name, plain)
                 raise InvalidInputError(named) from None
         return target.name
+
+
+def texts_of(data: Mapping[str, Any]) -> set[str]:
+    """Return the texts in the fields of a problem that may be names of files."""
+    texts = {
+        text
+        for value in data.values()
+        for text in (value if isinstance(value, list) else [value])
+        if isinstance(text, str) and len(text) <= 4096
+    }
+    # fields follow the file name of a vehicle
+    return texts | {text.partition(",")[0] for text in texts}
 
 
 def purpose_of(name: str) -> str | None:

@@ -331,6 +331,9 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Plan a search, and write and check its missions. Return the names of the archive and the map,
     and the linter's report.
+
+    The archive also holds the files that the problem and the options name, so that the command in
+    the result runs in the unpacked archive.
     """
     from shoal.missions import MissionOptions, MissionSet
     from shoal.views.search.missions import MAP, save_missions_map
@@ -364,6 +367,8 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
                 archive.writestr(
                     zipfile.ZipInfo(path.relative_to(place).as_posix(), _EPOCH), path.read_bytes()
                 )
+            for own in folder.named_in(spec["problem"], asked["missions"]):
+                archive.writestr(zipfile.ZipInfo(own, _EPOCH), folder.path(own).read_bytes())
         picture = folder.new_name(f"{stem}-missions-figure", ".png")
         with atomic(folder.path(picture)) as temporary:
             temporary.write_bytes((inside / MAP).read_bytes())
