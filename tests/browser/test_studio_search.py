@@ -188,6 +188,80 @@ def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio
     )
 
 
+def drawn(page: Page) -> dict[str, Any]:
+    """What is drawn, as the address has it."""
+    told = page.evaluate("JSON.parse(decodeURIComponent(location.hash.split('?')[1])).drawing")
+    assert isinstance(told, dict)
+    return told
+
+
+def on_canvas(page: Page, *points: tuple[float, float]) -> list[tuple[float, float]]:
+    """Pixels of points in metres: the canvas is measured by its marks in one go."""
+    spots = page.evaluate("""[...document.querySelectorAll('.plane .handle')].map((mark) => {
+        const box = mark.querySelector('.touch').getBoundingClientRect();
+        return [mark.dataset.mark, box.x + box.width / 2, box.y + box.height / 2];
+    })""")
+    at = {name: (x, y) for name, x, y in spots}
+    (ax, ay), (bx, by) = at["launch0"], at["launch1"]  # at (0, 0) and (60, 40)
+    return [(ax + x / 60 * (bx - ax), ay + y / 40 * (by - ay)) for x, y in points]
+
+
+ZONES = [[[5, 5], [15, 5], [15, 15]], [[25, 5], [35, 5], [35, 15]], [[45, 25], [55, 25], [55, 35]]]
+PLOT = {
+    "problem": {**FAST, "launch": "0,0;60,40"},
+    "drawing": {"parts": [[[0, 0], [60, 0], [60, 40], [0, 40]]], "zones": ZONES},
+    "seed": 1,
+}
+
+
+@pytest.mark.forms(0)
+def test_several_outlines_are_chosen_moved_copied_and_removed(page: Page, studio: Studio) -> None:
+    studio.open(page, "search", PLOT)
+    planned(page).wait_for()
+    page.get_by_role("button", name="Select", exact=True).click()
+    begun, ended = on_canvas(page, (2, 2), (40, 20))
+    page.mouse.move(*begun)
+    page.mouse.down()
+    page.mouse.move(*ended, steps=3)
+    page.mouse.up()
+    page.locator(".guide .hint", has_text="2 outlines, 100 m²").wait_for()
+    page.get_by_role("button", name="No-go zone 2, all of it").press("ArrowUp")
+    moved = drawn(page)["zones"]
+    up = moved[0][0][1] - 5
+    assert up > 0
+    assert moved == [
+        *([[x, round(y + up, 3)] for x, y in zone] for zone in ZONES[:2]),  # type: ignore[misc]
+        ZONES[2],
+    ]
+    page.locator(".plane").press("Control+c")
+    page.locator(".plane").press("Control+v")
+    copied = drawn(page)["zones"]
+    assert len(copied) == 5
+    assert [shapely.Polygon(zone).area for zone in copied[3:]] == pytest.approx([50, 50])
+    page.locator(".guide").get_by_role("button", name="Delete", exact=True).click()
+    assert drawn(page)["zones"] == moved
+    page.locator(".plane").press("Control+z")
+    assert drawn(page)["zones"] == copied
+    for _ in range(2):
+        page.locator(".plane").press("Control+z")
+    assert drawn(page)["zones"] == ZONES
+    page.get_by_role("button", name="No-go zone 3, all of it").press("Space")
+    page.get_by_role("button", name="No-go zone 3, all of it", pressed=True).wait_for()
+
+
+@pytest.mark.forms(0)
+def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None:
+    studio.open(page, "search", PLOT)
+    planned(page).wait_for()
+    page.get_by_role("button", name="Ruler", exact=True).click()
+    for spot in on_canvas(page, (0, 0), (60, 40)):  # two corners, to which it snaps
+        page.mouse.click(spot[0] + 4, spot[1] - 4)
+    assert drawn(page)["zones"] == ZONES
+    page.locator(".guide .hint", has_text="72.11 m at 56°").wait_for()
+    page.get_by_role("button", name="Ruler, end 2").press("Delete")
+    page.locator(".guide .hint", has_text="Click where the distance begins").wait_for()
+
+
 def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
     opened(page, studio, launch="-10,-10")
     mark = page.get_by_role("button", name="Launch point 1")

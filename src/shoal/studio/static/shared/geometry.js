@@ -28,6 +28,7 @@ export function crosses(corners, next, { closes = false } = {}) {
 export const CROSSES = "The outline would cross itself there. Put the corner elsewhere, or take corners back with Ctrl Z.";
 export const CROSSES_CLOSED = "The last side would cross the outline. Add corners around it, or take corners back with Ctrl Z.";
 
+/** @type {(from: number[], to: number[]) => number} */
 export const distance = ([ax, ay], [bx, by]) => Math.hypot(bx - ax, by - ay);
 
 export const perimeter = (ring) =>
@@ -42,9 +43,18 @@ export const area = (ring) =>
     }, 0),
   ) / 2;
 
-/** Degrees clockwise from the north, or from above, at which b is seen from a. */
+/** Degrees clockwise from the north, or from above, at which b is seen from a.
+ *
+ *  @type {(from: number[], to: number[]) => number} */
 export const bearing = ([ax, ay], [bx, by]) =>
   ((Math.atan2(bx - ax, by - ay) * 180) / Math.PI + 360) % 360;
+
+/** Whether a point lies inside a ring. */
+export const inside = ([x, y], ring) =>
+  ring.reduce((odd, [ax, ay], i) => {
+    const [bx, by] = ring[(i + 1) % ring.length];
+    return ay > y !== by > y && x < ax + ((y - ay) / (by - ay)) * (bx - ax) ? !odd : odd;
+  }, false);
 
 export const centreOf = (ring) =>
   [0, 1].map((axis) => ring.reduce((sum, point) => sum + point[axis], 0) / ring.length);

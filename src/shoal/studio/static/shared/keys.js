@@ -31,6 +31,8 @@ const KEYS = [
       ["Delete", "remove it"],
       ["Enter", "close the outline that is drawn"],
       ["Escape", "drop the outline that is drawn"],
+      ["Ctrl A", "choose all outlines of a region"],
+      ["Ctrl C, Ctrl X, Ctrl V", "copy, cut and paste the chosen outlines"],
     ],
   ],
   [

@@ -253,14 +253,15 @@ function degreesText(value, axis, digits) {
   return `${Math.abs(value).toFixed(digits)}° ${axis ? (value < 0 ? "S" : "N") : value < 0 ? "W" : "E"}`;
 }
 
-/** A mark that the hand moves, or the arrow keys (with Shift farther); Delete removes it. */
+/** A mark that the hand moves, or the arrow keys (with Shift farther); Delete removes it. With
+ *  `press`, a click and the keys Enter and Space press it; it is `pressed` or not. */
 export function handle(
   canvas,
   key,
   point,
   words,
   shapes,
-  { move, done = () => {}, remove = null, quiet = false },
+  { move, done = () => {}, remove = null, press = null, pressed = false, quiet = false },
 ) {
   const element = svg(
     "g",
@@ -270,6 +271,7 @@ export function handle(
       role: "button",
       "aria-label": words,
       "data-mark": key,
+      ...(press ? { "aria-pressed": String(pressed) } : {}),
     },
     svg("circle", { class: "touch", r: 13 }),
     shapes,
@@ -291,6 +293,7 @@ export function handle(
       plane.removeEventListener("pointermove", first);
       for (const kind of ["pointerup", "pointercancel"]) plane.removeEventListener(kind, stop);
       if (gone) done();
+      else if (ended.type === "pointerup") press?.();
     };
     plane.setPointerCapture(event.pointerId);
     plane.addEventListener("pointermove", first);
@@ -305,6 +308,9 @@ export function handle(
       const by = (event.shiftKey ? 40 : 4) / canvas.scale;
       move([point[0] + by * step[0], point[1] + by * step[1]]);
       done();
+    } else if (press && ["Enter", " "].includes(event.key)) {
+      event.preventDefault();
+      press();
     } else if (remove && ["Delete", "Backspace"].includes(event.key)) {
       event.preventDefault();
       remove();
