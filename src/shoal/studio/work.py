@@ -336,6 +336,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     the result runs in the unpacked archive.
     """
     from shoal.missions import MissionOptions, MissionSet
+    from shoal.missions.profile import height_profiles
     from shoal.views.search.missions import MAP, save_missions_map
 
     problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
@@ -354,7 +355,21 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         say("progress", (0.7, "checking missions"))
         result = made.check()
         result.write(checked)
-        found = {"missions": made.report(), "check": result.report(), "command": command}
+        found = {
+            "missions": made.report(),
+            "check": result.report(),
+            "command": command,
+            "profiles": [
+                {
+                    "robot": one.robot,
+                    "sortie": one.sortie,
+                    "times": np.round(one.times, 1).tolist(),
+                    "heights": np.round(one.heights, 2).tolist(),
+                    "ground": None if one.ground is None else np.round(one.ground, 2).tolist(),
+                }
+                for one in height_profiles(made)
+            ],
+        }
         asked = {"problem": spec["problem"], "missions": spec.get("missions") or {}, "seed": seed}
         write_json(Path(place, MISSIONS_PAGE), as_json(asked | {"written": found}))
         stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
