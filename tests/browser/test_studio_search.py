@@ -334,6 +334,9 @@ def test_missions_are_written_and_checked(
         page.get_by_role("link", name="Download the zip").click()
     assert download.value.suggested_filename == "paddock.missions.zip"
     until(page, "document.querySelector('.missionMap img').naturalWidth > 100")
+    assert page.locator(".profile .flown").count() == 2
+    page.get_by_label("Time", exact=True).fill("0")
+    page.locator(".readings", has_text="0 s1sortie 1, 0 m2sortie 1, 0 m").wait_for()
     with zipfile.ZipFile(studio.folder / "paddock.missions.zip") as archive:
         archive.extractall(tmp_path)
     told = json.loads((tmp_path / "check/check.json").read_text())
@@ -358,6 +361,56 @@ def test_missions_are_written_and_checked(
     assert run_command([*command[1:], f"--missions={tmp_path / 'again'}"]) == 0
     for name in ("robot-01.plan", "robot-02.plan"):
         assert (tmp_path / "again" / name).read_text() == (tmp_path / "missions" / name).read_text()
+
+
+ZOOM, FIRST = 17, (68630, 45886)  # column and row of the tile in the north-west of FIELD
+
+
+def corner_of(column: float, row: float) -> tuple[float, float]:
+    """Longitude and latitude of the north-western corner of a tile."""
+    turn = np.pi * (1 - 2 * row / 2**ZOOM)
+    return 360 * column / 2**ZOOM - 180, float(np.degrees(np.arctan(np.sinh(turn))))
+
+
+@pytest.mark.forms(0)
+def test_map_tiles_of_a_folder_lie_where_they_are_on_earth(page: Page, studio: Studio) -> None:
+    for column in (FIRST[0], FIRST[0] + 1):
+        place = studio.folder / f"town/{ZOOM}/{column}"
+        place.mkdir(parents=True)
+        Image.new("RGB", (256, 256), "#88aa66").save(place / f"{FIRST[1]}.png")
+    (studio.folder / "paddock.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*FIELD, FIELD[0]]]})
+    )
+    opened(page, studio, "paddock.geojson")
+    page.get_by_text("A picture below").click()
+    page.get_by_label("Picture below the canvas").select_option("town")
+    until(page, "document.querySelectorAll('[data-came=load]').length === 2")
+    found = page.evaluate("""(() => {
+        const back = document.querySelector('.plane .drawn').getScreenCTM().inverse();
+        return [...document.querySelectorAll('[data-tile]')].map((image) => {
+            const there = back.multiply(image.getScreenCTM());
+            return [image.dataset.tile, [0, 256].map((side) => {
+                const point = new DOMPoint(side, side).matrixTransform(there);
+                return [point.x, point.y];
+            })];
+        });
+    })()""")
+    frame = LocalFrame.around(FIELD)
+    for name, corners in found:
+        column, row = (int(word) for word in name.split("/")[1:])
+        wanted = frame.to_metres([corner_of(column, row), corner_of(column + 1, row + 1)])
+        assert np.abs(np.array(corners) - wanted).max() < 0.05
+    assert page.get_by_label("Point 1, column of the picture").is_hidden()
+    page.locator("#underlayOpacity").fill("0.4")
+    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.4"
+    page.locator(".plane").press("Control+z")
+    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.7"
+    studio.open(
+        page, "search", {"problem": {"region": "square:40", **FAST}, "under": {"file": "town"}}
+    )
+    page.get_by_text("A picture below").click()
+    page.get_by_text("Tiles have places on Earth, and the region has none").wait_for()
+    assert not page.locator(".plane .tiles").is_visible()
 
 
 def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Studio) -> None:

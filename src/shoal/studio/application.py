@@ -33,6 +33,7 @@ from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs import JobQueue
 from shoal.studio.processes import Preview, StudioError
 from shoal.studio.requests import MAYBE_BOOL, check_request, read_json
+from shoal.studio.tiles import tile
 from shoal.studio.words import LONGEST, FieldError, fault_of
 from shoal.studio.work import JOBS
 
@@ -217,6 +218,13 @@ class Studio:
             filename=path.name,
             headers={"content-security-policy": "sandbox; default-src 'none'"},
         )
+
+    async def tile(self, request: Request) -> Response:
+        """Return a map tile of a folder of tiles, or of a PMTiles file."""
+        given = request.path_params
+        place = given["zoom"], given["column"], given["row"]
+        data, kind = await asyncio.to_thread(tile, self.folder, given["name"], *place)
+        return Response(data, media_type=kind)
 
     async def take(self, request: Request) -> Response:
         """Store an uploaded file in the studio's folder."""
@@ -429,6 +437,7 @@ def application_of(studio: Studio) -> Starlette:
         ("GET", "/api/files", studio.files),
         ("PUT", "/api/files/{name:path}", studio.take),
         ("GET", "/files/{name:path}", studio.file),
+        ("GET", "/tiles/{zoom:int}/{column:int}/{row:int}/{name:path}", studio.tile),
         ("POST", "/api/ask/{what}", studio.ask),
         ("GET", "/api/jobs", studio.jobs),
         ("POST", "/api/jobs", studio.add_job),

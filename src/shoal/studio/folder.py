@@ -48,12 +48,22 @@ KINDS = {
     "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),
     "part": SHAPEFILE[1:],
     "terrain": (".asc",),
+    "tiles": (".pmtiles",),
     "workspace": (".svg", ".wkt", ".geojson"),
     "sweep": (".toml",),
     "store": (".sqlite",),
     "film": (".mp4", ".gif", ".html"),
     "problem": (".json",),
 }
+LARGEST_ZOOM = 24
+TILES = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".webp": "image/webp",
+}
+"""File suffixes of map tiles, with their media types."""
+
 _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
@@ -133,7 +143,7 @@ class Folder:
 
     def files(self) -> list[dict[str, Any]]:
         """Return the files of the folder, newest first, with the name, purpose, size in bytes and
-        time of each file.
+        time of each file. A folder of map tiles is one of them.
 
         Raises
         ------
@@ -141,7 +151,7 @@ class Folder:
             Raised if the folder has more than `MOST_SEEN` files.
         """
         files: list[dict[str, Any]] = []
-        folders, seen = [str(self.root)], 0
+        folders, seen, pyramids = [str(self.root)], 0, set[str]()
         while folders:
             where = folders.pop()
             try:
@@ -156,11 +166,19 @@ class Folder:
                         if entry.name[0] == ".":
                             continue
                         if entry.is_dir(follow_symlinks=False):
-                            folders.append(entry.path)
+                            if where != str(self.root) and is_zoom_folder(entry.path):
+                                pyramids.add(where)
+                            else:
+                                folders.append(entry.path)
                         elif (listed := self._listed(entry)) is not None:
                             files.append(listed)
             except OSError:  # a folder that cannot be read, or has just gone
                 continue
+        for path in pyramids:  # the tiles in it are no maps
+            name = os.path.relpath(path, self.root).replace(os.sep, "/")
+            files.append(
+                {"name": name, "kind": "tiles", "bytes": 0, "time": os.stat(path).st_mtime}
+            )
         return sorted(files, key=lambda one: (-float(one["time"]), one["name"]))
 
     def _listed(self, entry: os.DirEntry[str]) -> dict[str, Any] | None:
@@ -275,6 +293,26 @@ def texts_of(data: Mapping[str, Any]) -> set[str]:
     }
     # fields follow the file name of a vehicle
     return texts | {text.partition(",")[0] for text in texts}
+
+
+def is_zoom_folder(path: str) -> bool:
+    """Return whether a folder holds the tiles of one zoom, as its name and what is in it say."""
+    name = os.path.basename(path)
+    if not name.isdecimal() or int(name) > LARGEST_ZOOM:
+        return False
+    for column in numbered_folders(path):
+        with os.scandir(os.path.join(path, str(column))) as entries:
+            for entry in entries:
+                stem, suffix = os.path.splitext(entry.name)
+                return stem.isdecimal() and suffix.lower() in TILES
+    return False
+
+
+def numbered_folders(path: str | os.PathLike[str]) -> list[int]:
+    """Return the numbers that name the folders in a folder."""
+    with os.scandir(path) as entries:
+        found = [int(one.name) for one in entries if one.name.isdecimal() and one.is_dir()]
+    return sorted(found)
 
 
 def purpose_of(name: str) -> str | None:

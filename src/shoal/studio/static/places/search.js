@@ -118,7 +118,9 @@ export function search({ remember }) {
   const underlay = new Underlay(canvas, {
     frame: () => frame(),
     setFrame: (given) => {
-      drawing.told.frame = given;
+      const may = !region;
+      if (may) drawing.told.frame = given;
+      return may;
     },
     changed: ({ placed = false, gesture = null } = {}) => {
       if (placed) redo();

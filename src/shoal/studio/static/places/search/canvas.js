@@ -23,6 +23,7 @@ export class MetricCanvas {
     this.bounds = null;
     this.moved = false;
     this.drawing = 0;
+    this.viewed = () => {}; // called when another part of the plane is seen
     this.drag = null; // what may take a drag for itself, as hands() has it
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
@@ -138,6 +139,7 @@ export class MetricCanvas {
       for (const mark of this.marks) this.place(mark);
       this.drawGraticule();
       this.drawBar();
+      this.viewed();
     });
   }
 
