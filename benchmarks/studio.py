@@ -36,6 +36,32 @@ TIMES = 9
 SIDE = 2000  # pixels of the photograph
 
 
+def processes_below(pid: int) -> list[int]:
+    """Return a process and all that it has started."""
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with contextlib.suppress(OSError):
+                parents[int(entry.name)] = int(
+                    (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                )
+    found = [pid]
+    for one in found:
+        found += [child for child, parent in parents.items() if parent == one]
+    return found
+
+
+def cpu_of(processes: list[int]) -> float:
+    """Return the seconds of processors that processes have used."""
+    ticks = 0
+    for one in processes:
+        with contextlib.suppress(OSError):
+            ticks += sum(
+                map(int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13])
+            )
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 class Server:
     """A studio of a folder in a process of its own."""
 
@@ -69,29 +95,11 @@ class Server:
 
     def processes(self) -> list[int]:
         """Return the server and all that it has started."""
-        parents = {}
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                with contextlib.suppress(OSError):
-                    parents[int(entry.name)] = int(
-                        (entry / "stat").read_text().rpartition(")")[2].split()[1]
-                    )
-        found = [self.process.pid]
-        for one in found:
-            found += [child for child, parent in parents.items() if parent == one]
-        return found
+        return processes_below(self.process.pid)
 
     def cpu(self) -> float:
         """Return the seconds of processors that these have used."""
-        ticks = 0
-        for one in self.processes():
-            with contextlib.suppress(OSError):
-                ticks += sum(
-                    map(
-                        int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13]
-                    )
-                )
-        return ticks / os.sysconf("SC_CLK_TCK")
+        return cpu_of(self.processes())
 
     def end(self, how: int = signal.SIGINT) -> list[int]:
         """End it; return the processes that are left two seconds later; those that nobody has
