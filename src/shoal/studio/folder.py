@@ -295,7 +295,7 @@ def texts_of(data: Mapping[str, Any]) -> set[str]:
     return texts | {text.partition(",")[0] for text in texts}
 
 
-def is_zoom_folder(path: str) -> bool:
+def is_zoom_folder(path: str | os.PathLike[str]) -> bool:
     """Return whether a folder holds the tiles of one zoom, as its name and what is in it say."""
     name = os.path.basename(path)
     if not name.isdecimal() or int(name) > LARGEST_ZOOM:

@@ -229,7 +229,9 @@ const STATES = {
 const MOST_JOBS = 60; // in the list
 
 function drawJobs() {
-  const jobs = [...state.jobs.values()].sort((a, b) => Number(ended(a)) - Number(ended(b)) || b.id - a.id),
+  const jobs = [...state.jobs.values()].sort(
+      (a, b) => Number(ended(a)) - Number(ended(b)) || b.id - a.id,
+    ),
     open = jobs.filter((job) => !ended(job)).length;
   // jobs are numbered, and none is ever removed
   const all = jobs.reduce((most, job) => Math.max(most, job.id), 0);
@@ -267,13 +269,7 @@ function row(job) {
   return el(
     `li.job.${job.state}`,
     {},
-    el(
-      "div",
-      {},
-      el("b", {}, WORDS[job.kind] ?? job.kind),
-      " ",
-      el("span", {}, nameOf(job)),
-    ),
+    el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, nameOf(job))),
     el("p.soft", {}, job.state === "failed" ? failure(job) : facts),
     job.state === "running"
       ? el("progress", { max: 1, value: job.done ?? 0, "aria-label": "Done" })

@@ -3,7 +3,17 @@
 import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import { acceptDrops, confirmed, el, guarded, number, refill, say, svg, tabbed } from "../shared/page.js";
+import {
+  acceptDrops,
+  confirmed,
+  el,
+  guarded,
+  number,
+  refill,
+  say,
+  svg,
+  tabbed,
+} from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -138,7 +148,11 @@ export function search({ remember }) {
     chosen = k;
     show();
   });
-  const { input: seedInput, element: seedRow, row: seedFault } = seedField("searchSeed", () => {
+  const {
+    input: seedInput,
+    element: seedRow,
+    row: seedFault,
+  } = seedField("searchSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });

@@ -56,8 +56,7 @@ export function steering({ remember }) {
     shown = null; // the episode on the stage: its file and its sentence
   /** @type {Record<string, any>} */
   let problem = { ...BEGIN };
-  let 
-    seed = 0,
+  let seed = 0,
     place = null,
     corners = null,
     plans = {},
@@ -85,7 +84,11 @@ export function steering({ remember }) {
   const where = el("span.soft.where", {});
   const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }),
     reachWord = el("p.reached", {});
-  const { input: seedInput, element: seedRow, row: seedFault } = seedField("steeringSeed", () => {
+  const {
+    input: seedInput,
+    element: seedRow,
+    row: seedFault,
+  } = seedField("steeringSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
@@ -422,15 +425,13 @@ export function steering({ remember }) {
       svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
     space.replaceChildren(
       svg("path", { class: "floor", d: path(rings[0], at) }),
-      ...[...sets]
-        .reverse()
-        .map((set) =>
-          svg("path", {
-            class: `reach m${set.moves}`,
-            "fill-rule": "evenodd",
-            d: set.rings.map((ring) => path(ring, at)).join(""),
-          }),
-        ),
+      ...[...sets].reverse().map((set) =>
+        svg("path", {
+          class: `reach m${set.moves}`,
+          "fill-rule": "evenodd",
+          d: set.rings.map((ring) => path(ring, at)).join(""),
+        }),
+      ),
       svg("path", { class: "rim", d: path(rings[0], at) }),
       spot(goal, "goal p1"),
       spot(delta, "particle p0"),

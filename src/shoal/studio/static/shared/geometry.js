@@ -1,10 +1,16 @@
 /* Outlines that are being drawn: measures, shapes, and whether they cross themselves. */
 
-const side = ([ax, ay], [bx, by], [cx, cy]) => Math.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax));
+const side = ([ax, ay], [bx, by], [cx, cy]) =>
+  Math.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax));
 
 /** Whether two segments have a point in common, their ends included. */
 function meet(a, b, c, d) {
-  const [first, second, third, fourth] = [side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)];
+  const [first, second, third, fourth] = [
+    side(a, b, c),
+    side(a, b, d),
+    side(c, d, a),
+    side(c, d, b),
+  ];
   if (first !== second && third !== fourth) return true;
   const within = (p, q, r) =>
     [0, 1].every((k) => Math.min(p[k], q[k]) <= r[k] && r[k] <= Math.max(p[k], q[k]));
@@ -25,8 +31,10 @@ export function crosses(corners, next, { closes = false } = {}) {
     .some((corner, i) => meet(corner, corners[i + (closes ? 2 : 1)], last, next));
 }
 
-export const CROSSES = "The outline would cross itself there. Put the corner elsewhere, or take corners back with Ctrl Z.";
-export const CROSSES_CLOSED = "The last side would cross the outline. Add corners around it, or take corners back with Ctrl Z.";
+export const CROSSES =
+  "The outline would cross itself there. Put the corner elsewhere, or take corners back with Ctrl Z.";
+export const CROSSES_CLOSED =
+  "The last side would cross the outline. Add corners around it, or take corners back with Ctrl Z.";
 
 /** @type {(from: number[], to: number[]) => number} */
 export const distance = ([ax, ay], [bx, by]) => Math.hypot(bx - ax, by - ay);

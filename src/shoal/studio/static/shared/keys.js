@@ -58,7 +58,9 @@ export function showKeys() {
           el(
             "dl",
             {},
-            rows.map(([key, words]) => el("div", {}, el("dt", {}, el("kbd", {}, key)), el("dd", {}, words))),
+            rows.map(([key, words]) =>
+              el("div", {}, el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)),
+            ),
           ),
         ),
       ),

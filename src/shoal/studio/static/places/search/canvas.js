@@ -155,7 +155,8 @@ export class MetricCanvas {
     this.marks = marks;
     for (const mark of marks) this.place(mark);
     this.above.replaceChildren(...marks.map((mark) => mark.element));
-    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
+    if (focused)
+      this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   drawGraticule() {

@@ -1,5 +1,5 @@
 /* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers.
-   */
+ */
 import {
   CROSSES,
   CROSSES_CLOSED,
@@ -298,16 +298,17 @@ export class Drawing {
       `${key}-all`,
       centre,
       `${name}, all of it. Arrow keys move it, Delete removes it${selects ? ", Space chooses it" : ""}.`,
-      svg("path", { class: `whole ${kind}`, d: "M-8 0H8M0 -8V8M-3 -5L0 -8L3 -5M-3 5L0 8L3 5M-5 -3L-8 0L-5 3M5 -3L8 0L5 3" }),
+      svg("path", {
+        class: `whole ${kind}`,
+        d: "M-8 0H8M0 -8V8M-3 -5L0 -8L3 -5M-3 5L0 8L3 5M-5 -3L-8 0L-5 3M5 -3L8 0L5 3",
+      }),
       {
         ...this.moving((_, to) => {
           this.selection.shift([to[0] - last[0], to[1] - last[1]], together);
           last = to;
         }),
         remove: () => this.selection.remove(together),
-        ...(selects
-          ? { press: () => this.selection.toggle(`${kind} ${k}`), pressed: chosen }
-          : {}),
+        ...(selects ? { press: () => this.selection.toggle(`${kind} ${k}`), pressed: chosen } : {}),
       },
     );
     if (selects) return [all];
@@ -356,9 +357,13 @@ export class Drawing {
         `${name}, corner ${i + 1}. Arrow keys move it, Delete removes it.`,
         svg("circle", { class: `corner ${kind}`, r: 5 }),
         {
-          ...this.moving((told, to) => {
-            told[kind][k][i] = rounded(this.snap(to, told[kind][k]));
-          }, kind, k),
+          ...this.moving(
+            (told, to) => {
+              told[kind][k][i] = rounded(this.snap(to, told[kind][k]));
+            },
+            kind,
+            k,
+          ),
           remove: () =>
             this.edit((told) => {
               if (ring.length > 3) told[kind][k].splice(i, 1);
@@ -382,10 +387,18 @@ export class Drawing {
               svg("circle", { class: "between", r: 3 }),
               {
                 quiet: true,
-                ...this.moving((told, to) => {
-                  told[kind][k].splice(i + 1, added ? 1 : 0, rounded(this.snap(to, told[kind][k])));
-                  added = true;
-                }, kind, k),
+                ...this.moving(
+                  (told, to) => {
+                    told[kind][k].splice(
+                      i + 1,
+                      added ? 1 : 0,
+                      rounded(this.snap(to, told[kind][k])),
+                    );
+                    added = true;
+                  },
+                  kind,
+                  k,
+                ),
               },
             );
           });
@@ -469,14 +482,21 @@ export class Drawing {
           onclick: () => {
             this.shape = shape;
             for (const button of shapes)
-              button.setAttribute("aria-pressed", String(button.textContent.toLowerCase() === shape));
+              button.setAttribute(
+                "aria-pressed",
+                String(button.textContent.toLowerCase() === shape),
+              );
             this.show();
           },
         },
         capital(shape),
       ),
     );
-    this.shaping = el("div.segmented", { role: "group", "aria-label": "Draw by", hidden: true }, shapes);
+    this.shaping = el(
+      "div.segmented",
+      { role: "group", "aria-label": "Draw by", hidden: true },
+      shapes,
+    );
     this.canvas.element.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && this.draft) this.close();
       else if (event.key === "Escape" && this.draft) this.drop();

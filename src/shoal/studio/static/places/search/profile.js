@@ -14,12 +14,16 @@ const LEFT = 56,
 /** The value of a line that is given by its corners; null outside of it. */
 function valueAt(times, values, time) {
   if (time < times[0] || time > times.at(-1)) return null;
-  const k = Math.max(1, times.findIndex((one) => one >= time)),
+  const k = Math.max(
+      1,
+      times.findIndex((one) => one >= time),
+    ),
     share = (time - times[k - 1]) / (times[k] - times[k - 1] || 1);
   return values[k - 1] + share * (values[k] - values[k - 1]);
 }
 
-const line = (xs, ys) => xs.map((x, k) => `${k ? "L" : "M"}${x.toFixed(1)} ${ys[k].toFixed(1)}`).join("");
+const line = (xs, ys) =>
+  xs.map((x, k) => `${k ? "L" : "M"}${x.toFixed(1)} ${ys[k].toFixed(1)}`).join("");
 
 /** `profiles` are robot, sortie, times, heights and ground of each sortie; `near` is the nearest
  *  approach of two vehicles, if there is one. */
@@ -47,23 +51,50 @@ export function heightProfile(profiles, near) {
   const cursor = svg("line", { class: "cursor", y1: TOP, y2: height - BOTTOM });
   const chart = svg(
     "svg",
-    { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Heights and sorties over time" },
+    {
+      viewBox: `0 0 ${width} ${height}`,
+      role: "img",
+      "aria-label": "Heights and sorties over time",
+    },
     times.flatMap((tick) => [
-      svg("line", { class: "rule", x1: x(unit * tick), x2: x(unit * tick), y1: TOP, y2: height - BOTTOM }),
-      svg("text", { x: x(unit * tick), y: height - 25, "text-anchor": "middle" }, tickText(tick, times)),
+      svg("line", {
+        class: "rule",
+        x1: x(unit * tick),
+        x2: x(unit * tick),
+        y1: TOP,
+        y2: height - BOTTOM,
+      }),
+      svg(
+        "text",
+        { x: x(unit * tick), y: height - 25, "text-anchor": "middle" },
+        tickText(tick, times),
+      ),
     ]),
-    svg("text", { x: width - RIGHT, y: height - 6, "text-anchor": "end" }, `${word} after the start of the search`),
+    svg(
+      "text",
+      { x: width - RIGHT, y: height - 6, "text-anchor": "end" },
+      `${word} after the start of the search`,
+    ),
     levels.flatMap((tick) => [
       svg("line", { class: "rule", x1: LEFT, x2: width - RIGHT, y1: y(tick), y2: y(tick) }),
-      svg("text", { x: LEFT - 8, y: y(tick) + 4, "text-anchor": "end" }, `${tickText(tick, levels)} m`),
+      svg(
+        "text",
+        { x: LEFT - 8, y: y(tick) + 4, "text-anchor": "end" },
+        `${tickText(tick, levels)} m`,
+      ),
     ]),
     flies
-      ? shown.flatMap((one) => [
-          one.ground
-            ? svg("path", { class: "ground", d: line(one.times.map(x), one.ground.map(y)) })
-            : [],
-          svg("path", { class: `flown ${colour(one.robot)}`, d: line(one.times.map(x), one.heights.map(y)) }),
-        ].flat())
+      ? shown.flatMap((one) =>
+          [
+            one.ground
+              ? svg("path", { class: "ground", d: line(one.times.map(x), one.ground.map(y)) })
+              : [],
+            svg("path", {
+              class: `flown ${colour(one.robot)}`,
+              d: line(one.times.map(x), one.heights.map(y)),
+            }),
+          ].flat(),
+        )
       : [],
     shown.map((one) =>
       svg(
@@ -77,12 +108,22 @@ export function heightProfile(profiles, near) {
           height: ROW - 6,
           rx: 3,
         }),
-        svg("text", { class: "number", x: x(one.times[0]) + 6, y: rowOf(one.robot) + ROW - 7 }, String(one.sortie)),
+        svg(
+          "text",
+          { class: "number", x: x(one.times[0]) + 6, y: rowOf(one.robot) + ROW - 7 },
+          String(one.sortie),
+        ),
       ),
     ),
-    robots.slice(0, MOST_ROWS).map((robot) =>
-      svg("text", { x: LEFT - 8, y: rowOf(robot) + ROW - 7, "text-anchor": "end" }, narrow ? String(robot) : `Robot ${robot}`),
-    ),
+    robots
+      .slice(0, MOST_ROWS)
+      .map((robot) =>
+        svg(
+          "text",
+          { x: LEFT - 8, y: rowOf(robot) + ROW - 7, "text-anchor": "end" },
+          narrow ? String(robot) : `Robot ${robot}`,
+        ),
+      ),
     near
       ? svg(
           "path",
@@ -93,7 +134,15 @@ export function heightProfile(profiles, near) {
     cursor,
   );
 
-  const time = el("input", { type: "range", min: 0, max: end, step: "any", value: 0, id: "missionTime", oninput: () => tell(Number(time.value)) });
+  const time = el("input", {
+    type: "range",
+    min: 0,
+    max: end,
+    step: "any",
+    value: 0,
+    id: "missionTime",
+    oninput: () => tell(Number(time.value)),
+  });
   const read = el("p.readings", { role: "status" });
   function tell(moment) {
     time.value = moment;
@@ -101,8 +150,16 @@ export function heightProfile(profiles, near) {
     cursor.setAttribute("x1", x(moment));
     cursor.setAttribute("x2", x(moment));
     const words = robots.slice(0, MOST_ROWS).map((robot) => {
-      const now = shown.find((one) => one.robot === robot && valueAt(one.times, one.heights, moment) !== null);
-      if (!now) return el("span", { className: colour(robot) }, el("b", {}, String(robot)), "on the ground");
+      const now = shown.find(
+        (one) => one.robot === robot && valueAt(one.times, one.heights, moment) !== null,
+      );
+      if (!now)
+        return el(
+          "span",
+          { className: colour(robot) },
+          el("b", {}, String(robot)),
+          "on the ground",
+        );
       const up = valueAt(now.times, now.heights, moment),
         ground = now.ground ? valueAt(now.times, now.ground, moment) : null;
       const over = ground === null ? "" : `, ${number(up - ground, 3)} m above ground`;
@@ -128,6 +185,8 @@ export function heightProfile(profiles, near) {
     chart,
     el("div.slider", {}, el("label", { htmlFor: "missionTime" }, "Time"), time),
     read,
-    left > 0 ? el("p.soft", {}, `The first ${MOST_ROWS} of ${number(robots.length, 9)} robots.`) : [],
+    left > 0
+      ? el("p.soft", {}, `The first ${MOST_ROWS} of ${number(robots.length, 9)} robots.`)
+      : [],
   );
 }

@@ -25,7 +25,9 @@ export class Ruler {
   }
 
   get hint() {
-    return ["Click where the distance begins.", "Click where it ends.", this.text][this.ends.length];
+    return ["Click where the distance begins.", "Click where it ends.", this.text][
+      this.ends.length
+    ];
   }
 
   tap(point) {

@@ -43,6 +43,8 @@ export class Selection {
 
   get hint() {
     const { chosen } = this;
+    if (!this.every().length)
+      return "Outlines that are drawn can be chosen: Edit its corners makes some of a file.";
     if (!chosen.length) return "Click outlines, or drag a frame around them.";
     const size = chosen.reduce((sum, { ring }) => sum + area(ring), 0);
     return `${chosen.length} ${NAMES[Number(chosen.length > 1)]}, ${surface(size)}`;
@@ -107,8 +109,13 @@ export class Selection {
         if (!far) this.tap(from);
         else if (moves) this.drawing.changed();
         else {
-          const within = ([x, y]) => (x - from[0]) * (x - last[0]) <= 0 && (y - from[1]) * (y - last[1]) <= 0;
-          this.choose(this.every().filter(({ ring }) => ring.every(within)).map(({ key }) => key));
+          const within = ([x, y]) =>
+            (x - from[0]) * (x - last[0]) <= 0 && (y - from[1]) * (y - last[1]) <= 0;
+          this.choose(
+            this.every()
+              .filter(({ ring }) => ring.every(within))
+              .map(({ key }) => key),
+          );
         }
       },
       cancel: () => {
@@ -125,7 +132,9 @@ export class Selection {
   shift([east, north], keys = this.keys) {
     for (const { kind, k, ring, key } of this.every())
       if (keys.has(key))
-        this.drawing.told[kind][k] = ring.map(([x, y]) => this.drawing.rounded([x + east, y + north]));
+        this.drawing.told[kind][k] = ring.map(([x, y]) =>
+          this.drawing.rounded([x + east, y + north]),
+        );
   }
 
   copy() {

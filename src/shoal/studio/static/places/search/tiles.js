@@ -30,6 +30,7 @@ export class Tiles {
     this.told = told;
     this.layer = svg("g", { class: "tiles" });
     this.source = null;
+    this.earth = null; // by which the shown tiles were placed
     /** @type {Map<string, SVGImageElement>} */
     this.shown = new Map();
     canvas.viewed = () => this.draw();
@@ -55,6 +56,12 @@ export class Tiles {
     if (!canvas.earth) {
       this.told(NOWHERE);
       return;
+    }
+    if (this.earth !== canvas.earth) {
+      // the canvas lies somewhere else: so does each tile
+      this.earth = canvas.earth;
+      this.layer.replaceChildren();
+      this.shown.clear();
     }
     const [wide, high] = canvas.size,
       edges = [
@@ -113,7 +120,8 @@ export class Tiles {
       down = [0, 1].map((axis) => (sw[axis] - nw[axis] + se[axis] - ne[axis]) / 2 / SIDE),
       [x, y] = [0, 1].map(
         (axis) =>
-          (nw[axis] + ne[axis] + sw[axis] + se[axis]) / 4 - (SIDE / 2) * (across[axis] + down[axis]),
+          (nw[axis] + ne[axis] + sw[axis] + se[axis]) / 4 -
+          (SIDE / 2) * (across[axis] + down[axis]),
       );
     const pixel = Math.hypot(...across) * this.canvas.scale,
       side = SIDE + OVERLAP / Math.max(1 / SIDE, pixel);
@@ -136,7 +144,9 @@ export class Tiles {
 
   /** Tiles of another zoom stay until those that are wanted have come. */
   tidy() {
-    const waits = [...this.shown].some(([key, image]) => this.wanted.has(key) && !image.dataset.came);
+    const waits = [...this.shown].some(
+      ([key, image]) => this.wanted.has(key) && !image.dataset.came,
+    );
     if (waits && this.shown.size < 2 * MOST) return;
     for (const [key, image] of this.shown)
       if (!this.wanted.has(key)) {

@@ -83,7 +83,9 @@ export class Underlay {
     if (this.frame()) return;
     if (!this.setFrame(this.tiles.middle)) return;
     if (this.canvas.bounds)
-      say("The drawing had no place on Earth: it lies now in the middle of the tiles. Ctrl Z takes that back.");
+      say(
+        "The drawing had no place on Earth: it lies now in the middle of the tiles. Ctrl Z takes that back.",
+      );
     const [west, south, east, north] = about.bounds;
     const earth = await earthAt(this.frame());
     if (!this.canvas.bounds)
@@ -279,7 +281,11 @@ export class Underlay {
       choice.replaceChildren(
         el("option", { value: "" }, "no picture"),
         ...pictures.map((one) =>
-          el("option", { value: one.name }, one.kind === "tiles" ? `${one.name}: map tiles` : one.name),
+          el(
+            "option",
+            { value: one.name },
+            one.kind === "tiles" ? `${one.name}: map tiles` : one.name,
+          ),
         ),
       );
       if (file && !pictures.some((one) => one.name === file))
