@@ -54,27 +54,41 @@ def script_of(entry: str, read: Read) -> str:
     """
     names: dict[str, str] = {}
     parts: list[str] = []
-    _add(entry, read, names, parts, entry=True)
+    exported: dict[str, list[str]] = {}
+    _add(entry, read, names, parts, exported, entry=True)
     return "".join(parts)
 
 
-def _add(name: str, read: Read, names: dict[str, str], parts: list[str], *, entry: bool) -> None:
+def _add(
+    name: str,
+    read: Read,
+    names: dict[str, str],
+    parts: list[str],
+    exported: dict[str, list[str]],
+    *,
+    entry: bool,
+) -> None:
     names[name] = ""  # until all that it imports is there
     text = read(name)
     for _, path in _IMPORT.findall(text):
         other = _joined(name, path)
         if other not in names:
-            _add(other, read, names, parts, entry=False)
+            _add(other, read, names, parts, exported, entry=False)
         elif not names[other]:
             raise ValueError(f"{name} and {other} import each other")
 
     def imported(found: re.Match[str]) -> str:
+        other = _joined(name, found[2])
+        for one in found[1].split(","):
+            if one.strip() and one.split()[0] not in exported[other]:
+                raise ValueError(f"{name}: {other} does not export {one.split()[0]}")
         wanted = re.sub(r"\s+as\s+", ": ", " ".join(found[1].split()).rstrip(", "))
         return f"const {{ {wanted} }} = {names[_joined(name, found[2])]};\n"
 
     exports = _EXPORT.findall(text)
     for listed in _EXPORTED_LIST.findall(text):
         exports += [one.strip() for one in listed.split(",")]
+    exported[name] = exports
     text = _IMPORT.sub(imported, _EXPORTED_LIST.sub("", _EXPORT.sub("", text)))
     if left := _LEFT.search(text):
         raise ValueError(f"{name}: expected imports and exports by name, got {left[0]}")

@@ -66,6 +66,7 @@ GOOD = {
     "simulate": {k: PLACED[k] for k in ("problem", "drawing", "seed")},
     "draw": {"problem": SEARCH, "drawing": DRAWING},
     "earth": {"frame": [8.5, 47.4]},
+    "tiles": {"file": "town"},
     "watch": {
         "task": "task.json",
         "radio": f"udp:127.0.0.1:{free_port()},127.0.0.1:9",

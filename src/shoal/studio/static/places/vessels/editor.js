@@ -3,10 +3,10 @@
 import { hands } from "../../shared/hands.js";
 import { el } from "../../shared/page.js";
 
-export const LOOK = "look",
-  FREE = "free",
-  WALL = "wall",
-  INLET = "inlet";
+export const LOOK = "look";
+export const FREE = "free";
+export const WALL = "wall";
+export const INLET = "inlet";
 
 export function unpack(text, cells) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)),
