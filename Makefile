@@ -22,7 +22,7 @@ help:
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make test-clients  install libraries for reinforcement learning into .venv-clients, and train with each in the environments'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
-	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
+	@echo 'make check    ruff, mypy --strict, import-linter, eslint and tsc (with npm), all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
 	@echo 'make docs     build the documentation into ./site'
@@ -114,7 +114,20 @@ versions: $(VENV)/.dev-installed
 	@$(PIP) install uv
 	@$(BIN)/python -m tests.versions
 
-lint: $(VENV)/.dev-installed
+# Nothing that runs needs npm; where there is none, `make lint` says what it left out.
+node_modules/.package-lock.json: package.json package-lock.json
+	@npm ci --silent --no-audit --no-fund && touch $@
+
+.PHONY: lint-javascript
+ifeq ($(shell command -v npm),)
+lint-javascript:
+	@echo 'There is no npm: the JavaScript of the studio and the players was not checked.'
+else
+lint-javascript: node_modules/.package-lock.json
+	@npm run --silent check
+endif
+
+lint: $(VENV)/.dev-installed lint-javascript
 	@$(BIN)/python -m pip check -q
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -142,5 +155,5 @@ docs: $(VENV)/.dev-installed
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 clean:
-	rm -rf $(VENV) $(CLIENTS) site demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(CLIENTS) site demo build dist node_modules .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find src tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

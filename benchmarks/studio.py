@@ -36,6 +36,32 @@ TIMES = 9
 SIDE = 2000  # pixels of the photograph
 
 
+def processes_below(pid: int) -> list[int]:
+    """Return a process and all that it has started."""
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with contextlib.suppress(OSError):
+                parents[int(entry.name)] = int(
+                    (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                )
+    found = [pid]
+    for one in found:
+        found += [child for child, parent in parents.items() if parent == one]
+    return found
+
+
+def cpu_of(processes: list[int]) -> float:
+    """Return the seconds of processors that processes have used."""
+    ticks = 0
+    for one in processes:
+        with contextlib.suppress(OSError):
+            ticks += sum(
+                map(int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13])
+            )
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 class Server:
     """A studio of a folder in a process of its own."""
 
@@ -69,29 +95,11 @@ class Server:
 
     def processes(self) -> list[int]:
         """Return the server and all that it has started."""
-        parents = {}
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                with contextlib.suppress(OSError):
-                    parents[int(entry.name)] = int(
-                        (entry / "stat").read_text().rpartition(")")[2].split()[1]
-                    )
-        found = [self.process.pid]
-        for one in found:
-            found += [child for child, parent in parents.items() if parent == one]
-        return found
+        return processes_below(self.process.pid)
 
     def cpu(self) -> float:
         """Return the seconds of processors that these have used."""
-        ticks = 0
-        for one in self.processes():
-            with contextlib.suppress(OSError):
-                ticks += sum(
-                    map(
-                        int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13]
-                    )
-                )
-        return ticks / os.sysconf("SC_CLK_TCK")
+        return cpu_of(self.processes())
 
     def end(self, how: int = signal.SIGINT) -> list[int]:
         """End it; return the processes that are left two seconds later; those that nobody has
@@ -242,22 +250,33 @@ def feel() -> int:
             args=["--no-sandbox", "--enable-gpu-rasterization"],
         )
         page = browser.new_page(viewport={"width": 1280, "height": 800})
+        asked: set[str] = set()
+        page.on("request", lambda request: asked.add(request.url))
         began = time.perf_counter()
         page.goto(server.address)
         page.wait_for_selector("body[data-ready]")
         ready = 1000 * (server.seconds + time.perf_counter() - began)
-        page.locator(".underStage .facts:has-text('free')").wait_for()
+        files = len([address for address in asked if "/api/" not in address])
+        fresh = []
+        for _ in range(TIMES):
+            page.goto("about:blank")
+            began = time.perf_counter()
+            page.goto(f"http://127.0.0.1:{server.port}/")
+            page.wait_for_selector("body[data-ready]")
+            fresh.append(1000 * (time.perf_counter() - began))
         page.wait_for_timeout(4000)
         before = server.cpu()
         page.wait_for_timeout(5000)
         idle = 100 * (server.cpu() - before) / 5
         rows = [
             ("start to a page that can be used, ms", [ready], 1500),
+            ("first page of a studio that runs, ms", fresh, 500),
             (f"slider to overlay, {SIDE} x {SIDE} photograph, ms", overlay(page, server), 150),
             ("drag to greedy's plan, ms", drag(page, server), 50),
             ("Run to first frame, 5,000 cells, ms", first_frame(page, server), 300),
             ("frames a second, 10,000 particles", frames(page, server), 50),
             ("processors used while idle, %", [idle], 0),
+            ("files that the first page asks for", [files], 12),
         ]
         browser.close()
     print(f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")

@@ -7,21 +7,25 @@ Needs Chromium.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from PIL import Image, ImageOps
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Error, Frame, Locator, Page, sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
 CARDS = Path(__file__).parents[1] / "src/shoal/studio/static/places/welcome"
 CARD = 480, 300  # pixels of the picture of an example
+PATIENCE = 180_000  # milliseconds: the machine may be busy
 COLOURS = 128  # of the pictures kept: what is on the pages has few
 
 
@@ -30,33 +34,50 @@ def start(page: Page) -> None:
     page.locator(".welcome .card img").last.wait_for()
 
 
-def make_cards(page: Page) -> None:
-    """Take the pictures of the examples on the first page."""
-    for number in range(page.locator(".welcome .card").count()):
+def make_cards(browser: Browser, address: str) -> None:
+    """Take the pictures of the examples on the first page, each in a browser window of its own: what
+    one example leaves on a page could pass for the next one.
+    """
+    for number in range(len(list(CARDS.glob("*.png")))):
+        page = opened(browser, address, FORMS[0])
         start(page)
-        card = page.locator(".welcome .card").nth(number)
-        file = CARDS / Path(card.locator("img").get_attribute("src") or "").name
-        card.click()
-        if file.stem == "race":
-            page.wait_for_selector(".pad:not([hidden])")
-            for key in ["ArrowLeft", "ArrowDown", "ArrowRight", "ArrowUp"] * 6:
-                page.keyboard.press(key)
-        else:
-            page.locator(".panel:not([hidden]) .exports").wait_for(timeout=60_000)
-        page.wait_for_timeout(2500)
-        frame = page.locator(".panel:not([hidden]) .frames iframe:not([hidden])")
-        inside = frame.element_handle().content_frame()
-        assert inside is not None
-        inside.evaluate("document.querySelector('.cut')?.remove()")
-        if file.stem in ("field", "dying"):
-            inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(0.55 * shoalPlayer.length)")
-            page.wait_for_timeout(500)
-        inside.locator("#stage").screenshot(path=file)
-        with Image.open(file) as shot:
-            whole = ImageOps.crop(shot.convert("RGB"), border=12)  # without its round corners
-        ground = whole.getpixel((0, whole.height // 2))
-        picture = ImageOps.pad(whole, CARD, Image.Resampling.LANCZOS, color=ground)
-        picture.quantize(COLOURS).save(file, optimize=True)
+        make_card(page, page.locator(".welcome .card").nth(number))
+        page.context.close()
+
+
+def make_card(page: Page, card: Locator) -> None:
+    file = CARDS / Path(card.locator("img").get_attribute("src") or "").name
+    card.click()
+    if file.stem == "race":
+        page.wait_for_selector(".pad:not([hidden])")
+        for key in ["ArrowLeft", "ArrowDown", "ArrowRight", "ArrowUp"] * 6:
+            page.keyboard.press(key)
+    else:
+        page.locator(".panel:not([hidden]) .exports").wait_for()
+    page.wait_for_timeout(2500)
+    inside = player(page)
+    inside.evaluate("document.querySelector('.cut')?.remove()")
+    if file.stem in ("field", "dying"):
+        inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(0.55 * shoalPlayer.length)")
+        page.wait_for_timeout(500)
+    inside.locator("#stage").screenshot(path=file)
+    with Image.open(file) as shot:
+        whole = ImageOps.crop(shot.convert("RGB"), border=12)  # without its round corners
+    ground = whole.getpixel((0, whole.height // 2))
+    picture = ImageOps.pad(whole, CARD, Image.Resampling.LANCZOS, color=ground)
+    picture.quantize(COLOURS).save(file, optimize=True)
+
+
+def player(page: Page) -> Frame:
+    """Return the frame of the film that is seen, once there is a film in it."""
+    until = time.monotonic() + PATIENCE / 1000
+    while time.monotonic() < until:
+        for frame in page.frames[1:]:
+            with contextlib.suppress(Error):  # a frame that has just gone
+                if frame.frame_element().is_visible() and frame.evaluate("!!window.shoalPlayer"):
+                    return frame
+        page.wait_for_timeout(100)
+    raise TimeoutError("no film came")
 
 
 def vessels(page: Page) -> None:
@@ -200,21 +221,9 @@ def main(folder: Path | None) -> None:
                     executable_path=shutil.which("chromium"), args=["--no-sandbox"]
                 )
                 for theme, width, height in FORMS if folder else FORMS[:1]:
-                    context = browser.new_context(
-                        viewport={"width": width, "height": height}, color_scheme=theme
-                    )
-                    page = context.new_page()
-                    page.goto(address[0])
-                    page.wait_for_selector("body[data-ready]")
                     if (theme, width) == ("light", 1280):
-                        other = browser.new_context(
-                            viewport={"width": width, "height": height}, color_scheme=theme
-                        ).new_page()  # what the examples set is not kept on the pages
-                        other.goto(address[0])
-                        other.wait_for_selector("body[data-ready]")
-                        make_cards(other)
-                        other.context.close()
-                        page.reload()
+                        make_cards(browser, address[0])
+                    page = opened(browser, address[0], (theme, width, height))
                     for name, show in PAGES.items():
                         show(page)
                         page.wait_for_timeout(800)
@@ -222,11 +231,22 @@ def main(folder: Path | None) -> None:
                             page.screenshot(path=folder / f"{name}-{theme}-{width}.png")
                         if name in KEPT and (theme, width) == ("light", 1280):
                             keep(page, IMAGES / f"studio-{name}.png")
-                    context.close()
+                    page.context.close()
                 browser.close()
         finally:
             server.send_signal(signal.SIGINT)
             server.wait()
+
+
+def opened(browser: Browser, address: str, form: tuple[Any, int, int]) -> Page:
+    """Open the studio in a window of its own."""
+    theme, width, height = form
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    page.wait_for_selector("body[data-ready]")
+    return page
 
 
 def keep(page: Page, path: Path) -> None:

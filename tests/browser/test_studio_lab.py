@@ -383,5 +383,11 @@ def test_pages_have_no_serious_fault_in_four_forms(
         assert faults == [], (theme, width)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert (
+            page.evaluate(
+                "document.querySelector('nav a:last-child').getBoundingClientRect().right"
+            )
+            <= width
+        )
+        assert (
             page.evaluate("document.querySelector('main').firstElementChild.scrollWidth") <= width
         )

@@ -188,6 +188,80 @@ def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio
     )
 
 
+def drawn(page: Page) -> dict[str, Any]:
+    """What is drawn, as the address has it."""
+    told = page.evaluate("JSON.parse(decodeURIComponent(location.hash.split('?')[1])).drawing")
+    assert isinstance(told, dict)
+    return told
+
+
+def on_canvas(page: Page, *points: tuple[float, float]) -> list[tuple[float, float]]:
+    """Pixels of points in metres: the canvas is measured by its marks in one go."""
+    spots = page.evaluate("""[...document.querySelectorAll('.plane .handle')].map((mark) => {
+        const box = mark.querySelector('.touch').getBoundingClientRect();
+        return [mark.dataset.mark, box.x + box.width / 2, box.y + box.height / 2];
+    })""")
+    at = {name: (x, y) for name, x, y in spots}
+    (ax, ay), (bx, by) = at["launch0"], at["launch1"]  # at (0, 0) and (60, 40)
+    return [(ax + x / 60 * (bx - ax), ay + y / 40 * (by - ay)) for x, y in points]
+
+
+ZONES = [[[5, 5], [15, 5], [15, 15]], [[25, 5], [35, 5], [35, 15]], [[45, 25], [55, 25], [55, 35]]]
+PLOT = {
+    "problem": {**FAST, "launch": "0,0;60,40"},
+    "drawing": {"parts": [[[0, 0], [60, 0], [60, 40], [0, 40]]], "zones": ZONES},
+    "seed": 1,
+}
+
+
+@pytest.mark.forms(0)
+def test_several_outlines_are_chosen_moved_copied_and_removed(page: Page, studio: Studio) -> None:
+    studio.open(page, "search", PLOT)
+    planned(page).wait_for()
+    page.get_by_role("button", name="Select", exact=True).click()
+    begun, ended = on_canvas(page, (2, 2), (40, 20))
+    page.mouse.move(*begun)
+    page.mouse.down()
+    page.mouse.move(*ended, steps=3)
+    page.mouse.up()
+    page.locator(".guide .hint", has_text="2 outlines, 100 m²").wait_for()
+    page.get_by_role("button", name="No-go zone 2, all of it").press("ArrowUp")
+    moved = drawn(page)["zones"]
+    up = moved[0][0][1] - 5
+    assert up > 0
+    assert moved == [
+        *([[x, round(y + up, 3)] for x, y in zone] for zone in ZONES[:2]),  # type: ignore[misc]
+        ZONES[2],
+    ]
+    page.locator(".plane").press("Control+c")
+    page.locator(".plane").press("Control+v")
+    copied = drawn(page)["zones"]
+    assert len(copied) == 5
+    assert [shapely.Polygon(zone).area for zone in copied[3:]] == pytest.approx([50, 50])
+    page.locator(".guide").get_by_role("button", name="Delete", exact=True).click()
+    assert drawn(page)["zones"] == moved
+    page.locator(".plane").press("Control+z")
+    assert drawn(page)["zones"] == copied
+    for _ in range(2):
+        page.locator(".plane").press("Control+z")
+    assert drawn(page)["zones"] == ZONES
+    page.get_by_role("button", name="No-go zone 3, all of it").press("Space")
+    page.get_by_role("button", name="No-go zone 3, all of it", pressed=True).wait_for()
+
+
+@pytest.mark.forms(0)
+def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None:
+    studio.open(page, "search", PLOT)
+    planned(page).wait_for()
+    page.get_by_role("button", name="Ruler", exact=True).click()
+    for spot in on_canvas(page, (0, 0), (60, 40)):  # two corners, to which it snaps
+        page.mouse.click(spot[0] + 4, spot[1] - 4)
+    assert drawn(page)["zones"] == ZONES
+    page.locator(".guide .hint", has_text="72.11 m at 56°").wait_for()
+    page.get_by_role("button", name="Ruler, end 2").press("Delete")
+    page.locator(".guide .hint", has_text="Click where the distance begins").wait_for()
+
+
 def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
     opened(page, studio, launch="-10,-10")
     mark = page.get_by_role("button", name="Launch point 1")
@@ -260,6 +334,9 @@ def test_missions_are_written_and_checked(
         page.get_by_role("link", name="Download the zip").click()
     assert download.value.suggested_filename == "paddock.missions.zip"
     until(page, "document.querySelector('.missionMap img').naturalWidth > 100")
+    assert page.locator(".profile .flown").count() == 2
+    page.get_by_label("Time", exact=True).fill("0")
+    page.locator(".readings", has_text="0 s1sortie 1, 0 m2sortie 1, 0 m").wait_for()
     with zipfile.ZipFile(studio.folder / "paddock.missions.zip") as archive:
         archive.extractall(tmp_path)
     told = json.loads((tmp_path / "check/check.json").read_text())
@@ -277,12 +354,63 @@ def test_missions_are_written_and_checked(
     page.locator(".missions .soft", has_text="paddock-2.missions.zip").wait_for()
     assert page.locator(".measures").inner_text() == measures
     assert page.get_by_label("format", exact=True).input_value() == "plan"
-    monkeypatch.chdir(studio.folder)
+    # the command of the archive runs where it is unpacked: the region is in it
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert command[-1] == "--format=plan"
     assert run_command([*command[1:], f"--missions={tmp_path / 'again'}"]) == 0
     for name in ("robot-01.plan", "robot-02.plan"):
         assert (tmp_path / "again" / name).read_text() == (tmp_path / "missions" / name).read_text()
+
+
+ZOOM, FIRST = 17, (68630, 45886)  # column and row of the tile in the north-west of FIELD
+
+
+def corner_of(column: float, row: float) -> tuple[float, float]:
+    """Longitude and latitude of the north-western corner of a tile."""
+    turn = np.pi * (1 - 2 * row / 2**ZOOM)
+    return 360 * column / 2**ZOOM - 180, float(np.degrees(np.arctan(np.sinh(turn))))
+
+
+@pytest.mark.forms(0)
+def test_map_tiles_of_a_folder_lie_where_they_are_on_earth(page: Page, studio: Studio) -> None:
+    for column in (FIRST[0], FIRST[0] + 1):
+        place = studio.folder / f"town/{ZOOM}/{column}"
+        place.mkdir(parents=True)
+        Image.new("RGB", (256, 256), "#88aa66").save(place / f"{FIRST[1]}.png")
+    (studio.folder / "paddock.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*FIELD, FIELD[0]]]})
+    )
+    opened(page, studio, "paddock.geojson")
+    page.get_by_text("A picture below").click()
+    page.get_by_label("Picture below the canvas").select_option("town")
+    until(page, "document.querySelectorAll('[data-came=load]').length === 2")
+    found = page.evaluate("""(() => {
+        const back = document.querySelector('.plane .drawn').getScreenCTM().inverse();
+        return [...document.querySelectorAll('[data-tile]')].map((image) => {
+            const there = back.multiply(image.getScreenCTM());
+            return [image.dataset.tile, [0, 256].map((side) => {
+                const point = new DOMPoint(side, side).matrixTransform(there);
+                return [point.x, point.y];
+            })];
+        });
+    })()""")
+    frame = LocalFrame.around(FIELD)
+    for name, corners in found:
+        column, row = (int(word) for word in name.split("/")[1:])
+        wanted = frame.to_metres([corner_of(column, row), corner_of(column + 1, row + 1)])
+        assert np.abs(np.array(corners) - wanted).max() < 0.05
+    assert page.get_by_label("Point 1, column of the picture").is_hidden()
+    page.locator("#underlayOpacity").fill("0.4")
+    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.4"
+    page.locator(".plane").press("Control+z")
+    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.7"
+    studio.open(
+        page, "search", {"problem": {"region": "square:40", **FAST}, "under": {"file": "town"}}
+    )
+    page.get_by_text("A picture below").click()
+    page.get_by_text("Tiles have places on Earth, and the region has none").wait_for()
+    assert not page.locator(".plane .tiles").is_visible()
 
 
 def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Studio) -> None:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 from tests.browser.studio import Form, Studio
 from tests.browser.waiting import until
 
@@ -15,6 +15,21 @@ REGION = {
     "type": "Polygon",
     "coordinates": [[[8.5, 47.4], [8.502, 47.4], [8.502, 47.401], [8.5, 47.401], [8.5, 47.4]]],
 }
+
+
+def test_the_first_page_needs_twelve_files_at_most(
+    chromium: Browser, page: Page, studio: Studio
+) -> None:
+    context = chromium.new_context(storage_state=page.context.storage_state())
+    other, asked = context.new_page(), set[str]()
+    other.on("request", lambda request: asked.add(request.url))
+    other.goto(studio.root)
+    other.wait_for_selector("body[data-ready]")
+    other.locator(".welcome .card img").last.wait_for()
+    context.close()
+    files = {address for address in asked if "/api/" not in address}
+    assert {f"{studio.root}studio.js", f"{studio.root}studio.css"} < files
+    assert len(files) <= 12
 
 
 @pytest.mark.forms(0, 3)

@@ -341,7 +341,7 @@ class _Session(ABC):
                 "particle radius: expected 0 in a region with obstacles, whose walls are where the"
                 " centres of the particles stop"
             )
-        self.space = place.inset(radius) if radius else place
+        self.space = place.inset(radius, what="particle radius") if radius else place
         self.size = float(place.size)
         self.world = (RegionWorld if isinstance(place, Region) else ContactWorld)(self.space)
         self.kernel_world = world_of(self.world)._replace(flat=not self.space.round)

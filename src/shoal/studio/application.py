@@ -26,12 +26,14 @@ from shoal.core.problem import Problem
 from shoal.core.version import __version__
 from shoal.parts import PARTS, problem_type
 from shoal.studio.answers import QUESTIONS
+from shoal.studio.bundle import bundled, script_of, sources_of
 from shoal.studio.folder import KINDS as FILE_KINDS
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs import JobQueue
 from shoal.studio.processes import Preview, StudioError
 from shoal.studio.requests import MAYBE_BOOL, check_request, read_json
+from shoal.studio.tiles import tile
 from shoal.studio.words import LONGEST, FieldError, fault_of
 from shoal.studio.work import JOBS
 
@@ -93,14 +95,27 @@ class Studio:
 
     async def page(self, request: Request) -> Response:
         """Return the HTML page of the studio."""
-        return _static("static/index.html")
+        page = bundled(_text("static/index.html"), sheet="/studio.css", script="/studio.js")
+        return Response(page, media_type="text/html")
+
+    async def sheet(self, request: Request) -> Response:
+        """Return all style sheets of the studio's page as one."""
+        sheets, _ = sources_of(_text("static/index.html"))
+        return Response("".join(map(_text, sheets)), media_type="text/css")
+
+    async def script(self, request: Request) -> Response:
+        """Return all modules of the studio's page as one."""
+        script = script_of("main.js", lambda name: _text(f"static/{name}"))
+        return Response(script, media_type="text/javascript")
 
     async def static(self, request: Request) -> Response:
         """Return a script or a style sheet of the studio or of the player."""
         return _static(request.url.path.lstrip("/"))
 
     async def player(self, request: Request) -> Response:
-        """Return the HTML page of a player, without an episode."""
+        """Return the HTML page of a player, without an episode, or all its scripts or style sheets
+        as one.
+        """
         from shoal.views.player import served_page
 
         part = check_choice(request.path_params["part"], what="part", choices=PARTS)
@@ -116,6 +131,15 @@ class Studio:
             more=more,
             files="/player/",
         )
+        sheets, scripts = sources_of(page)
+        what = request.path_params.get("what")
+        if what is not None:
+            kind = check_choice(what, what="file", choices=("sheet.css", "script.js"))
+            sources = sheets if kind == "sheet.css" else scripts
+            return Response("".join(map(_text, sources)), media_type=_TYPES[Path(kind).suffix])
+        kinds = "&".join(name for name in ("volume", "recorded") if name in asked)
+        sheet, script = (f"/play/{part}/{one}?{kinds}" for one in ("sheet.css", "script.js"))
+        page = bundled(page, sheet=sheet, script=script)
         return Response(page, media_type="text/html")
 
     async def start(self, request: Request) -> Response:
@@ -194,6 +218,13 @@ class Studio:
             filename=path.name,
             headers={"content-security-policy": "sandbox; default-src 'none'"},
         )
+
+    async def tile(self, request: Request) -> Response:
+        """Return a map tile of a folder of tiles, or of a PMTiles file."""
+        given = request.path_params
+        place = given["zoom"], given["column"], given["row"]
+        data, kind = await asyncio.to_thread(tile, self.folder, given["name"], *place)
+        return Response(data, media_type=kind)
 
     async def take(self, request: Request) -> Response:
         """Store an uploaded file in the studio's folder."""
@@ -318,6 +349,11 @@ async def _json(request: Request) -> dict[str, Any]:
     return read_json(await request.body())
 
 
+def _text(address: str) -> str:
+    room, _, rest = address.lstrip("/").partition("/")
+    return _STATIC[room].joinpath(rest).read_text(encoding="utf-8")
+
+
 def _static(name: str) -> Response:
     room, _, rest = name.partition("/")
     parts = rest.split("/")
@@ -391,13 +427,17 @@ def application_of(studio: Studio) -> Starlette:
 
     answers = (
         ("GET", "/", studio.page),
+        ("GET", "/studio.css", studio.sheet),
+        ("GET", "/studio.js", studio.script),
         ("GET", "/static/{name:path}", studio.static),
         ("GET", "/player/{name:path}", studio.static),
         ("GET", "/play/{part}", studio.player),
+        ("GET", "/play/{part}/{what}", studio.player),
         ("GET", "/api/start", studio.start),
         ("GET", "/api/files", studio.files),
         ("PUT", "/api/files/{name:path}", studio.take),
         ("GET", "/files/{name:path}", studio.file),
+        ("GET", "/tiles/{zoom:int}/{column:int}/{row:int}/{name:path}", studio.tile),
         ("POST", "/api/ask/{what}", studio.ask),
         ("GET", "/api/jobs", studio.jobs),
         ("POST", "/api/jobs", studio.add_job),

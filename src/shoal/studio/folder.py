@@ -48,12 +48,22 @@ KINDS = {
     "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),
     "part": SHAPEFILE[1:],
     "terrain": (".asc",),
+    "tiles": (".pmtiles",),
     "workspace": (".svg", ".wkt", ".geojson"),
     "sweep": (".toml",),
     "store": (".sqlite",),
     "film": (".mp4", ".gif", ".html"),
     "problem": (".json",),
 }
+LARGEST_ZOOM = 24
+TILES = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".webp": "image/webp",
+}
+"""File suffixes of map tiles, with their media types."""
+
 _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
@@ -109,29 +119,31 @@ class Folder:
         """Refuse a problem if one of its fields names a file outside the folder, or a picture that
         is too large.
         """
-        for value in data.values():
-            texts = [
-                text
-                for text in (value if isinstance(value, list) else [value])
-                if isinstance(text, str) and len(text) <= 4096
-            ]
-            # fields follow the file name of a vehicle; a file may follow the name of a policy
-            for text in {
-                *texts,
-                *(text.partition(",")[0] for text in texts),
-                *(text.partition(":")[2] for text in texts),
-            }:
-                path = Path(text)
-                if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
-                    raise InvalidInputError(
-                        f"file: expected a name inside the folder, got {shortened(text)}"
-                    )
-                if "/" in text or (text and os.path.lexists(self.root / path)):
-                    check_pixels(self.path(text))
+        for text in texts_of(data):
+            path = Path(text)
+            if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
+                raise InvalidInputError(
+                    f"file: expected a name inside the folder, got {shortened(text)}"
+                )
+            if "/" in text or (text and os.path.lexists(self.root / path)):
+                check_pixels(self.path(text))
+
+    def named_in(self, *given: Mapping[str, Any]) -> list[str]:
+        """Return the names of the files of the folder that fields name, with all parts of a
+        Shapefile, in alphabetical order.
+        """
+        files = set()
+        for text in set().union(*map(texts_of, given)):
+            path = Path(text)
+            parts = [path.with_suffix(one) for one in SHAPEFILE] if path.suffix == ".shp" else []
+            for file in (path, *parts):
+                if text and os.path.lexists(self.root / file) and self.path(str(file)).is_file():
+                    files.add(file.as_posix())
+        return sorted(files)
 
     def files(self) -> list[dict[str, Any]]:
         """Return the files of the folder, newest first, with the name, purpose, size in bytes and
-        time of each file.
+        time of each file. A folder of map tiles is one of them.
 
         Raises
         ------
@@ -139,7 +151,7 @@ class Folder:
             Raised if the folder has more than `MOST_SEEN` files.
         """
         files: list[dict[str, Any]] = []
-        folders, seen = [str(self.root)], 0
+        folders, seen, pyramids = [str(self.root)], 0, set[str]()
         while folders:
             where = folders.pop()
             try:
@@ -154,11 +166,19 @@ class Folder:
                         if entry.name[0] == ".":
                             continue
                         if entry.is_dir(follow_symlinks=False):
-                            folders.append(entry.path)
+                            if where != str(self.root) and is_zoom_folder(entry.path):
+                                pyramids.add(where)
+                            else:
+                                folders.append(entry.path)
                         elif (listed := self._listed(entry)) is not None:
                             files.append(listed)
             except OSError:  # a folder that cannot be read, or has just gone
                 continue
+        for path in pyramids:  # the tiles in it are no maps
+            name = os.path.relpath(path, self.root).replace(os.sep, "/")
+            files.append(
+                {"name": name, "kind": "tiles", "bytes": 0, "time": os.stat(path).st_mtime}
+            )
         return sorted(files, key=lambda one: (-float(one["time"]), one["name"]))
 
     def _listed(self, entry: os.DirEntry[str]) -> dict[str, Any] | None:
@@ -261,6 +281,42 @@ class Folder:
                 named = str(error).replace(temporary.name, plain)
                 raise InvalidInputError(named) from None
         return target.name
+
+
+def texts_of(data: Mapping[str, Any]) -> set[str]:
+    """Return the texts in the fields of a problem that may be names of files."""
+    texts = {
+        text
+        for value in data.values()
+        for text in (value if isinstance(value, list) else [value])
+        if isinstance(text, str) and len(text) <= 4096
+    }
+    # fields follow the file name of a vehicle; a file may follow the name of a policy
+    return {
+        *texts,
+        *(text.partition(",")[0] for text in texts),
+        *(text.partition(":")[2] for text in texts),
+    }
+
+
+def is_zoom_folder(path: str | os.PathLike[str]) -> bool:
+    """Return whether a folder holds the tiles of one zoom, as its name and what is in it say."""
+    name = os.path.basename(path)
+    if not name.isdecimal() or int(name) > LARGEST_ZOOM:
+        return False
+    for column in numbered_folders(path):
+        with os.scandir(os.path.join(path, str(column))) as entries:
+            for entry in entries:
+                stem, suffix = os.path.splitext(entry.name)
+                return stem.isdecimal() and suffix.lower() in TILES
+    return False
+
+
+def numbered_folders(path: str | os.PathLike[str]) -> list[int]:
+    """Return the numbers that name the folders in a folder."""
+    with os.scandir(path) as entries:
+        found = [int(one.name) for one in entries if one.name.isdecimal() and one.is_dir()]
+    return sorted(found)
 
 
 def purpose_of(name: str) -> str | None:

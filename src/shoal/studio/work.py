@@ -331,8 +331,12 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Plan a search, and write and check its missions. Return the names of the archive and the map,
     and the linter's report.
+
+    The archive also holds the files that the problem and the options name, so that the command in
+    the result runs in the unpacked archive.
     """
     from shoal.missions import MissionOptions, MissionSet
+    from shoal.missions.profile import height_profiles
     from shoal.views.search.missions import MAP, save_missions_map
 
     problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
@@ -351,7 +355,21 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         say("progress", (0.7, "checking missions"))
         result = made.check()
         result.write(checked)
-        found = {"missions": made.report(), "check": result.report(), "command": command}
+        found = {
+            "missions": made.report(),
+            "check": result.report(),
+            "command": command,
+            "profiles": [
+                {
+                    "robot": one.robot,
+                    "sortie": one.sortie,
+                    "times": np.round(one.times, 1).tolist(),
+                    "heights": np.round(one.heights, 2).tolist(),
+                    "ground": None if one.ground is None else np.round(one.ground, 2).tolist(),
+                }
+                for one in height_profiles(made)
+            ],
+        }
         asked = {"problem": spec["problem"], "missions": spec.get("missions") or {}, "seed": seed}
         write_json(Path(place, MISSIONS_PAGE), as_json(asked | {"written": found}))
         stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
@@ -364,6 +382,8 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
                 archive.writestr(
                     zipfile.ZipInfo(path.relative_to(place).as_posix(), _EPOCH), path.read_bytes()
                 )
+            for own in folder.named_in(spec["problem"], asked["missions"]):
+                archive.writestr(zipfile.ZipInfo(own, _EPOCH), folder.path(own).read_bytes())
         picture = folder.new_name(f"{stem}-missions-figure", ".png")
         with atomic(folder.path(picture)) as temporary:
             temporary.write_bytes((inside / MAP).read_bytes())

@@ -154,7 +154,7 @@ def test_bad_problems_get_one_sentence(changes, wanted, tmp_path, capsys):
         (["--gain", "3"], "gain: expected a number, 0 or more and below 2, got 3"),
         (["--planner", "quickest"], "unknown planner 'quickest'"),
         (["--friction", "-1"], "friction: expected a number, 0 or more"),
-        (["--particle-radius", "0.6"], "inset: expected a margin that leaves room"),
+        (["--particle-radius", "0.6"], "particle radius: expected a distance that leaves room"),
         (["--particle-radius", "0.1", "--friction", "1"], "particle radius: expected no friction"),
         (["--max-moves", "0"], "max_moves: expected a whole number, 1 or more"),
     ],

@@ -66,6 +66,7 @@ GOOD = {
     "simulate": {k: PLACED[k] for k in ("problem", "drawing", "seed")},
     "draw": {"problem": SEARCH, "drawing": DRAWING},
     "earth": {"frame": [8.5, 47.4]},
+    "tiles": {"file": "town"},
     "watch": {
         "task": "task.json",
         "radio": f"udp:127.0.0.1:{free_port()},127.0.0.1:9",
@@ -154,6 +155,8 @@ def studio(tmp_path_factory):
     picture = Image.new("L", (60, 40), 200)
     ImageDraw.Draw(picture).line([(5, 20), (55, 22)], fill=70, width=5)
     picture.save(folder / "a.png")
+    (folder / "town/14/8578").mkdir(parents=True)
+    picture.save(folder / "town/14/8578/5736.png")
     (folder / "a.sqlite").write_bytes(b"no store")
     write_task(run(SearchProblem("square:40", robots=2, footprint=20), seed=1), folder)
     with pytest.MonkeyPatch.context() as patch:

@@ -40,7 +40,7 @@ def test_every_example_is_a_problem_of_its_page(name, tmp_path, monkeypatch):
 
 def test_the_page_shows_all_examples():
     text = (STATIC / "places/welcome.js").read_text()
-    shown = re.findall(r'^  \["(\w+)", "', text, re.M)
+    shown = re.findall(r'^  \[\s*"(\w+)",\s*"', text, re.M)
     assert shown == list(EXAMPLES)
 
 

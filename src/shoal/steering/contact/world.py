@@ -210,7 +210,9 @@ class ContactWorld(SteeringWorld):
     @cached_property
     def free_space(self) -> ConvexWorkspace:
         """The set of possible positions of the particles' centres, as a workspace."""
-        return self.workspace.inset(self.radius) if self.radius else self.workspace
+        if not self.radius:
+            return self.workspace
+        return self.workspace.inset(self.radius, what="particle radius")
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:

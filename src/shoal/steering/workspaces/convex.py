@@ -400,9 +400,9 @@ class ConvexWorkspace(SteeringWorkspace):
         )
         return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
 
-    def inset(self, margin: float) -> ConvexWorkspace:
+    def inset(self, margin: float, *, what: str = "margin") -> ConvexWorkspace:
         """Return a smaller copy of a plane workspace, in which every wall has moved inwards by
-        ``margin``.
+        ``margin``. Errors call it ``what``.
 
         Raises
         ------
@@ -416,13 +416,13 @@ class ConvexWorkspace(SteeringWorkspace):
         """
         if self.dimensions == 3:
             raise InvalidInputError(
-                f"inset: expected a plane workspace for particles with a radius, got a {self.kind}"
+                f"{what}: expected a plane workspace, got a {self.kind}, which has no inset"
             )
         if self.round:
             left = self.radius - margin
             if left <= 0:
                 raise InvalidInputError(
-                    f"inset: expected a margin below the radius {self.radius:g}, got {margin:g}"
+                    f"{what}: expected less than the radius {self.radius:g}, got {margin:g}"
                 )
             return disk(left, center=self.center)
         corners = self.vertices
@@ -432,7 +432,7 @@ class ConvexWorkspace(SteeringWorkspace):
             return polygon(corners)
         except InvalidInputError:
             raise InvalidInputError(
-                f"inset: expected a margin that leaves room in the polygon, got {margin:g}"
+                f"{what}: expected a distance that leaves room in the polygon, got {margin:g}"
             ) from None
 
     def __repr__(self) -> str:

@@ -30,6 +30,7 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
+from shoal.studio.tiles import tiles
 from shoal.studio.words import fault_of
 
 
@@ -118,6 +119,7 @@ QUESTIONS: dict[str, Question] = {
         search.simulate, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "seed": SEED}
     ),
     "draw": Question(search.draw, {"problem": OBJECT, "drawing": MAYBE_OBJECT}),
+    "tiles": Question(tiles, {"file": TEXT}),
     "earth": Question(search.earth, {"frame": LIST}),
     "watch": Question(
         watch.watch, {"task": TEXT, "radio": TEXT, "places": MAYBE_BOOL, "ends": MAYBE_BOOL}

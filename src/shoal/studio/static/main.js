@@ -19,6 +19,7 @@ const PLACES = {
   papers: ["Papers", papers],
 };
 const opened = new Map();
+/** @returns {any} the element of this id */
 const $ = (id) => document.getElementById(id);
 
 // ---- theme ----
@@ -44,7 +45,9 @@ const addressOf = (place, what) => `#${place}?${encodeURIComponent(JSON.stringif
 /** What the places had before a reload: their parts of the address and their stores. */
 const SESSION = "shoal-places";
 function before() {
-  const how = performance.getEntriesByType("navigation")[0]?.type;
+  const [{ type: how }] = /** @type {PerformanceNavigationTiming[]} */ (
+    performance.getEntriesByType("navigation")
+  );
   try {
     return how === "reload" ? (JSON.parse(sessionStorage.getItem(SESSION)) ?? {}) : {};
   } catch {
@@ -180,7 +183,7 @@ $("keysButton").addEventListener("click", showKeys);
 
 /** What is typed counts, although its field still has the focus. */
 function commitField() {
-  const field = document.activeElement;
+  const field = /** @type {HTMLElement} */ (document.activeElement);
   if (!writes(field)) return;
   field.blur();
   field.focus();
@@ -226,7 +229,9 @@ const STATES = {
 const MOST_JOBS = 60; // in the list
 
 function drawJobs() {
-  const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id),
+  const jobs = [...state.jobs.values()].sort(
+      (a, b) => Number(ended(a)) - Number(ended(b)) || b.id - a.id,
+    ),
     open = jobs.filter((job) => !ended(job)).length;
   // jobs are numbered, and none is ever removed
   const all = jobs.reduce((most, job) => Math.max(most, job.id), 0);
@@ -264,13 +269,7 @@ function row(job) {
   return el(
     `li.job.${job.state}`,
     {},
-    el(
-      "div",
-      {},
-      el("b", {}, WORDS[job.kind] ?? job.kind),
-      " ",
-      el("span", {}, nameOf(job)),
-    ),
+    el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, nameOf(job))),
     el("p.soft", {}, job.state === "failed" ? failure(job) : facts),
     job.state === "running"
       ? el("progress", { max: 1, value: job.done ?? 0, "aria-label": "Done" })

@@ -3,7 +3,17 @@
 import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import { acceptDrops, confirmed, el, guarded, number, refill, say, svg, tabbed } from "../shared/page.js";
+import {
+  acceptDrops,
+  confirmed,
+  el,
+  guarded,
+  number,
+  refill,
+  say,
+  svg,
+  tabbed,
+} from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -118,7 +128,9 @@ export function search({ remember }) {
   const underlay = new Underlay(canvas, {
     frame: () => frame(),
     setFrame: (given) => {
-      drawing.told.frame = given;
+      const may = !region;
+      if (may) drawing.told.frame = given;
+      return may;
     },
     changed: ({ placed = false, gesture = null } = {}) => {
       if (placed) redo();
@@ -136,7 +148,11 @@ export function search({ remember }) {
     chosen = k;
     show();
   });
-  const { input: seedInput, element: seedRow, row: seedFault } = seedField("searchSeed", () => {
+  const {
+    input: seedInput,
+    element: seedRow,
+    row: seedFault,
+  } = seedField("searchSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
@@ -150,6 +166,7 @@ export function search({ remember }) {
   const complain = faultsOf(warning, rowOf);
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
+  /** @returns {Record<string, any>} */
   const fields = () => ({
     kind: "search",
     ...(region ? { region } : {}),

@@ -54,8 +54,9 @@ export function steering({ remember }) {
   const store = new Store(put);
   let begun = false,
     shown = null; // the episode on the stage: its file and its sentence
-  let problem = { ...BEGIN },
-    seed = 0,
+  /** @type {Record<string, any>} */
+  let problem = { ...BEGIN };
+  let seed = 0,
     place = null,
     corners = null,
     plans = {},
@@ -83,7 +84,11 @@ export function steering({ remember }) {
   const where = el("span.soft.where", {});
   const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }),
     reachWord = el("p.reached", {});
-  const { input: seedInput, element: seedRow, row: seedFault } = seedField("steeringSeed", () => {
+  const {
+    input: seedInput,
+    element: seedRow,
+    row: seedFault,
+  } = seedField("steeringSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
@@ -290,7 +295,7 @@ export function steering({ remember }) {
 
   function drawRoom() {
     if (!place && !corners) return;
-    const focused = document.activeElement?.dataset?.handle;
+    const focused = document.activeElement?.getAttribute("data-handle");
     frame = frameOf(
       corners
         ? [
@@ -420,15 +425,13 @@ export function steering({ remember }) {
       svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
     space.replaceChildren(
       svg("path", { class: "floor", d: path(rings[0], at) }),
-      ...[...sets]
-        .reverse()
-        .map((set) =>
-          svg("path", {
-            class: `reach m${set.moves}`,
-            "fill-rule": "evenodd",
-            d: set.rings.map((ring) => path(ring, at)).join(""),
-          }),
-        ),
+      ...[...sets].reverse().map((set) =>
+        svg("path", {
+          class: `reach m${set.moves}`,
+          "fill-rule": "evenodd",
+          d: set.rings.map((ring) => path(ring, at)).join(""),
+        }),
+      ),
       svg("path", { class: "rim", d: path(rings[0], at) }),
       spot(goal, "goal p1"),
       spot(delta, "particle p0"),

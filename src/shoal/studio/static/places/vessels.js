@@ -54,7 +54,9 @@ export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
   const store = new Store(put),
     reading = ["vessels", ...schema.reading];
-  let problem = { ...EXAMPLE },
+  /** @type {Record<string, any>} */
+  let problem = { ...EXAMPLE };
+  let 
     seed = 0,
     map = null,
     begun = false;

@@ -5,7 +5,8 @@ import { capital } from "./page.js";
 export const state = { start: null, jobs: new Map(), files: [], counts: {} };
 const listeners = { job: new Set(), files: new Set() };
 const watchers = new Map(); // job number: what is called with each piece, and with the job
-let socket = null, patience = 500;
+let socket = null,
+  patience = 500;
 
 /** An answer that says what is wrong, in `error` and at which `field`; as a message of its own, it
  *  names the field. */
@@ -32,7 +33,10 @@ export async function request(method, path, body) {
   }
   if (!answer.ok) {
     const fault = await answer.json().catch(() => ({}));
-    throw new Refused({ error: `The studio refused the request (status ${answer.status}).`, ...fault });
+    throw new Refused({
+      error: `The studio refused the request (status ${answer.status}).`,
+      ...fault,
+    });
   }
   return answer.json();
 }
@@ -54,7 +58,10 @@ export const onlyParts = (files) => files.every((file) => PARTS.test(file.name))
 /** Put files into the folder that were brought together, and return the name of the one to open: the
  *  first whose name fits, with the other parts of its Shapefile. */
 export async function uploadTogether(files, fits = /./) {
-  if (onlyParts(files)) throw new Refused({ error: "A Shapefile needs its .shp file: drop all files of the Shapefile together." });
+  if (onlyParts(files))
+    throw new Refused({
+      error: "A Shapefile needs its .shp file: drop all files of the Shapefile together.",
+    });
   const shape = files.find((file) => /\.shp$/i.test(file.name));
   const name = await upload(shape ?? files.find((file) => fits.test(file.name)));
   for (const part of shape ? files.filter((file) => PARTS.test(file.name)) : []) {
@@ -65,10 +72,12 @@ export async function uploadTogether(files, fits = /./) {
 }
 
 /** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
-export const listed = (kind, { skip = 0, name = "" } = {}) => request("GET", `/api/files?${new URLSearchParams({ kind, skip, name })}`);
+export const listed = (kind, { skip = 0, name = "" } = {}) =>
+  request("GET", `/api/files?${new URLSearchParams({ kind, skip: String(skip), name })}`);
 
 /** How many files of one kind are older than those that are listed. */
-export const leftOut = (kind) => (state.counts[kind] ?? 0) - state.files.filter((file) => file.kind === kind).length;
+export const leftOut = (kind) =>
+  (state.counts[kind] ?? 0) - state.files.filter((file) => file.kind === kind).length;
 
 /** The newest files of each kind, and how many there are. */
 export async function loadFiles() {
@@ -107,7 +116,9 @@ function connect() {
       try {
         const { jobs } = await request("GET", "/api/jobs");
         jobs.forEach(heardOf);
-      } catch { /* tried again */ }
+      } catch {
+        /* tried again */
+      }
       connect();
     }, patience);
     patience = Math.min(8000, 2 * patience);
@@ -153,7 +164,8 @@ export const forget = (number) => watchers.delete(number);
 
 /** Return a function that asks with the newest arguments only: while an answer is awaited, all but the last call are dropped. */
 export function newest(work) {
-  let busy = false, next = null;
+  let busy = false,
+    next = null;
   return async function call(...given) {
     if (busy) {
       next = given;

@@ -93,6 +93,7 @@ function goTo({ input }) {
  *  there. `rowOf(name)` is the row of a field, if the page has one. */
 export function faultsOf(banner, rowOf) {
   let row = null;
+  complain.said = null;
   /** `fault` is an error or an answer of the server; null: nothing is wrong. */
   function complain(fault) {
     row?.fault(null);

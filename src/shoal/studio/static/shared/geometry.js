@@ -1,10 +1,16 @@
 /* Outlines that are being drawn: measures, shapes, and whether they cross themselves. */
 
-const side = ([ax, ay], [bx, by], [cx, cy]) => Math.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax));
+const side = ([ax, ay], [bx, by], [cx, cy]) =>
+  Math.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax));
 
 /** Whether two segments have a point in common, their ends included. */
 function meet(a, b, c, d) {
-  const [first, second, third, fourth] = [side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)];
+  const [first, second, third, fourth] = [
+    side(a, b, c),
+    side(a, b, d),
+    side(c, d, a),
+    side(c, d, b),
+  ];
   if (first !== second && third !== fourth) return true;
   const within = (p, q, r) =>
     [0, 1].every((k) => Math.min(p[k], q[k]) <= r[k] && r[k] <= Math.max(p[k], q[k]));
@@ -25,9 +31,12 @@ export function crosses(corners, next, { closes = false } = {}) {
     .some((corner, i) => meet(corner, corners[i + (closes ? 2 : 1)], last, next));
 }
 
-export const CROSSES = "The outline would cross itself there. Put the corner elsewhere, or take corners back with Ctrl Z.";
-export const CROSSES_CLOSED = "The last side would cross the outline. Add corners around it, or take corners back with Ctrl Z.";
+export const CROSSES =
+  "The outline would cross itself there. Put the corner elsewhere, or take corners back with Ctrl Z.";
+export const CROSSES_CLOSED =
+  "The last side would cross the outline. Add corners around it, or take corners back with Ctrl Z.";
 
+/** @type {(from: number[], to: number[]) => number} */
 export const distance = ([ax, ay], [bx, by]) => Math.hypot(bx - ax, by - ay);
 
 export const perimeter = (ring) =>
@@ -42,14 +51,27 @@ export const area = (ring) =>
     }, 0),
   ) / 2;
 
-/** Degrees clockwise from the north, or from above, at which b is seen from a. */
+/** Degrees clockwise from the north, or from above, at which b is seen from a.
+ *
+ *  @type {(from: number[], to: number[]) => number} */
 export const bearing = ([ax, ay], [bx, by]) =>
   ((Math.atan2(bx - ax, by - ay) * 180) / Math.PI + 360) % 360;
+
+/** Whether a point lies inside a ring. */
+export const inside = ([x, y], ring) =>
+  ring.reduce((odd, [ax, ay], i) => {
+    const [bx, by] = ring[(i + 1) % ring.length];
+    return ay > y !== by > y && x < ax + ((y - ay) / (by - ay)) * (bx - ax) ? !odd : odd;
+  }, false);
 
 export const centreOf = (ring) =>
   [0, 1].map((axis) => ring.reduce((sum, point) => sum + point[axis], 0) / ring.length);
 
-/** A ring turned about a point by so many radians, counter-clockwise. */
+/** A ring turned about a point by so many radians, counter-clockwise.
+ *
+ *  @param {number[][]} ring
+ *  @param {number[]} centre
+ *  @param {number} angle */
 export function turned(ring, [cx, cy], angle) {
   const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
   return ring.map(([x, y]) => [

@@ -6,7 +6,9 @@ const STEP = 60; // pixels of an arrow key
 const NEARER = 1.5; // by one key
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [1, 0], ArrowRight: [-1, 0] };
 
-/** The place of a pointer on an element, in pixels. */
+/** The place of a pointer on an element, in pixels.
+ *
+ *  @returns {[number, number]} */
 export function spotOf(element, event) {
   const box = element.getBoundingClientRect();
   return [event.clientX - box.left, event.clientY - box.top];

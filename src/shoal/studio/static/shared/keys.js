@@ -1,6 +1,7 @@
 /* The keys of the studio, in a sheet. */
 import { el, openSheet } from "./page.js";
 
+/** @type {[string, [string, string][]][]} */
 const KEYS = [
   [
     "On all pages",
@@ -30,6 +31,8 @@ const KEYS = [
       ["Delete", "remove it"],
       ["Enter", "close the outline that is drawn"],
       ["Escape", "drop the outline that is drawn"],
+      ["Ctrl A", "choose all outlines of a region"],
+      ["Ctrl C, Ctrl X, Ctrl V", "copy, cut and paste the chosen outlines"],
     ],
   ],
   [
@@ -55,7 +58,9 @@ export function showKeys() {
           el(
             "dl",
             {},
-            rows.map(([key, words]) => el("div", {}, el("dt", {}, el("kbd", {}, key)), el("dd", {}, words))),
+            rows.map(([key, words]) =>
+              el("div", {}, el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)),
+            ),
           ),
         ),
       ),

@@ -1,6 +1,11 @@
 /* Making elements, saying things, dialogs. Text is only ever set as text. */
 
-/** Make an element: `el("p.soft", { id: "x" }, "text", child, ...)`. */
+/** Make an element: `el("p.soft", { id: "x" }, "text", child, ...)`.
+ *
+ *  @param {string} what
+ *  @param {Record<string, any>} attributes
+ *  @param {...any} children
+ *  @returns {any} an element of the kind that its tag names */
 export function el(what, attributes = {}, ...children) {
   const [tag, ...classes] = what.split(".");
   const made = document.createElement(tag || "div");
@@ -11,11 +16,19 @@ export function el(what, attributes = {}, ...children) {
     else if (name in made && !["list", "form", "type"].includes(name)) made[name] = value;
     else made.setAttribute(name, value === true ? "" : value);
   }
-  made.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  made.append(
+    ...children.flat().filter((child) => child !== null && child !== undefined && child !== false),
+  );
   return made;
 }
 
 const SVG = "http://www.w3.org/2000/svg";
+/** Make an element of a drawing.
+ *
+ *  @param {string} tag
+ *  @param {Record<string, any>} attributes
+ *  @param {...any} children
+ *  @returns {any} */
 export function svg(tag, attributes = {}, ...children) {
   const made = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -39,25 +52,35 @@ export const capital = (label) => label.charAt(0).toUpperCase() + label.slice(1)
 
 /** Say something for a while; a problem stays until it is closed. */
 export function say(sentence, { problem = false, link = null } = {}) {
-  const note = el(problem ? "p.note.bad" : "p.note", {}, el("span", {}, sentence), link ? el("a", { href: link }, "Show it") : []);
+  const note = el(
+    problem ? "p.note.bad" : "p.note",
+    {},
+    el("span", {}, sentence),
+    link ? el("a", { href: link }, "Show it") : [],
+  );
   const close = () => note.remove();
-  note.append(el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"));
+  note.append(
+    el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"),
+  );
   document.getElementById("notes").append(note);
-  while (document.getElementById("notes").children.length > 3) document.getElementById("notes").firstChild.remove();
+  while (document.getElementById("notes").children.length > 3)
+    document.getElementById("notes").firstChild.remove();
   if (!problem) setTimeout(close, 6000);
 }
 
 export const told = (error) => say(error.message ?? String(error), { problem: true });
 
 /** Return a handler that says what goes wrong in it. */
-export const guarded = (work) => async (...given) => {
-  try {
-    return await work(...given);
-  } catch (error) {
-    told(error);
-    return undefined;
-  }
-};
+export const guarded =
+  (work) =>
+  async (...given) => {
+    try {
+      return await work(...given);
+    } catch (error) {
+      told(error);
+      return undefined;
+    }
+  };
 
 /** Let files be dropped on an element. */
 export function acceptDrops(element, bring) {
@@ -79,10 +102,18 @@ export function acceptDrops(element, bring) {
 }
 
 export function openSheet(title, ...children) {
-  const sheet = document.getElementById("sheet");
+  const sheet = /** @type {HTMLDialogElement} */ (document.getElementById("sheet"));
   sheet.replaceChildren(
-    el("div.sheetHead", {}, el("h2", { id: "sheetTitle" }, title),
-      el("button.quiet.icon", { type: "button", "aria-label": "Close", onclick: () => sheet.close() }, "×")),
+    el(
+      "div.sheetHead",
+      {},
+      el("h2", { id: "sheetTitle" }, title),
+      el(
+        "button.quiet.icon",
+        { type: "button", "aria-label": "Close", onclick: () => sheet.close() },
+        "×",
+      ),
+    ),
     ...children,
   );
   if (!sheet.open) sheet.showModal();
@@ -93,15 +124,41 @@ export function openSheet(title, ...children) {
 export function confirmed(title, sentence, word) {
   return new Promise((resolve) => {
     let answer = false;
-    const sheet = openSheet(title, el("p", {}, sentence), el("div.actions", {},
-      el("button.main", { type: "button", onclick: () => { answer = true; sheet.close(); } }, word),
-      el("button.second", { type: "button", onclick: () => sheet.close() }, "Cancel")));
+    const sheet = openSheet(
+      title,
+      el("p", {}, sentence),
+      el(
+        "div.actions",
+        {},
+        el(
+          "button.main",
+          {
+            type: "button",
+            onclick: () => {
+              answer = true;
+              sheet.close();
+            },
+          },
+          word,
+        ),
+        el("button.second", { type: "button", onclick: () => sheet.close() }, "Cancel"),
+      ),
+    );
     sheet.addEventListener("close", () => resolve(answer), { once: true });
   });
 }
 
 /** The last line of a list of files that leaves out older ones of their kind. */
-export const olderFiles = (left) => (left > 0 ? [el("option", { value: "", disabled: true }, `${left.toLocaleString("en-GB")} older files: by name`)] : []);
+export const olderFiles = (left) =>
+  left > 0
+    ? [
+        el(
+          "option",
+          { value: "", disabled: true },
+          `${left.toLocaleString("en-GB")} older files: by name`,
+        ),
+      ]
+    : [];
 
 /** The id of a tab or of its panel; several places are on the page at once. */
 export const tabId = (label, name) => `${label.toLowerCase().replace(/\W+/g, "-")}-tab-${name}`;
@@ -109,14 +166,26 @@ export const panelId = (label, name) => `${label.toLowerCase().replace(/\W+/g, "
 
 /** Tabs over panels: one of several buttons is chosen. */
 export function tabs(label, choices, choose, panel = null) {
-  const buttons = choices.map(([name, words]) => el("button", {
-    type: "button", role: "tab", id: tabId(label, name), "aria-selected": "false", "aria-controls": panel ?? panelId(label, name), onclick: () => pick(name),
-  }, words));
+  const buttons = choices.map(([name, words]) =>
+    el(
+      "button",
+      {
+        type: "button",
+        role: "tab",
+        id: tabId(label, name),
+        "aria-selected": "false",
+        "aria-controls": panel ?? panelId(label, name),
+        onclick: () => pick(name),
+      },
+      words,
+    ),
+  );
   const list = el("div.tabs", { role: "tablist", "aria-label": label }, buttons);
   list.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step) return;
-    const at = buttons.indexOf(document.activeElement), next = buttons[(at + step + buttons.length) % buttons.length];
+    const at = buttons.indexOf(document.activeElement),
+      next = buttons[(at + step + buttons.length) % buttons.length];
     next.focus();
     next.click();
   });
@@ -131,11 +200,24 @@ export function tabs(label, choices, choose, panel = null) {
   return { list, pick };
 }
 
-/** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels and how to choose one. */
+/** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels
+ *  and how to choose one.
+ *
+ *  @param {string} label
+ *  @param {any[][]} entries
+ *  @param {{ chosen?: (name: string) => void, scrolls?: boolean }} options */
 export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = {}) {
-  const panels = entries.map(([name, , ...children]) => el(`div.panel${scrolls ? ".scrolls" : ""}`, { id: panelId(label, name), role: "tabpanel", "aria-labelledby": tabId(label, name) }, children));
+  const panels = entries.map(([name, , ...children]) =>
+    el(
+      `div.panel${scrolls ? ".scrolls" : ""}`,
+      { id: panelId(label, name), role: "tabpanel", "aria-labelledby": tabId(label, name) },
+      children,
+    ),
+  );
   const found = tabs(label, entries, (picked) => {
-    panels.forEach((panel, i) => { panel.hidden = entries[i][0] !== picked; });
+    panels.forEach((panel, i) => {
+      panel.hidden = entries[i][0] !== picked;
+    });
     chosen(picked);
   });
   return { ...found, panels };
@@ -144,25 +226,59 @@ export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = 
 /** A table that scrolls by itself; a row's first cell is its head. */
 const LONG = 40; // characters: a longer text is a sentence, which breaks into lines
 export function dataTable(label, heads, rows) {
-  return el("div.scroll", { tabIndex: 0, role: "region", "aria-label": label }, el("table", {},
-    el("thead", {}, el("tr", {}, heads.map((words) => el(words ? "th" : "td", words ? { scope: "col" } : {}, words)))),
-    el("tbody", {}, rows.map(([first, ...cells]) => el("tr", {}, el("th", { scope: "row" }, first), cells.map((cell) => el(String(cell).length > LONG ? "td.sentence" : "td", {}, cell)))))));
+  return el(
+    "div.scroll",
+    { tabIndex: 0, role: "region", "aria-label": label },
+    el(
+      "table",
+      {},
+      el(
+        "thead",
+        {},
+        el(
+          "tr",
+          {},
+          heads.map((words) => el(words ? "th" : "td", words ? { scope: "col" } : {}, words)),
+        ),
+      ),
+      el(
+        "tbody",
+        {},
+        rows.map(([first, ...cells]) =>
+          el(
+            "tr",
+            {},
+            el("th", { scope: "row" }, first),
+            cells.map((cell) => el(String(cell).length > LONG ? "td.sentence" : "td", {}, cell)),
+          ),
+        ),
+      ),
+    ),
+  );
 }
 
 /** A picture of a symbol: a path in a square of 24. */
-export const symbol = (path) => svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, svg("path", { class: "stroke", d: path }));
+export const symbol = (path) =>
+  svg(
+    "svg",
+    { viewBox: "0 0 24 24", "aria-hidden": "true" },
+    svg("path", { class: "stroke", d: path }),
+  );
 
 /** A number with so many significant digits, however small it is: .0005 is not 0. */
 export function number(value, digits = 4) {
   if (value === null || value === undefined) return "–";
-  const size = Math.abs(value), rounded = Number(value.toPrecision(digits));
-  if (value !== 0 && (size < 1e-4 || size >= 1e15)) return rounded.toExponential().replace("e+", "e");
+  const size = Math.abs(value),
+    rounded = Number(value.toPrecision(digits));
+  if (value !== 0 && (size < 1e-4 || size >= 1e15))
+    return rounded.toExponential().replace("e+", "e");
   return rounded.toLocaleString("en-GB", { maximumFractionDigits: 20 });
 }
 
 /** A share as percent. What is not nothing is not "0 %", and what is not all is not "100 %". */
 export function percent(share) {
-  const value = 100 * share, plain = value.toFixed(1);
+  const value = 100 * share,
+    plain = value.toFixed(1);
   if (value <= 0 || value >= 100) return `${number(value)} %`;
   if (plain === "0.0") return `${number(value, 2)} %`;
   return `${plain === "100.0" ? number(100 - Number((100 - value).toPrecision(2)), 15) : plain} %`;
@@ -170,12 +286,19 @@ export function percent(share) {
 
 /** The shape of a map with the names of its sides, as the commands and the film player write it. */
 export const shapeText = (shape) =>
-  shape.map((n, i) => `${n.toLocaleString("en-GB")} ${["layer", "row", "column"].at(i - shape.length)}${n === 1 ? "" : "s"}`).join(" × ");
+  shape
+    .map(
+      (n, i) =>
+        `${n.toLocaleString("en-GB")} ${["layer", "row", "column"].at(i - shape.length)}${n === 1 ? "" : "s"}`,
+    )
+    .join(" × ");
 
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return "";
   if (seconds < 60) return `${Math.max(1, Math.round(seconds))} s left`;
-  return seconds < 3600 ? `${Math.round(seconds / 60)} min left` : `${(seconds / 3600).toFixed(1)} h left`;
+  return seconds < 3600
+    ? `${Math.round(seconds / 60)} min left`
+    : `${(seconds / 3600).toFixed(1)} h left`;
 }
 
 /** What a job does: its note and how long it lasts still. */

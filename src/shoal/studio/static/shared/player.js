@@ -7,7 +7,9 @@ const theme = () => document.documentElement.dataset.theme;
 export class PlayerFrame {
   /** `part`: whose player. A page is kept ready, so that an episode shows at once. */
   constructor(part, { title = "The player", bare = null } = {}) {
-    Object.assign(this, { part, title, bare });
+    this.part = part;
+    this.title = title;
+    this.bare = bare;
     this.element = el("div.frames", {});
     this.shown = null;
     this.spare = this.make("");

@@ -12,8 +12,15 @@ const MOST_SAVED = 1_500_000;
 export class Store {
   /** `restore(state)` sets all that is set, at once. */
   constructor(restore) {
-    Object.assign(this, { restore, text: null, done: [], undone: [], gesture: null });
-    Object.assign(this, { restoring: false, view: {}, listeners: new Set() });
+    this.restore = restore;
+    this.text = null;
+    this.done = [];
+    this.undone = [];
+    this.gesture = null;
+    this.restoring = false;
+    /** @type {Record<string, any>} */
+    this.view = {};
+    this.listeners = new Set();
   }
 
   /** The state; null before the first action. */
@@ -146,7 +153,11 @@ export function stepButtons(store) {
 
 /** Results belong to the state that they were made from. `current()` is a text of it; as soon as it
  *  is another one, `element` wears a veil, and `tell(fresh)` hears of it: also when undo brings the
- *  state back. */
+ *  state back.
+ *
+ *  @param {() => string} current
+ *  @param {HTMLElement} element
+ *  @param {(fresh: boolean) => void} tell */
 export function dated(current, element, tell = () => {}) {
   let of = null,
     was = null;

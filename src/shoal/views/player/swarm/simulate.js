@@ -212,7 +212,7 @@ const ShoalSim = (() => {
      *  cells against its end and bumps the wall there, so the outcome is written down directly. The cells
      *  passed are those from the rearmost particle of a run to its end. */
     tilt(step, ends) {
-      const { pos, before, count, entered, bumped } = this, n = pos.length;
+      const { pos, before, count, bumped } = this, n = pos.length;
       pos.sort(); // along rows and columns alike, a larger index is further right or further down
       if (step > 0) pos.reverse(); // so the foremost particle of each run comes first
       before.set(pos);

@@ -15,7 +15,7 @@ export function gallery() {
     for (const { isIntersecting, target } of entries) {
       if (!isIntersecting) continue;
       seen.unobserve(target);
-      target.fetch();
+      /** @type {any} */ (target).fetch();
     }
   }, { rootMargin: "200px" });
 

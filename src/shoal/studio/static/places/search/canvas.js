@@ -12,19 +12,19 @@ const LINES = 7; // about how many lines of the graticule there are
 export class MetricCanvas {
   /** `tap(point, event)` is called for a click that is no drag; `over(point)` as the pointer moves,
    *  with null when it leaves. */
-  constructor(label, { tap = () => {}, over = () => {} }) {
-    Object.assign(this, {
-      tap,
-      over,
-      earth: null,
-      marks: [],
-      scale: 1,
-      middle: [0, 0],
-      size: [1, 1],
-      bounds: null,
-      moved: false,
-      drag: null, // what may take a drag for itself, as hands() has it
-    });
+  constructor(label, { tap, over }) {
+    this.tap = tap;
+    this.over = over;
+    this.earth = null;
+    this.marks = [];
+    this.scale = 1; // pixels of a metre
+    this.middle = [0, 0];
+    this.size = [1, 1];
+    this.bounds = null;
+    this.moved = false;
+    this.drawing = 0;
+    this.viewed = () => {}; // called when another part of the plane is seen
+    this.drag = null; // what may take a drag for itself, as hands() has it
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
     this.world = svg("g", {});
@@ -70,6 +70,7 @@ export class MetricCanvas {
     else this.draw();
   }
 
+  /** @param {number[]} point in metres */
   at([x, y]) {
     return [
       this.size[0] / 2 + (x - this.middle[0]) * this.scale,
@@ -77,6 +78,7 @@ export class MetricCanvas {
     ];
   }
 
+  /** @param {number[]} spot in pixels */
   back([right, down]) {
     return [
       this.middle[0] + (right - this.size[0] / 2) / this.scale,
@@ -137,6 +139,7 @@ export class MetricCanvas {
       for (const mark of this.marks) this.place(mark);
       this.drawGraticule();
       this.drawBar();
+      this.viewed();
     });
   }
 
@@ -148,11 +151,12 @@ export class MetricCanvas {
   /** Things of one size whatever the zoom: each has a `point` in metres and an `element` around (0,
    *  0). */
   setMarks(marks) {
-    const focused = document.activeElement?.dataset?.mark;
+    const focused = document.activeElement?.getAttribute("data-mark");
     this.marks = marks;
     for (const mark of marks) this.place(mark);
     this.above.replaceChildren(...marks.map((mark) => mark.element));
-    if (focused) this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
+    if (focused)
+      this.above.querySelector(`[data-mark="${focused}"]`)?.focus({ preventScroll: true });
   }
 
   drawGraticule() {
@@ -185,6 +189,7 @@ export class MetricCanvas {
     this.graticule.replaceChildren(...lines.flat());
   }
 
+  /** @param {number} axis @param {number} tick @param {number[]} ends @param {string} words */
   drawLine(axis, tick, [low, high], words) {
     const spots = Array.from({ length: this.earth ? 9 : 2 }, (_, k, n = this.earth ? 8 : 1) => {
       const along = low + ((high - low) * k) / n,
@@ -251,14 +256,15 @@ function degreesText(value, axis, digits) {
   return `${Math.abs(value).toFixed(digits)}° ${axis ? (value < 0 ? "S" : "N") : value < 0 ? "W" : "E"}`;
 }
 
-/** A mark that the hand moves, or the arrow keys (with Shift farther); Delete removes it. */
+/** A mark that the hand moves, or the arrow keys (with Shift farther); Delete removes it. With
+ *  `press`, a click and the keys Enter and Space press it; it is `pressed` or not. */
 export function handle(
   canvas,
   key,
   point,
   words,
   shapes,
-  { move, done = () => {}, remove = null, quiet = false },
+  { move, done = () => {}, remove = null, press = null, pressed = false, quiet = false },
 ) {
   const element = svg(
     "g",
@@ -268,6 +274,7 @@ export function handle(
       role: "button",
       "aria-label": words,
       "data-mark": key,
+      ...(press ? { "aria-pressed": String(pressed) } : {}),
     },
     svg("circle", { class: "touch", r: 13 }),
     shapes,
@@ -289,6 +296,7 @@ export function handle(
       plane.removeEventListener("pointermove", first);
       for (const kind of ["pointerup", "pointercancel"]) plane.removeEventListener(kind, stop);
       if (gone) done();
+      else if (ended.type === "pointerup") press?.();
     };
     plane.setPointerCapture(event.pointerId);
     plane.addEventListener("pointermove", first);
@@ -303,6 +311,9 @@ export function handle(
       const by = (event.shiftKey ? 40 : 4) / canvas.scale;
       move([point[0] + by * step[0], point[1] + by * step[1]]);
       done();
+    } else if (press && ["Enter", " "].includes(event.key)) {
+      event.preventDefault();
+      press();
     } else if (remove && ["Delete", "Backspace"].includes(event.key)) {
       event.preventDefault();
       remove();

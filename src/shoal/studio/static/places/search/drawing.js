@@ -1,5 +1,5 @@
 /* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers.
-   */
+ */
 import {
   CROSSES,
   CROSSES_CLOSED,
@@ -14,12 +14,17 @@ import {
   snapped,
   turned,
 } from "../../shared/geometry.js";
-import { capital, el, guarded, number, svg, symbol } from "../../shared/page.js";
+import { capital, el, guarded, svg, symbol } from "../../shared/page.js";
 import { stepButtons } from "../../shared/store.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
+import { metres, surface } from "./measures.js";
+import { Ruler } from "./ruler.js";
+import { Selection } from "./selection.js";
 
 const LOOK = "look",
+  SELECT = "select",
+  RULER = "ruler",
   PART = "parts",
   ZONE = "zones",
   LAUNCH = "launch";
@@ -34,9 +39,6 @@ const LEVER = 44; // pixels from the middle of a shape to what turns it
 const MOST_HANDLES = 300;
 const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
 const rounded = (point) => point.map((x) => Math.round(x * 1000) / 1000);
-const metres = (length) =>
-  length >= 1000 ? `${number(length / 1000)} km` : `${number(length)} m`;
-const surface = (size) => (size >= 1e4 ? `${number(size / 1e4)} ha` : `${number(size)} m²`);
 const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("") + "Z";
 
 export class Drawing {
@@ -44,8 +46,20 @@ export class Drawing {
    *  and with `corner` for an outline
    *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
   constructor(canvas, { changed, launched, store }) {
-    Object.assign(this, { canvas, changed, launched, tool: LOOK, shape: "corners", held: "" });
+    this.canvas = canvas;
+    this.changed = changed;
+    this.launched = launched;
+    this.tool = LOOK;
+    this.shape = "corners";
+    this.held = "";
+    this.sketching = false;
+    this.rounded = rounded;
     canvas.drag = (point, back) => this.drag(point, back);
+    this.selection = new Selection(this);
+    this.ruler = new Ruler(canvas, {
+      changed: () => this.changed({ drawnOnly: true }),
+      snap: (point) => this.snap(point),
+    });
     this.load(null);
     this.layer = svg("g", { class: "drawn" });
     this.toolbar = this.makeToolbar(store);
@@ -88,6 +102,7 @@ export class Drawing {
 
   tap(point) {
     if (this.tool === LAUNCH) this.launched(rounded(point));
+    if (this.tool === RULER) this.ruler.tap(point);
     if (this.tool !== PART && this.tool !== ZONE) return;
     if (SHAPES[this.shape]) return;
     this.draft ??= { kind: this.tool, points: [] };
@@ -102,8 +117,9 @@ export class Drawing {
     }
   }
 
-  /** A drag over the canvas draws a rectangle or a circle, if one of them is chosen. */
+  /** A drag over the canvas draws a rectangle or a circle, if one of them is chosen, or chooses. */
   drag(from, back) {
+    if (this.tool === SELECT) return this.selection.drag(from, back);
     const make = SHAPES[this.shape];
     if (!make || (this.tool !== PART && this.tool !== ZONE)) return null;
     const kind = this.tool,
@@ -153,6 +169,12 @@ export class Drawing {
   over(point) {
     const points = this.draft?.points ?? [];
     this.sketched.remove();
+    if (this.tool === RULER) {
+      this.ruler.over(point);
+      this.layer.querySelector(".ruler")?.replaceWith(this.ruler.line());
+      this.measure(this.ruler.ends.length === 1 ? this.ruler.text : "");
+      return;
+    }
     if (!points.length || !point) return;
     const next = this.snap(point),
       last = points.at(-1),
@@ -198,10 +220,14 @@ export class Drawing {
   pick(tool) {
     if (this.draft && tool !== this.draft.kind) this.draft = null;
     this.tool = tool;
+    if (tool !== RULER) this.ruler.clear();
+    if (tool !== SELECT) this.selection.keys = new Set();
     this.buttons.forEach((button) =>
       button.setAttribute("aria-pressed", String(button.dataset.tool === tool)),
     );
     this.canvas.element.classList.toggle("aims", tool !== LOOK);
+    // a click on a corner of another outline snaps to it, and does not take it
+    this.canvas.element.classList.toggle("passes", [PART, ZONE, RULER].includes(tool));
     this.show();
   }
 
@@ -209,9 +235,12 @@ export class Drawing {
   show() {
     const { parts, zones } = this.told,
       draft = this.draft?.points ?? [];
+    this.selection.refresh();
+    const chosen = (kind, k) => (this.selection.keys.has(`${kind} ${k}`) ? " chosen" : "");
     this.layer.replaceChildren(
-      ...parts.map((ring) => svg("path", { class: "part", d: path(ring) })),
-      ...zones.map((ring) => svg("path", { class: "zone", d: path(ring) })),
+      ...parts.map((ring, k) => svg("path", { class: `part${chosen(PART, k)}`, d: path(ring) })),
+      ...zones.map((ring, k) => svg("path", { class: `zone${chosen(ZONE, k)}`, d: path(ring) })),
+      this.ruler.line(),
       ...(draft.length
         ? [svg("path", { class: `draft ${this.draft.kind}`, d: path(draft).slice(0, -1) })]
         : []),
@@ -224,12 +253,15 @@ export class Drawing {
           : SHAPES[this.shape]
             ? SHAPE_HINTS[this.shape]
             : "Click the corners of the outline, one after another."
-        : this.tool === LAUNCH
-          ? "Click where robots set out."
-          : "";
+        : ({
+            [LAUNCH]: "Click where robots set out.",
+            [SELECT]: this.selection.hint,
+            [RULER]: this.ruler.hint,
+          }[this.tool] ?? "");
     if (!this.hint.textContent && this.points.length > MOST_HANDLES)
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
+    this.selection.element.hidden = this.tool !== SELECT;
     this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
     // a plan that comes does not take the shape out of the hand
     if (this.sketching) this.layer.append(this.sketched);
@@ -239,41 +271,47 @@ export class Drawing {
       this.points.length <= MOST_HANDLES
         ? [PART, ZONE].flatMap((kind) =>
             this.told[kind].flatMap((ring, k) => [
-              ...this.cornersOf(kind, ring, k),
+              ...(this.tool === SELECT ? [] : this.cornersOf(kind, ring, k)),
               ...this.wholeOf(kind, ring, k),
             ]),
           )
         : [];
     return [
       ...corners,
+      ...this.ruler.marks(),
       ...draft.map((point) => ({ point, element: svg("circle", { class: "corner draft", r: 5 }) })),
     ];
   }
 
   /** What moves and turns an outline as a whole. */
   wholeOf(kind, ring, k) {
-    if (this.draft || this.tool !== LOOK) return [];
+    const selects = this.tool === SELECT;
+    if (this.draft || (this.tool !== LOOK && !selects)) return [];
     const name = `${WORDS[kind]} ${k + 1}`,
       key = `${kind}${k}`,
       centre = centreOf(ring);
+    const chosen = this.selection.keys.has(`${kind} ${k}`),
+      together = selects && chosen ? this.selection.keys : new Set([`${kind} ${k}`]);
     let last = centre;
     const all = handle(
       this.canvas,
       `${key}-all`,
       centre,
-      `${name}, all of it. Arrow keys move it, Delete removes it.`,
-      svg("path", { class: `whole ${kind}`, d: "M-8 0H8M0 -8V8M-3 -5L0 -8L3 -5M-3 5L0 8L3 5M-5 -3L-8 0L-5 3M5 -3L8 0L5 3" }),
+      `${name}, all of it. Arrow keys move it, Delete removes it${selects ? ", Space chooses it" : ""}.`,
+      svg("path", {
+        class: `whole ${kind}`,
+        d: "M-8 0H8M0 -8V8M-3 -5L0 -8L3 -5M-3 5L0 8L3 5M-5 -3L-8 0L-5 3M5 -3L8 0L5 3",
+      }),
       {
-        ...this.moving((told, to) => {
-          const by = to.map((x, axis) => x - last[axis]);
-          told[kind][k] = told[kind][k].map((point) =>
-            rounded(point.map((x, axis) => x + by[axis])),
-          );
+        ...this.moving((_, to) => {
+          this.selection.shift([to[0] - last[0], to[1] - last[1]], together);
           last = to;
         }),
-        remove: () => this.edit((told) => told[kind].splice(k, 1)),
+        remove: () => this.selection.remove(together),
+        ...(selects ? { press: () => this.selection.toggle(`${kind} ${k}`), pressed: chosen } : {}),
       },
     );
+    if (selects) return [all];
     all.element.addEventListener("focus", () => this.hold(key));
     if (this.held !== key) return [all];
     const reach = LEVER / this.canvas.scale,
@@ -319,9 +357,13 @@ export class Drawing {
         `${name}, corner ${i + 1}. Arrow keys move it, Delete removes it.`,
         svg("circle", { class: `corner ${kind}`, r: 5 }),
         {
-          ...this.moving((told, to) => {
-            told[kind][k][i] = rounded(this.snap(to, told[kind][k]));
-          }, kind, k),
+          ...this.moving(
+            (told, to) => {
+              told[kind][k][i] = rounded(this.snap(to, told[kind][k]));
+            },
+            kind,
+            k,
+          ),
           remove: () =>
             this.edit((told) => {
               if (ring.length > 3) told[kind][k].splice(i, 1);
@@ -345,10 +387,18 @@ export class Drawing {
               svg("circle", { class: "between", r: 3 }),
               {
                 quiet: true,
-                ...this.moving((told, to) => {
-                  told[kind][k].splice(i + 1, added ? 1 : 0, rounded(this.snap(to, told[kind][k])));
-                  added = true;
-                }, kind, k),
+                ...this.moving(
+                  (told, to) => {
+                    told[kind][k].splice(
+                      i + 1,
+                      added ? 1 : 0,
+                      rounded(this.snap(to, told[kind][k])),
+                    );
+                    added = true;
+                  },
+                  kind,
+                  k,
+                ),
               },
             );
           });
@@ -376,6 +426,12 @@ export class Drawing {
         "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3",
         "Move the canvas and corners",
       ],
+      [
+        SELECT,
+        "Select",
+        "M4 4h3M11 4h3M18 4h2v2M20 10v3M4 8v3M4 15v4h3M12 11l8 4-3.5 1L15 19.5z",
+        "Choose several outlines: click them, or drag a frame around them",
+      ],
       [PART, "Region", "M5 8l6-4 8 4-2 10-10 2z", "Draw a region to search: click its corners"],
       [
         ZONE,
@@ -384,6 +440,12 @@ export class Drawing {
         "Draw a no-go zone: click its corners",
       ],
       [LAUNCH, "Launch", "M12 4l6 14H6zM12 18v3", "Click where robots set out"],
+      [
+        RULER,
+        "Ruler",
+        "M3 16L16 3l5 5L8 21zM7 12l2 2M10 9l3 3M13 6l2 2",
+        "Click two points: how far they are apart",
+      ],
     ];
     this.buttons = tools.map(([tool, words, symbolPath, help]) =>
       el(
@@ -420,17 +482,39 @@ export class Drawing {
           onclick: () => {
             this.shape = shape;
             for (const button of shapes)
-              button.setAttribute("aria-pressed", String(button.textContent.toLowerCase() === shape));
+              button.setAttribute(
+                "aria-pressed",
+                String(button.textContent.toLowerCase() === shape),
+              );
             this.show();
           },
         },
         capital(shape),
       ),
     );
-    this.shaping = el("div.segmented", { role: "group", "aria-label": "Draw by", hidden: true }, shapes);
+    this.shaping = el(
+      "div.segmented",
+      { role: "group", "aria-label": "Draw by", hidden: true },
+      shapes,
+    );
     this.canvas.element.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && this.draft) this.close();
       else if (event.key === "Escape" && this.draft) this.drop();
+      else if (event.key === "Escape" && this.ruler.ends.length) {
+        this.ruler.clear();
+        this.changed({ drawnOnly: true });
+      } else if (
+        this.canvas.plane.contains(/** @type {Node} */ (event.target)) &&
+        !event.defaultPrevented &&
+        !event.altKey &&
+        [LOOK, SELECT].includes(this.tool) &&
+        this.selection.key(event)
+      ) {
+        event.preventDefault();
+        const { keys } = this.selection;
+        this.pick(SELECT);
+        this.selection.choose(keys);
+      }
     });
     this.canvas.plane.addEventListener("dblclick", () => {
       if (this.draft) this.close();
@@ -443,6 +527,7 @@ export class Drawing {
       this.shaping,
       this.hint,
       this.measured,
+      this.selection.element,
       this.closing,
     );
     this.canvas.element.append(this.guide);

@@ -25,7 +25,10 @@ const sum = (terms, x, y) =>
 
 class Earth {
   constructor({ frame, reach, degrees, metres }) {
-    Object.assign(this, { frame, reach, forDegrees: degrees, forMetres: metres });
+    this.frame = frame;
+    this.reach = reach;
+    this.forDegrees = degrees;
+    this.forMetres = metres;
   }
 
   degrees([x, y]) {

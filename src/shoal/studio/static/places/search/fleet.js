@@ -52,7 +52,14 @@ export function fleetList(choose) {
             },
             el("b.no", {}, String(k + 1)),
             el("span", {}, wayOf(robot)),
-            el("span.soft", {}, flightsOf(robot, flights.filter((one) => one.robot === k + 1))),
+            el(
+              "span.soft",
+              {},
+              flightsOf(
+                robot,
+                flights.filter((one) => one.robot === k + 1),
+              ),
+            ),
           ),
         ),
       );

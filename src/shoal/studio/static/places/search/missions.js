@@ -4,6 +4,7 @@ import { makeForm } from "../../shared/form.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
+import { heightProfile } from "./profile.js";
 import { lasting } from "./simulate.js";
 
 const SECTIONS = [
@@ -96,7 +97,7 @@ export function missionsPanel({ ready, current, changed, store }) {
     stop.onclick = guarded(() => cancelJob(job.id));
   }
 
-  function show({ file, map, missions, check, command }) {
+  function show({ file, map, missions, check, command, profiles = [] }) {
     const near = missions.nearest_approach,
       good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
     const facts = [
@@ -163,6 +164,7 @@ export function missionsPanel({ ready, current, changed, store }) {
           alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence",
         }),
       ),
+      profiles.length ? heightProfile(profiles, near) : [],
       dataTable(
         "Sorties",
         ["Robot", "Sortie", "Sets out after", "Altitude"],

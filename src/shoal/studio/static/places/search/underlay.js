@@ -1,10 +1,13 @@
 /* A picture of the user's own under the canvas, placed by two points of it whose coordinates are
-   known. */
+   known, or map tiles, which have their places. */
 import { ask, on, state, upload } from "../../shared/api.js";
-import { el, guarded, svg } from "../../shared/page.js";
+import { el, guarded, say, svg } from "../../shared/page.js";
 import { earthAt } from "./earth.js";
+import { Tiles } from "./tiles.js";
 
 const PICTURES = /\.(png|jpe?g|bmp|tiff?)$/i;
+/** @type {{ file: string | null, spots: (number | null)[][], places: (number[] | null)[],
+ *  degrees: boolean, opacity: number }} */
 const EMPTY = {
   file: null,
   spots: [
@@ -17,20 +20,22 @@ const EMPTY = {
 };
 
 export class Underlay {
-  /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one;
-   *  `changed()` is called when the picture moves. */
+  /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one, and
+   *  tells whether it could; `changed()` is called when the picture moves. */
   constructor(canvas, { frame, setFrame, changed }) {
-    Object.assign(this, {
-      canvas,
-      frame,
-      setFrame,
-      changed,
-      told: structuredClone(EMPTY),
-      picking: -1,
-      size: null,
-    });
+    this.canvas = canvas;
+    this.frame = frame;
+    this.setFrame = setFrame;
+    this.changed = changed;
+    /** @type {typeof EMPTY} */
+    this.told = structuredClone(EMPTY);
+    this.picking = -1;
+    this.size = null;
     this.image = svg("image", { preserveAspectRatio: "none" });
-    canvas.under.append(this.image);
+    this.tiles = new Tiles(canvas, (sentence) => {
+      this.note.textContent = sentence;
+    });
+    canvas.under.append(this.tiles.layer, this.image);
     this.element = this.makeForm();
   }
 
@@ -43,8 +48,14 @@ export class Underlay {
     this.image.removeAttribute("href");
     this.canvas.element.classList.remove("pictured");
     this.size = null;
+    this.tiles.open(null);
+    this.note.textContent = "";
     this.fill();
     if (!this.told.file) return;
+    if (this.tiled) {
+      await this.openTiles();
+      return;
+    }
     const { picture, width, height } = await ask("photograph", { file: this.told.file });
     this.size = [width, height];
     for (const [name, value] of Object.entries({
@@ -54,6 +65,32 @@ export class Underlay {
     }))
       this.image.setAttribute(name, value);
     await this.draw();
+  }
+
+  get tiled() {
+    const { file } = this.told;
+    return state.files.some((one) => one.name === file && one.kind === "tiles");
+  }
+
+  async openTiles() {
+    const { file } = this.told;
+    const about = await ask("tiles", { file });
+    if (file !== this.told.file) return;
+    this.tiles.open(file, about);
+    this.tiles.layer.setAttribute("opacity", String(this.told.opacity));
+    this.canvas.element.classList.add("pictured");
+    this.thanks.textContent = about.attribution;
+    if (this.frame()) return;
+    if (!this.setFrame(this.tiles.middle)) return;
+    if (this.canvas.bounds)
+      say(
+        "The drawing had no place on Earth: it lies now in the middle of the tiles. Ctrl Z takes that back.",
+      );
+    const [west, south, east, north] = about.bounds;
+    const earth = await earthAt(this.frame());
+    if (!this.canvas.bounds)
+      this.canvas.show([earth.metres([west, south]), earth.metres([east, north])]);
+    this.changed({ placed: true });
   }
 
   /** Pixels to metres: a turn, a scale and a shift; y of the picture goes down. Before two points
@@ -130,7 +167,7 @@ export class Underlay {
     });
     const picked = el("input", {
       type: "file",
-      accept: "image/*",
+      accept: "image/*,.pmtiles",
       hidden: true,
       onchange: guarded(async () => {
         if (picked.files[0]) {
@@ -190,6 +227,7 @@ export class Underlay {
       oninput: () => {
         this.told.opacity = Number(seen.value);
         this.image.setAttribute("opacity", seen.value);
+        this.tiles.layer.setAttribute("opacity", seen.value);
         this.changed({ gesture: "opacity" });
       },
     });
@@ -213,7 +251,9 @@ export class Underlay {
       "Place the picture",
     );
     const word = el("p.help", {});
-    const placing = el(
+    this.note = el("p.help", { role: "status" });
+    this.thanks = el("p.soft", {});
+    const points = el(
       "div.placing",
       {},
       el("label", { htmlFor: "underlayUnit" }, "Coordinates"),
@@ -221,22 +261,39 @@ export class Underlay {
       rows.map(({ inputs, pick }, k) => el("div.point", {}, pick, spotInputs[k], inputs)),
       word,
       apply,
+    );
+    const placing = el(
+      "div.placing",
+      {},
+      points,
+      this.note,
+      this.thanks,
       el("label", { htmlFor: "underlayOpacity" }, "How strong"),
       seen,
     );
     this.fill = () => {
       const { file, spots, places } = this.told;
       const pictures = state.files.filter(
-        (one) => PICTURES.test(one.name) && !/^papers\/|-figure(-\d+)?\.png$/.test(one.name),
+        (one) =>
+          one.kind === "tiles" ||
+          (PICTURES.test(one.name) && !/^papers\/|-figure(-\d+)?\.png$/.test(one.name)),
       );
       choice.replaceChildren(
         el("option", { value: "" }, "no picture"),
-        ...pictures.map((one) => el("option", { value: one.name }, one.name)),
+        ...pictures.map((one) =>
+          el(
+            "option",
+            { value: one.name },
+            one.kind === "tiles" ? `${one.name}: map tiles` : one.name,
+          ),
+        ),
       );
       if (file && !pictures.some((one) => one.name === file))
         choice.append(el("option", { value: file }, file));
       choice.value = file ?? "";
       placing.hidden = !file;
+      points.hidden = this.tiled;
+      this.thanks.hidden = !this.tiled;
       this.canvas.element.classList.toggle("picks", this.picking >= 0);
       unit.value = this.told.degrees ? "degrees" : unit.value;
       seen.value = this.told.opacity;
@@ -259,7 +316,7 @@ export class Underlay {
     return el(
       "details.section",
       { ontoggle: () => this.fill() },
-      el("summary", {}, "A picture below", el("span.soft", {}, "two points place it")),
+      el("summary", {}, "A picture below", el("span.soft", {}, "or map tiles")),
       el(
         "div.pair",
         {},

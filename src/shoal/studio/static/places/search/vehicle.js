@@ -52,13 +52,17 @@ export function vehicleForm(changed) {
     { id: "vehicleFile", element: files },
     "A .toml or .json file in the folder. The settings below replace fields of the file.",
   );
-  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before.element] }, ...SECTIONS.slice(1)], {
-    label: "Settings of the vehicle",
-    changed: (_, name) => {
-      if (name === "preset") usual();
-      changed(name);
+  const form = makeForm(
+    schema,
+    [{ ...SECTIONS[0], before: [before.element] }, ...SECTIONS.slice(1)],
+    {
+      label: "Settings of the vehicle",
+      changed: (_, name) => {
+        if (name === "preset") usual();
+        changed(name);
+      },
     },
-  });
+  );
 
   function listFiles(wanted = files.value) {
     const found = state.files

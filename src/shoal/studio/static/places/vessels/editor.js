@@ -3,10 +3,10 @@
 import { hands } from "../../shared/hands.js";
 import { el } from "../../shared/page.js";
 
-export const LOOK = "look",
-  FREE = "free",
-  WALL = "wall",
-  INLET = "inlet";
+export const LOOK = "look";
+export const FREE = "free";
+export const WALL = "wall";
+export const INLET = "inlet";
 
 export function unpack(text, cells) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)),
@@ -79,7 +79,7 @@ export class Editor {
   /** `edited(what)` is called after each stroke: "map", "inlet", or null if it changed nothing;
    *  `over(place)` as the pointer moves, with a place in the picture, in shares of its sides, or
    *  null. */
-  constructor(edited, over = () => {}) {
+  constructor(edited, over) {
     this.edited = edited;
     this.over = over;
     this.canvas = el("canvas", {
@@ -235,7 +235,7 @@ export class Editor {
     const pixels = pen.createImageData(columns, rows),
       words = new Uint32Array(pixels.data.buffer);
     const through = this.below?.share ?? 0;
-    const packed = ([r, g, b], share = THROUGH_OPEN * through) =>
+    const packed = (/** @type {number[]} */ [r, g, b], share = THROUGH_OPEN * through) =>
       ((Math.round(255 * (1 - share)) << 24) | (b << 16) | (g << 8) | r) >>> 0;
     const free = packed(rgb(colourOf("free"))),
       wall = packed(rgb(colourOf("obstacle")), through),
