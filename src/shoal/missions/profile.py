@@ -57,11 +57,11 @@ def height_profiles(missions: MissionSet) -> list[HeightProfile]:
     vehicle, frame = plan.vehicle, plan.grid.region.frame
     path = getattr(options, "terrain", None)
     terrain = None if path is None else open_terrain(path)
-    delay = 0.0 if options.kept_apart is None else options.kept_apart.delay
+    delay = 0.0 if options.required_separation is None else options.kept_apart.delay
     ends: dict[int, float] = {}
     profiles = []
     for mission in sorted(missions.missions, key=lambda one: (one.sortie, one.robot)):
-        way = mission.way_in(frame)
+        way = mission.path_in(frame)
         flown = mission_trajectory(mission, way, vehicle, mission.rates(vehicle), 0.0)
         before = [end + delay for sortie, end in ends.items() if sortie < mission.sortie]
         start = max(before, default=0.0) if mission.start is None else mission.start
