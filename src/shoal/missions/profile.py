@@ -57,7 +57,7 @@ def height_profiles(missions: MissionSet) -> list[HeightProfile]:
     vehicle, frame = plan.vehicle, plan.grid.region.frame
     path = getattr(options, "terrain", None)
     terrain = None if path is None else open_terrain(path)
-    delay = 0.0 if options.required_separation is None else options.kept_apart.delay
+    delay = 0.0 if options.required_separation is None else options.required_separation.delay
     ends: dict[int, float] = {}
     profiles = []
     for mission in sorted(missions.missions, key=lambda one: (one.sortie, one.robot)):

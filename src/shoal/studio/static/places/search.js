@@ -45,6 +45,7 @@ const SECTIONS = [
       "prior",
       "elsewhere",
       "at_most",
+      "order",
       "searched",
       "targets",
       "detection",
