@@ -117,3 +117,9 @@ def test_a_track_beside_the_region_is_refused():
         InvalidInputError, match="searched: expected tracks that see some of the region"
     ):
         _ = problem.place
+
+
+@pytest.mark.parametrize("angle", [1e20, -361.0, float("nan")])
+def test_an_angle_that_floats_cannot_turn_by_is_refused(angle):
+    with pytest.raises(InvalidInputError, match="angle: expected a number from -360 to 360"):
+        coverage_check(open_region("square:100"), [[(5.0, 5.0), (95.0, 5.0)]], 10.0, angle=angle)

@@ -156,6 +156,7 @@ def coverage_check(
 
     sides = check_footprints(footprint, len(routes), what="route")
     check_number(tolerance, what="tolerance", least=0)
+    check_number(angle, what="angle", least=-360, most=360)
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept, squares = [], [np.zeros((0, 4))]
