@@ -214,7 +214,9 @@ def _check_facing(value: Any) -> float | str | None:
         raise InvalidInputError(
             f"angle: expected {TURNING} or a number of degrees, got {shortened(value)}"
         )
-    return value if isinstance(value, str) else check_number(value, what="angle", least=-360, most=360)
+    return (
+        value if isinstance(value, str) else check_number(value, what="angle", least=-360, most=360)
+    )
 
 
 def _check_terrain(value: Any) -> str | Terrain:
