@@ -58,7 +58,8 @@ def make_card(page: Page, card: Locator) -> None:
     inside = player(page)
     inside.evaluate("document.querySelector('.cut')?.remove()")
     if file.stem in ("field", "dying"):
-        inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(0.55 * shoalPlayer.length)")
+        # without a value: what `seek` returns cannot be copied out of the page
+        inside.evaluate("shoalPlayer.pause(); void shoalPlayer.seek(0.55 * shoalPlayer.length)")
         page.wait_for_timeout(500)
     inside.locator("#stage").screenshot(path=file)
     with Image.open(file) as shot:
@@ -146,7 +147,7 @@ def lab(page: Page) -> None:
         page.get_by_role("button", name="Run the sweep").click()
     page.get_by_role("tab", name="Sweeps").click()
     page.locator(".sweepCard:has-text('complete')").wait_for(timeout=180_000)
-    page.locator(".chartArea .line").first.wait_for()
+    page.locator(".chartArea .u-over").first.wait_for()
 
 
 def new_sweep(page: Page) -> None:
