@@ -169,7 +169,9 @@ RULES: dict[str, Rule] = {
         "error", "a file of the fence or of rally points beside `.waypoints` files is unreadable"
     ),
     "manifest": Rule(
-        "error", "`missions.json`, which has the start times, is unreadable", fatal=True
+        "error",
+        "`missions.json`, which has the start times, is unreadable, or contradicts a mission file",
+        fatal=True,
     ),
     "no-manifest": Rule(
         "warning", "several missions have no `missions.json`, so that all start at the same time"

@@ -40,6 +40,7 @@ ANGLE = "footprint_angle_degrees"  # a key of the manifest
 # a key of the manifest: for each mission, the numbers of its waypoints in all, out and home
 _WAYS = "ways"
 _FILES, _STARTS = "files", "starts_s"  # further keys of the manifest
+_SAME_START = 0.01  # seconds by which rounded starts may differ
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -286,7 +287,7 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     mistake is not used at all: a wrong start time could bring vehicles together.
     """
     try:
-        manifest = _manifest(read)
+        manifest = _read_manifest(read)
     except InvalidInputError as error:
         place, _, sentence = str(error).partition(": expected")
         for sheet in sheets:
@@ -295,7 +296,14 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     starts, counts = manifest.get(_STARTS, {}), manifest.get(_WAYS, {})
     for sheet in sheets:
         mission = Path(sheet.file).stem
-        sheet.start = starts.get(mission, sheet.start)
+        start = starts.get(mission)
+        if None not in (start, sheet.start) and abs(start - sheet.start) > _SAME_START:
+            sheet.add(
+                "manifest",
+                f"{MANIFEST}, {_STARTS}, {mission}",
+                f"expected {sheet.start:g} s, the start in {sheet.file}, got {start:g} s",
+            )
+        sheet.start = sheet.start if start is None else float(start)
         sheet.footprint_angle = manifest.get(ANGLE, sheet.footprint_angle)
         count = counts.get(mission, {})
         if sheet.waypoints_out is None and count.get("waypoints") == len(sheet.points):
@@ -331,7 +339,7 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
             setattr(sheet, field, content)
 
 
-def _manifest(read: ReadBeside) -> dict[str, Any]:
+def _read_manifest(read: ReadBeside) -> dict[str, Any]:
     """Return the content of the manifest ``missions.json``, or an empty mapping if there is none.
 
     Raises
@@ -378,7 +386,7 @@ def _read_file_list(folder: Path) -> set[str]:
     manifest, return an empty set.
     """
     try:
-        listed = _manifest(_texts_in(folder)).get(_FILES, [])
+        listed = _read_manifest(_texts_in(folder)).get(_FILES, [])
     except InvalidInputError:
         listed = []
     names = {name for name in listed if isinstance(name, str)}

@@ -12,6 +12,7 @@ from pathlib import Path
 from shoal.core.checks import read_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.files import mission_of, open_sheets
 from shoal.missions.formats import FORMATS, formats_by_suffix
@@ -64,11 +65,17 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
     Raises
     ------
     InvalidInputError
-        If no such file exists, if a file cannot be read, or if two files have the same robot.
+        If no such file exists, if a file cannot be read or is missing, or if two files have the
+        same robot.
     """
     source = Path(folder)
     suffixes = formats_by_suffix()
     sheets = open_sheets(source)
+    for mistake in (mistake for sheet in sheets for mistake in sheet.diagnostics):
+        if mistake.rule == "file-missing":  # an upload would clear the fence on board
+            raise InvalidInputError(f"{source}: {mistake.place}: {mistake.sentence}")
+        if mistake.rule == "no-manifest":
+            tell_once(f"shoal: warning: {source}: {mistake.sentence}")
     by_format: dict[str, list[Sheet]] = {}
     for sheet in sheets:
         by_format.setdefault(suffixes[Path(sheet.file).suffix.lower()], []).append(sheet)

@@ -12,6 +12,8 @@ import pytest
 from tests.unit.robots.test_upload import missions
 
 from shoal.cli import run
+from shoal.core import notices
+from shoal.core.errors import InvalidInputError
 from shoal.missions import write_missions
 
 pytest.importorskip("pymavlink")
@@ -75,6 +77,25 @@ def test_each_starts_at_its_time_flies_its_mission_and_lands(folder, autopilot, 
     assert all(vehicle.breaches == 0 for vehicle in vehicles)
     assert max(item for item in seen if item is not None) >= 6
     assert fleet.now() < 500
+
+
+def test_nothing_goes_on_board_without_start_times_or_the_fence_that_is_listed(folder, monkeypatch):
+    told = []
+    monkeypatch.setattr(notices, "listeners", [told.append])
+    list_of_files = folder / "missions.json"
+    whole = json.loads(list_of_files.read_text())
+    for content, sentence in (
+        ("{", "missions.json: expected JSON"),
+        (json.dumps(whole | {"starts_s": {"robot-02": "soon"}}), "starts_s, robot-02: expected"),
+        (json.dumps(whole | {"files": [*whole["files"], "fence.txt"]}), "the file fence.txt, got"),
+    ):
+        list_of_files.write_text(content)
+        with pytest.raises(InvalidInputError, match=sentence):
+            read_cargos(folder)
+    assert told == []
+    list_of_files.unlink()
+    assert len(read_cargos(folder)) == 2
+    assert "all missions start at 0 s" in told[0]
 
 
 def test_a_vehicle_that_refuses_to_arm_keeps_all_on_the_ground(folder):

@@ -1180,6 +1180,15 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
         read_mission(tmp_path / "robot-01.plan")
 
 
+def test_a_start_that_contradicts_the_manifest_is_told(tmp_path, region):
+    write_missions([mission(start=20.0)], tmp_path, formats=["plan", "csv"])
+    assert lint(tmp_path, region) == []
+    manifest('{"starts_s": {"robot-01": 26}}')(tmp_path, "")
+    assert [(fault.file, fault.sentence) for fault in lint(tmp_path, region)] == [
+        ("robot-01.csv", "expected 20 s, the start in robot-01.csv, got 26 s")
+    ]
+
+
 def test_missions_without_their_manifest_or_fence_are_told(tmp_path, region):
     write_missions(
         [mission(robot=robot, start=20.0 * robot) for robot in (1, 2)], tmp_path, formats=["plan"]
