@@ -7,14 +7,15 @@ its default reserve and its default margin (or the reserve of --cross-track). Th
 missions flies their files with corners that are cut at the acceptance radius of the vehicle and with
 positions that are wrong by up to its position error, in any direction and another one every 30 s.
 The table has the worst plans: what they see of the region then, what they fly outside of it, and
-what whole missions fly in no-go zones.
+how far and how deep whole missions fly in no-go zones. A plan whose margin had to be smaller than the
+position error of its vehicle cannot keep out of them, so these plans are counted apart.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -62,10 +63,27 @@ def random_problem(number: int) -> tuple[str, SearchProblem]:
     )
 
 
-def fly(number: int, **changes: Any) -> tuple[str, float, float, float, float, float]:
-    """Return what was flown, and the shares of the region that are seen without errors and with
-    them, the metres outside and in zones, and the reserve of the rows.
-    """
+class Flown(NamedTuple):
+    """What a plan's missions see and where they fly, with errors but for `plain`."""
+
+    what: str
+    reserve: float
+    margin: float
+    error: float
+    plain: float
+    seen: float
+    outside: float
+    in_zones: float
+    depth: float
+
+    @property
+    def narrow(self) -> bool:
+        """Whether the margin is smaller than the error of positions."""
+        return self.margin < self.error
+
+
+def fly(number: int, **changes: Any) -> Flown:
+    """Return what the missions of the problem with a number see, and where they fly."""
     name, problem = random_problem(number)
     problem = problem.replaced(**changes) if changes else problem
     missions = MissionSet.from_problem(problem, MissionOptions(format=("wpl",)), seed=number)
@@ -74,21 +92,25 @@ def fly(number: int, **changes: Any) -> tuple[str, float, float, float, float, f
     assert missions.problem is not None
     assert coverage is not None
     assert errors is not None
-    in_zones, rng = 0.0, np.random.default_rng(number)
-    vehicle = problem.chosen_vehicle
+    vehicle, zones = problem.chosen_vehicle, problem.place.no_go
+    in_zones, depth, rng = 0.0, 0.0, np.random.default_rng(number)
     for mission in missions.missions:
         way = FRAME.to_metres(np.vstack([mission.home, mission.waypoints[:, :2], mission.end]))
         line = shapely.linestrings(deviated(way, vehicle, rng))
-        in_zones += float(shapely.intersection(line, problem.place.no_go).length)
-    what = f"{number} {name}, {problem.robots} × {vehicle.kind}, {problem.chosen_footprint:g} m"
-    reserve = float(missions.problem.cross_track or 0.0)
-    return (
-        what,
+        inside = shapely.intersection(line, zones)
+        in_zones += float(inside.length)
+        places = shapely.points(shapely.get_coordinates(shapely.segmentize(inside, 1.0)))
+        depth = max([depth, *shapely.distance(places, zones.boundary).tolist()])
+    return Flown(
+        f"{number} {name}, {problem.robots} × {vehicle.kind}, {problem.chosen_footprint:g} m",
+        float(missions.problem.cross_track or 0.0),
+        float(missions.problem.margin or 0.0),
+        float(vehicle.position_error or 0.0),
         coverage.covered_fraction,
         errors.covered_fraction,
         errors.outside_m,
         in_zones,
-        reserve,
+        depth,
     )
 
 
@@ -99,34 +121,44 @@ def main() -> None:
     parser.add_argument("--cross-track", type=float)
     options = parser.parse_args()
     changes = {} if options.cross_track is None else {"cross_track": options.cross_track}
-    found, refused, began = [], [], time.process_time()
+    flown, refused, began = [], [], time.process_time()
     for number in range(options.first, options.first + options.plans):
         try:
-            found.append(fly(number, **changes))
+            flown.append(fly(number, **changes))
         except InvalidInputError as error:
             refused.append(f"{number}: {error}")
         if number % 20 == 19:
-            worst = min(one[2] for one in found)
-            print(f"{len(found)} plans flown, worst {100 * worst:.4f} % seen", flush=True)
-    print(f"\n{len(found)} plans, {len(refused)} refused, {time.process_time() - began:.0f} CPU s")
+            worst = min(plan.seen for plan in flown)
+            print(f"{len(flown)} plans flown, worst {100 * worst:.4f} % seen", flush=True)
+    print(f"\n{len(flown)} plans, {len(refused)} refused, {time.process_time() - began:.0f} CPU s")
     for text in refused:
         print(f"refused: {text[:200]}")
     print(
-        "\n| plan | reserve, m | seen without errors | seen with errors | outside, m | in zones, m |"
+        "\n| plan | reserve, m | margin, m | seen without errors | seen with errors | outside, m"
+        " | in zones, m | how deep, m |"
     )
-    print("|---|---|---|---|---|---|")
-    worst_first = sorted(found, key=lambda one: (-one[3] - one[4], one[2]))
-    for what, plain, seen, outside, zones, reserve in worst_first[:SHOWN]:
+    print("|" + "---|" * 8)
+    for plan in sorted(flown, key=lambda plan: (-plan.outside - plan.in_zones, plan.seen))[:SHOWN]:
         print(
-            f"| {what} | {reserve:.2f} | {100 * plain:.4f} % | {100 * seen:.4f} % | {outside:.3f} |"
-            f" {zones:.3f} |"
+            f"| {plan.what} | {plan.reserve:.2f} | {plan.margin:.2f} | {100 * plan.plain:.4f} % |"
+            f" {100 * plan.seen:.4f} % | {plan.outside:.3f} | {plan.in_zones:.3f} |"
+            f" {plan.depth:.3f} |"
         )
-    shares = np.array([one[2] for one in found])
-    print(
-        f"\nseen with errors: {100 * shares.min():.4f} % at least, {100 * np.median(shares):.4f} % in"
-        f" the median, below 99.95 % in {int((shares < 0.9995).sum())} plans; at most"
-        f" {max(one[3] for one in found):.3f} m outside and {max(one[4] for one in found):.3f} m in"
-        " zones"
+    for narrow, which in ((False, "at least"), (True, "below")):
+        plans = [plan for plan in flown if plan.narrow == narrow]
+        if plans:
+            print(f"\nmargin {which} the position error: {summary(plans)}")
+
+
+def summary(plans: list[Flown]) -> str:
+    """Return a sentence about the worst of some plans."""
+    seen = np.array([plan.seen for plan in plans])
+    return (
+        f"{len(plans)} plans; seen with errors {100 * seen.min():.4f} % at least,"
+        f" {100 * np.median(seen):.4f} % in the median, below 99.95 % in"
+        f" {int((seen < 0.9995).sum())}; at most {max(plan.outside for plan in plans):.3f} m outside,"
+        f" {max(plan.in_zones for plan in plans):.3f} m in zones, and"
+        f" {max(plan.depth for plan in plans):.3f} m deep"
     )
 
 
