@@ -172,7 +172,7 @@ def pulled(region: SearchRegion, way: Points) -> Points:
     From each of its points, the new path leads straight to the last visible point among the next 64
     points of the path ``way``.
     """
-    return np.asarray(way[region.border.pulled(way, _LOOK_AHEAD)])
+    return np.asarray(way[region.border.pull(way, _LOOK_AHEAD)])
 
 
 def merge_collinear(points: Points) -> Points:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel, kernel
 
@@ -15,6 +18,32 @@ _CERTAIN = 4e-16
 _ALONG = 1e-9  # sine of the largest angle between collinear lines
 # relative to a bin: lines are entered in all bins that they may touch, whatever the rounding
 _WIDER = 1e-6
+
+
+class BinnedLines(NamedTuple):
+    """The lines of a border, in the bins of a grid.
+
+    Parameters
+    ----------
+    lines : ndarray of float64, shape (n, 4)
+        Segments (x, y, x, y) in metres.
+    first : ndarray of int64, shape (bins + 1,)
+    members : ndarray of int32, shape (m,)
+        The lines that touch each bin, as `bins_of` returns them.
+    shape : tuple of int
+        Numbers of rows and columns of bins.
+    corner : ndarray of float64, shape (2,)
+        The lower left corner of the grid.
+    size : float
+        Side of a bin in metres.
+    """
+
+    lines: NDArray[Any]
+    first: NDArray[Any]
+    members: NDArray[Any]
+    shape: tuple[int, int]
+    corner: NDArray[Any]
+    size: float
 
 
 @in_place_kernel
@@ -77,9 +106,10 @@ def bins_of(lines, shape):
 
 
 @in_place_kernel
-def _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1):
+def _look_along(border, x_0, y_0, x_1, y_1):
     """Return whether a segment from (x_0, y_0) to (x_1, y_1) meets a line; see `look`."""
-    height, width = shape
+    height, width = border.shape
+    corner, size = border.corner, border.size
     from_x, from_y = (x_0 - corner[0]) / size, (y_0 - corner[1]) / size
     to_x, to_y = (x_1 - corner[0]) / size, (y_1 - corner[1]) / size
     status = CLEAR
@@ -97,8 +127,8 @@ def _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1):
             continue
         for col in range(begin, end, along):
             place = row * width + col
-            for member in members[first[place] : first[place + 1]]:
-                x, y, far_x, far_y = lines[member]
+            for member in border.members[border.first[place] : border.first[place + 1]]:
+                x, y, far_x, far_y = border.lines[member]
                 before = _side(x_0, y_0, x_1, y_1, x, y)
                 after = _side(x_0, y_0, x_1, y_1, far_x, far_y)
                 if before * after > 0:
@@ -114,25 +144,19 @@ def _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1):
 
 
 @kernel
-def look(lines, first, members, shape, corner, size, starts, ends, found):
+def look(border, starts, ends, found):
     """Write to ``found`` whether each segment from ``starts`` (m, 2) to ``ends`` meets a line:
     `CLEAR`, `CROSSED` or `DOUBTFUL`.
 
-    The arguments ``first``, ``members`` and ``shape`` are those of `bins_of`, for bins of side
-    ``size`` with the lower left corner ``corner`` of the grid. No coordinate of a line or of a
-    segment is rounded for the test itself.
+    The lines are those of ``border``, as `BinnedLines`. No coordinate of a line or of a segment is
+    rounded for the test itself.
 
     Bins are visited from the start of a segment to its end, up to the first line that it crosses:
     most blocked segments are blocked near their starts.
     """
     for k in range(len(starts)):
         found[k] = _look_along(
-            lines,
-            first,
-            members,
-            shape,
-            corner,
-            size,
+            border,
             starts[k, 0],
             starts[k, 1],
             ends[k, 0],
@@ -158,7 +182,7 @@ def _settle(code, known, met, doubts, doubtful):
 
 
 @in_place_kernel
-def pull(lines, first, members, shape, corner, size, way, ahead, known, met, kept, doubts):
+def pull(border, way, ahead, known, met, kept, doubts):
     """Return (count, doubtful): the number of points of a path that are kept, so that each leads
     straight to the last visible one of the next ``ahead`` points, and that of doubtful segments.
 
@@ -172,12 +196,7 @@ def pull(lines, first, members, shape, corner, size, way, ahead, known, met, kep
         then = min(here + ahead, n - 1)
         while then > here + 1:  # the next leg already exists
             status = _look_along(
-                lines,
-                first,
-                members,
-                shape,
-                corner,
-                size,
+                border,
                 way[here, 0],
                 way[here, 1],
                 way[then, 0],
@@ -194,22 +213,7 @@ def pull(lines, first, members, shape, corner, size, way, ahead, known, met, kep
 
 
 @kernel
-def find_bends(
-    lines,
-    first,
-    members,
-    shape,
-    corner,
-    size,
-    way,
-    lengths,
-    price,
-    known,
-    met,
-    bends,
-    doubts,
-    unclear,
-):
+def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
     """Return (count, doubtful): the number of bends of the path that `with_fewer_bends` makes of
     the path ``way`` (n, 2) with legs of ``lengths``, and the number of doubtful segments.
 
@@ -248,7 +252,7 @@ def find_bends(
             clear = True
             for half in range(2):
                 x_0, y_0, x_1, y_1 = (x, y, from_x, from_y) if half else (end_x, end_y, x, y)
-                status = _look_along(lines, first, members, shape, corner, size, x_0, y_0, x_1, y_1)
+                status = _look_along(border, x_0, y_0, x_1, y_1)
                 if status == DOUBTFUL:
                     unsettled = doubtful
                     code = 2 * (one * count + leg) + half
@@ -342,9 +346,7 @@ def _swap(keys, nodes, i, j):
 
 
 @kernel
-def find_way(
-    lines, first, members, shape, corner, size, places, sides, ends, most, known, met, way, doubts
-):
+def find_way(border, places, sides, ends, most, known, met, way, doubts):
     """Return (legs, doubtful) of the shortest path from ``ends[0]`` to ``ends[1]`` that bends only
     at given corners: the number of corners at which it bends, or -1 if there is none up to the
     length ``most``, and the number of doubtful lines of sight.
@@ -414,9 +416,7 @@ def find_way(
             else:
                 from_x, from_y = places[previous]
             here_x, here_y = places[node]
-            status = _look_along(
-                lines, first, members, shape, corner, size, from_x, from_y, here_x, here_y
-            )
+            status = _look_along(border, from_x, from_y, here_x, here_y)
             if status == DOUBTFUL:
                 code = previous * (count + 2) + node
                 status, doubtful = _settle(code, known, met, doubts, doubtful)
@@ -429,9 +429,7 @@ def find_way(
         x, y = ends[1, 0] - here_x, ends[1, 1] - here_y
         if not _is_passable(places, sides, node, x, y):
             continue
-        status = _look_along(
-            lines, first, members, shape, corner, size, here_x, here_y, ends[1, 0], ends[1, 1]
-        )
+        status = _look_along(border, here_x, here_y, ends[1, 0], ends[1, 1])
         if status == DOUBTFUL:
             code = node * (count + 2) + goal
             status, doubtful = _settle(code, known, met, doubts, doubtful)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from shoal.search.kernels.borders import (
     CLEAR,
     DOUBTFUL,
+    BinnedLines,
     bins_of,
     find_bends,
     find_way,
@@ -46,12 +48,10 @@ class Border:
         wide = np.maximum(points.max(axis=0, initial=-np.inf) - low, 1e-9)
         bins = min(max(1.0, len(begins) / _LINES), _BINS)
         # at most that many bins, whatever the shape of the area
-        self._size = max(float(np.sqrt(wide.prod() / bins)), float(wide.max()) / bins)
-        self._shape = (int(wide[1] / self._size) + 1, int(wide[0] / self._size) + 1)
-        self._corner = low
-        self._lines = np.hstack([begins, ends])
-        in_bins = np.hstack([begins - low, ends - low]) / self._size
-        self._first, self._members = bins_of(in_bins, self._shape)
+        size = max(float(np.sqrt(wide.prod() / bins)), float(wide.max()) / bins)
+        shape = int(wide[1] / size) + 1, int(wide[0] / size) + 1
+        first, members = bins_of(np.hstack([begins - low, ends - low]) / size, shape)
+        self._lines = BinnedLines(np.hstack([begins, ends]), first, members, shape, low, size)
 
     def is_met(self, starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return, for each straight segment, whether it meets the border; bool, shape (n,).
@@ -62,7 +62,7 @@ class Border:
             Start and end of each segment in metres.
         """
         found = np.empty(len(starts), dtype=np.int8)
-        look(*self._bins, *map(np.ascontiguousarray, (starts, ends)), found)
+        look(self._lines, *map(np.ascontiguousarray, (starts, ends)), found)
         met: NDArray[np.bool_] = found != CLEAR
         doubtful = np.flatnonzero(found == DOUBTFUL)
         if len(doubtful):
@@ -96,16 +96,13 @@ class Border:
         def find(*doubts: Any) -> tuple[int, int]:
             known, met, unclear = doubts
             given = places, sides, ends, float(most), known, met
-            found: tuple[int, int] = find_way(*self._bins, *given, way, unclear)
+            found: tuple[int, int] = find_way(self._lines, *given, way, unclear)
             return found
 
-        def segments(codes: NDArray[np.int64]) -> NDArray[np.float64]:
-            return np.hstack([points[ends] for ends in np.divmod(codes, len(points))])
-
-        bends = self._without_doubts(find, segments)
+        bends = self._without_doubts(find, partial(_segments_between, points))
         return None if bends < 0 else way[:bends].copy()
 
-    def pulled(self, way: NDArray[np.float64], ahead: int) -> NDArray[np.int64]:
+    def pull(self, way: NDArray[np.float64], ahead: int) -> NDArray[np.int64]:
         """Return the indices of those points of a path from each of which the last visible one of
         the next ``ahead`` points is kept, too; int64, shape (k,). The last point is among them.
 
@@ -118,13 +115,10 @@ class Border:
         points, kept = np.ascontiguousarray(way), np.empty(len(way), dtype=np.int64)
 
         def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
-            found: tuple[int, int] = pull(*self._bins, points, ahead, known, met, kept, unclear)
+            found: tuple[int, int] = pull(self._lines, points, ahead, known, met, kept, unclear)
             return found
 
-        def segments(codes: NDArray[np.int64]) -> NDArray[np.float64]:
-            return np.hstack([points[ends] for ends in np.divmod(codes, len(points))])
-
-        return kept[: self._without_doubts(find, segments)]
+        return kept[: self._without_doubts(find, partial(_segments_between, points))]
 
     def with_fewer_bends(
         self, way: NDArray[np.float64], lengths: NDArray[np.float64], price: float
@@ -146,7 +140,7 @@ class Border:
 
         def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
             found: tuple[int, int] = find_bends(
-                *self._bins, *given, known, met, bends, unclear, ends
+                self._lines, *given, known, met, bends, unclear, ends
             )
             return found
 
@@ -182,10 +176,6 @@ class Border:
             if blocked.all() and doubtful < _DOUBTS:
                 return result
 
-    @property
-    def _bins(self) -> tuple[Any, ...]:
-        return self._lines, self._first, self._members, self._shape, self._corner, self._size
-
     def _is_met_exactly(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
@@ -193,3 +183,8 @@ class Border:
 
         lines = shapely.linestrings(np.stack([starts, ends], axis=1))
         return np.asarray(shapely.intersects(self._border, lines))
+
+
+def _segments_between(points: NDArray[np.float64], codes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the segments (x, y, x, y) between points i and j of n, which have the numbers i n + j."""
+    return np.hstack([points[ends] for ends in np.divmod(codes, len(points))])

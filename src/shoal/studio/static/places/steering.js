@@ -8,6 +8,7 @@ import { hands, spotOf } from "../shared/hands.js";
 import {
   confirmed,
   el,
+  filePicker,
   guarded,
   number,
   olderFiles,
@@ -555,16 +556,12 @@ export function steering({ remember }) {
     { id: "steeringWorkspace", element: typed },
     schema.properties.workspace.description,
   );
-  const picked = el("input", {
-    type: "file",
-    accept: ".svg,.wkt,.geojson,.json",
-    hidden: true,
-    onchange: guarded(async () => {
-      const [file] = picked.files;
-      picked.value = "";
-      if (file && (await mayGo(file.name))) take(await upload(file));
-    }),
-  });
+  const picker = filePicker(
+    async ([file]) => {
+      if (await mayGo(file.name)) take(await upload(file));
+    },
+    { accept: ".svg,.wkt,.geojson,.json" },
+  );
   const sketch = el(
     "button.second",
     {
@@ -639,8 +636,8 @@ export function steering({ remember }) {
       "div.pair",
       {},
       files,
-      el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a file"),
-      picked,
+      el("button.second", { type: "button", onclick: () => picker.click() }, "Bring a file"),
+      picker,
     ),
     byName.element,
   );

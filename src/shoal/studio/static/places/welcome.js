@@ -1,6 +1,6 @@
 /* The first page: examples to begin with, and a place for any file. */
 import { ask, uploadTogether } from "../shared/api.js";
-import { acceptDrops, el, guarded } from "../shared/page.js";
+import { acceptDrops, el, filePicker, guarded } from "../shared/page.js";
 
 const EXAMPLES = [
   [
@@ -61,19 +61,10 @@ export function welcome({ remember }) {
   );
 
   const bring = async (files) => go(await ask("open", { file: await uploadTogether(files) }));
-  const picked = el("input", {
-    type: "file",
-    multiple: true,
-    hidden: true,
-    onchange: guarded(async () => {
-      const brought = [...picked.files];
-      picked.value = "";
-      if (brought.length) await bring(brought);
-    }),
-  });
+  const picker = filePicker(bring, { multiple: true });
   const drop = el(
     "button.drop",
-    { type: "button", onclick: () => picked.click() },
+    { type: "button", onclick: () => picker.click() },
     el("b", {}, "Open a file"),
     el(
       "span.soft",
@@ -96,7 +87,7 @@ export function welcome({ remember }) {
       ),
     ),
     drop,
-    picked,
+    picker,
     el("ul.gallery", { "aria-label": "Examples" }, cards),
   );
   acceptDrops(element, bring);

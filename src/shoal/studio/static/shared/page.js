@@ -101,6 +101,24 @@ export function acceptDrops(element, bring) {
   );
 }
 
+/** A hidden input that lets the user pick files, one or with `multiple` several, and calls
+ *  bring(files); its click() opens the dialog. */
+export function filePicker(bring, attributes = {}) {
+  const input = /** @type {HTMLInputElement} */ (
+    el("input", {
+      type: "file",
+      hidden: true,
+      ...attributes,
+      onchange: guarded(async () => {
+        const files = [...input.files];
+        input.value = ""; // the same file can be picked again
+        if (files.length) await bring(files);
+      }),
+    })
+  );
+  return input;
+}
+
 export function openSheet(title, ...children) {
   const sheet = /** @type {HTMLDialogElement} */ (document.getElementById("sheet"));
   sheet.replaceChildren(

@@ -1,28 +1,18 @@
 /* Where the region comes from: files that are dropped or in the folder, a name, or a drawing. */
 import { leftOut, on, state } from "../../shared/api.js";
 import { fieldRow } from "../../shared/form.js";
-import { el, guarded, olderFiles } from "../../shared/page.js";
+import { el, filePicker, guarded, olderFiles } from "../../shared/page.js";
 
 const FORMATS = "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV";
 
 /** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing
- *  and
- *  `loosen()` makes one of what a file holds; `region()` is the name of the region. */
+ *  and `loosen()` makes one of what a file holds; `region()` is the name of the region. */
 export function chooser({ choose, bring, blank, loosen, region }) {
   const choices = el("select", {
     id: "searchFile",
     onchange: guarded(() => choices.value && choose(choices.value)),
   });
-  const picked = el("input", {
-    type: "file",
-    multiple: true,
-    hidden: true,
-    onchange: guarded(async () => {
-      const brought = [...picked.files];
-      picked.value = "";
-      if (brought.length) await bring(brought);
-    }),
-  });
+  const picker = filePicker(bring, { multiple: true });
   const typed = el("input", {
     type: "text",
     spellcheck: false,
@@ -35,7 +25,7 @@ export function chooser({ choose, bring, blank, loosen, region }) {
   const row = fieldRow("region", "by name", { id: "searchRegion", element: typed }, description);
   const drop = el(
     "button.drop",
-    { type: "button", onclick: () => picked.click() },
+    { type: "button", onclick: () => picker.click() },
     el("b", {}, "Drop a region here"),
     el("span.soft", {}, FORMATS),
   );
@@ -67,7 +57,7 @@ export function chooser({ choose, bring, blank, loosen, region }) {
       "section.chooser",
       { "aria-label": "Region" },
       drop,
-      picked,
+      picker,
       el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"),
       choices,
       row.element,

@@ -1,7 +1,7 @@
 /* Where the map comes from: a file that is dropped or in the folder, or a generated map. */
 import { leftOut, on, state } from "../../shared/api.js";
 import { fieldRow } from "../../shared/form.js";
-import { el, guarded, olderFiles } from "../../shared/page.js";
+import { el, filePicker, guarded, olderFiles } from "../../shared/page.js";
 
 const BY_NAME =
   "A generated map, such as vessels:1000:7. Its kind comes first, then its size and, if it is random, its number.";
@@ -13,15 +13,7 @@ export function chooser({ choose, bring }) {
     id: "vesselsFile",
     onchange: guarded(() => choices.value && choose(choices.value)),
   });
-  const picked = el("input", {
-    type: "file",
-    hidden: true,
-    onchange: guarded(async () => {
-      const [file] = picked.files;
-      picked.value = "";
-      if (file) await bring(file);
-    }),
-  });
+  const picker = filePicker(([file]) => bring(file));
   const kinds = el(
     "select",
     {
@@ -46,7 +38,7 @@ export function chooser({ choose, bring }) {
   });
   const drop = el(
     "button.drop",
-    { type: "button", onclick: () => picked.click() },
+    { type: "button", onclick: () => picker.click() },
     el("b", {}, "Drop a picture or volume here"),
     el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"),
   );
@@ -72,7 +64,7 @@ export function chooser({ choose, bring }) {
       "section.chooser",
       { "aria-label": "Map" },
       drop,
-      picked,
+      picker,
       el(
         "div.pair",
         {},
