@@ -154,8 +154,10 @@ def films_of(photograph: str) -> Iterator[list[Image.Image]]:
         (search, shoal.run("circle:60", robots=4, footprint=10, seed=1), square),
     ):
         clip = views.films.clip_of(episode, ".mp4", stage)
-        at = np.linspace(0, len(clip.moments) - 1, MOMENTS + 1).astype(int)[1:]
-        chosen = [clip.moments[k] for k in at]
+        # the end card lasts for many moments, which are equal
+        told = [k for k, moment in enumerate(clip.moments) if moment != clip.moments[-1]]
+        chosen = [told[k] for k in np.linspace(0, len(told) - 1, MOMENTS).astype(int)[1:]]
+        chosen = [clip.moments[k] for k in [*chosen, -1]]
         yield [Image.fromarray(frame.copy()) for frame in clip.frames(chosen)]
 
 

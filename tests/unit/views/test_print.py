@@ -94,6 +94,7 @@ def test_moments(episodes):
         "2 moves",
         f"{swarm.moves} moves",
     ]
+    assert len(figure(swarm, moves=[0, 1, 2, 3]).axes) == 4  # three in a row, and a shorter row
     begun = figure(steering, moves=1).axes[0].get_title(loc="left")
     assert f"1 of {steering.moves} moves" in begun
     times = sorted(time for log in search.trace.robots for time in search.clock(log.times))

@@ -174,9 +174,10 @@ def map_panels(
     above, *below = figure.subfigures(
         1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None
     ).ravel()
-    for axes, (episode, moves) in zip(
-        above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True
-    ):
+    panels = above.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(shown) :]:  # of the last row
+        axes.remove()
+    for axes, (episode, moves) in zip(panels[: len(shown)], shown, strict=True):
         axes.imshow(
             palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest"
         )
