@@ -168,3 +168,36 @@ for end in ((95.0, 90.0), (3.0, 97.0), (97.0, 4.0)):
     told = printed(script)
     assert told == printed(script, compiled=True)
     assert told.count("[[") == 9
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 60])
+@pytest.mark.parametrize("flat", [False, True])
+def test_corners_within_a_box_and_around_points(count, flat):
+    rng = np.random.default_rng(count)
+    region = region_of(
+        shapely.box(0, 0, 200, 200),
+        no_go=shapely.union_all(
+            [
+                shapely.Polygon([(x, y), (x + 0.1, y + 0.4), (x - 0.1, y + 0.4)])
+                for x, y in np.column_stack(
+                    [rng.uniform(5, 150, count), np.full(count, 80.0)]
+                    if flat
+                    else rng.uniform(5, 150, (2, count))
+                )
+            ]
+        ),
+    )
+    graph = VisibilityGraph(region)
+    corners = graph.corners
+    # boxes inside, around and far beside the corners, also without an end
+    lows = np.concatenate([rng.uniform(-50, 200, (40, 2)), rng.uniform(-1e9, 1e9, (20, 2))])
+    for low in lows:
+        high = low + rng.choice([0.0, 0.5, 30.0, 400.0, 1e9, np.inf], 2)
+        inside_box = ((corners >= low) & (corners <= high)).all(axis=1)
+        assert np.array_equal(graph.within(low, high), np.flatnonzero(inside_box))
+        assert len(graph.within(low, high, 1)) == min(1, inside_box.sum())
+        distance = float(rng.choice([0.5, 20.0, 300.0]))
+        near = np.hypot(*(corners - low).T) <= distance
+        assert np.array_equal(graph.around(low[None], distance), np.flatnonzero(near))
+    for corner in corners:
+        assert len(graph.within(corner, corner)) >= 1

@@ -276,13 +276,15 @@ def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
 @in_place_kernel
 def _bins_within(shape, corner, size, low, high):
     """Return the first and the last row, and the first and the last column, of the bins of a grid
-    that a box touches.
+    that a box touches; the last ones are smaller if it touches none, as a box beside the grid does.
     """
-    left = max(np.int64(np.floor((low[0] - corner[0]) / size)), 0)
-    right = min(np.int64(np.floor((high[0] - corner[0]) / size)), shape[1] - 1)
-    down = max(np.int64(np.floor((low[1] - corner[1]) / size)), 0)
-    up = min(np.int64(np.floor((high[1] - corner[1]) / size)), shape[0] - 1)
-    return down, up, left, right
+    left = max(np.floor((low[0] - corner[0]) / size), 0.0)
+    right = min(np.floor((high[0] - corner[0]) / size), shape[1] - 1.0)
+    down = max(np.floor((low[1] - corner[1]) / size), 0.0)
+    up = min(np.floor((high[1] - corner[1]) / size), shape[0] - 1.0)
+    if not (left <= right and down <= up):
+        return 0, -1, 0, -1
+    return np.int64(down), np.int64(up), np.int64(left), np.int64(right)
 
 
 @in_place_kernel
