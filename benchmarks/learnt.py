@@ -28,7 +28,6 @@ def main() -> None:
         models.append(f"model:{file}")
     suites = [word for suite in SUITES for word in ("--suite", suite)]
     run("-m", "shoal", "bench", "run", *models, *suites, "--store", str(store), "--workers", "1")
-    run("-m", "shoal", "bench", "table", str(store))
 
 
 def run(*words: str) -> None:
