@@ -204,7 +204,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"one of {', '.join(CASES)}")
+    parser.add_argument(
+        "cases", nargs="*", choices=[*CASES, []], metavar="CASE", help=f"one of {', '.join(CASES)}"
+    )
     parser.add_argument("--beside", type=Path, help="another checkout of Shoal")
     parser.add_argument("--limit", type=float, default=300.0, help="longest wall time of a case, s")
     parser.add_argument("--pairs", type=int, default=2, help="number of runs of quick cases")
