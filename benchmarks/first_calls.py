@@ -1,7 +1,7 @@
 """Compile what most kinds of runs need, before several processes would do it at once: play each
 kind of run once, each quick.
 
-python -m benchmarks.first_calls [swarm steering search views jit] [--archives]
+python -m benchmarks.first_calls [swarm steering search views lab jit] [--archives]
 
 With ``--archives`` (``make kernels``), all kinds are played, and the archives of lowered kernels,
 ``src/shoal/*/kernels/lowered.zip``, get what they miss and lose what no first call needs.
@@ -21,6 +21,7 @@ SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
     "jit": ["tour spanning-tree cave:20x15"],
     "views": [],
+    "lab": [],
     "swarm": [
         *(
             f"{SMALL} --policy {policy}"
@@ -106,6 +107,13 @@ def play(parts: list[str]) -> None:
         from shoal.views.drawing.encoding import VideoPlanes
 
         VideoPlanes(2, 2).show(np.zeros((2, 2, 3), np.uint8))
+    if "lab" in parts:
+        from shoal.lab.store import ResultTexts, trial_numbers
+
+        results = ResultTexts('["done",1.5]', [0, 1], 1, 2, where="a row")
+        results.is_any(0, ["done"])
+        results.column(1)
+        trial_numbers("1,2", where="some trials")
     if "swarm" in parts:
         play_batch()
     if "steering" in parts:

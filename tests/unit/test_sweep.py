@@ -23,7 +23,7 @@ from shoal.lab.batches import MixedVersionsWarning, check_versions, versions_tex
 from shoal.lab.database import FORMAT
 from shoal.lab.exchange import export, frame
 from shoal.lab.statistics import number_text
-from shoal.lab.store import faults_of, is_locked, locked, picked
+from shoal.lab.store import ResultTexts, faults_of, is_locked, locked, trial_numbers
 from shoal.lab.sweep import differences, trial_seed
 from shoal.lab.workers import Processes
 
@@ -1088,7 +1088,7 @@ def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "wanted", "columns"),
+    ("rows", "numbers", "columns"),
     [
         (['["complete",1,2.5]', '["lost",3,null]'], [1, 2], [[1, 3], [2.5, None]]),
         (['["a,b",1,2]', '["a]",3,4]'], [0, 2], [["a,b", "a]"], [2, 4]]),
@@ -1100,10 +1100,13 @@ def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
         (["[1,[2],3]"], [1], [[[2]]]),
     ],
 )
-def test_columns_are_taken_out_of_the_rows(rows, wanted, columns):
+def test_columns_are_taken_out_of_the_rows(rows, numbers, columns):
     width = len(json.loads(rows[0]))
-    found = picked(",".join(rows), wanted, len(rows), width, where="a")
-    assert [[*column] for column in found] == columns
+    results = ResultTexts(",".join(rows), numbers, len(rows), width, where="a")
+    assert [[*results.column(number)] for number in numbers] == columns
+    words = ["complete", "a", 'a"']
+    for number, column in zip(numbers, columns, strict=True):
+        assert results.is_any(number, words).tolist() == [value in words for value in column]
 
 
 @pytest.mark.parametrize(
@@ -1122,4 +1125,11 @@ def test_columns_are_taken_out_of_the_rows(rows, wanted, columns):
 )
 def test_rows_of_other_widths_are_refused(rows):
     with pytest.raises(InvalidInputError, match="expected"):
-        picked(",".join(rows), [0], len(rows), 3, where="a")
+        ResultTexts(",".join(rows), [0], len(rows), 3, where="a").column(0)
+
+
+def test_numbers_of_trials():
+    assert trial_numbers("0,7,12", where="a").tolist() == [0, 7, 12]
+    for damaged in ("0,a", "1.5", "", "1,,2", "07"):
+        with pytest.raises(InvalidInputError, match="a: trials: expected whole numbers"):
+            trial_numbers(damaged, where="a")

@@ -30,6 +30,7 @@ from shoal.core.interruption import half_written
 from shoal.core.version import __version__
 from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable, versions_text
 from shoal.lab.database import connect, row_faults, sqlite_errors_at, transaction
+from shoal.lab.kernels.rows import find_values, join_values, mark_equal, read_whole_numbers
 from shoal.lab.sweep import (
     MAX_POINTS,
     Sweep,
@@ -47,7 +48,6 @@ from shoal.lab.sweep import (
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once
 _NAMED = 5  # trials that a fault names
-_DIGITS = 15  # of a whole number that fits into 64 bits and into a float
 
 Column = NDArray[np.int64] | list[Any]
 """Values of a measure: an array of whole numbers, or a list of anything."""
@@ -519,44 +519,32 @@ class Store:
             raise InvalidInputError(
                 f"measure: expected one of {', '.join(stored.measures)}, got {measure!r}"
             )
-        wanted = [stored.measures.index(one) for one in (measure, *["status"] * bool(done))]
         width, where = len(stored.measures), f"{stored.where}: results"
-        query = (
-            "SELECT count(*), min(trial), max(trial), total(typeof(trial) != 'integer'),"
-            " group_concat(result) FROM trials WHERE point = ? AND trial BETWEEN ? AND ?"
-        )
+        column = stored.measures.index(measure)
+        status = stored.measures.index("status") if done else column
+        columns = sorted({column, status})
         for point, axes in self.points(name):
             trials: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
             unfinished: list[NDArray[np.bool_]] = [np.empty(0, dtype=np.bool_)]
             values: list[Column] = []
-            begin = 0
-            while True:
-                least = "SELECT min(trial) FROM trials WHERE point = ? AND trial >= ?"
-                ((begin,),) = self.ask(least, point, begin)
-                if begin is None:
+            last, count = -1, _AT_ONCE
+            while count == _AT_ONCE:
+                ((numbers, text),) = self.ask(
+                    "SELECT group_concat(trial), group_concat(result) FROM (SELECT trial, result"
+                    " FROM trials WHERE point = ? AND trial > ? ORDER BY trial LIMIT ?)",
+                    point,
+                    last,
+                    _AT_ONCE,
+                )
+                if numbers is None:
                     break
-                stop = begin + _AT_ONCE
-                span = (point, begin, stop - 1)
-                ((count, first, last, damaged, text),) = self.ask(query, *span)
-                if damaged:
-                    raise InvalidInputError(
-                        f"{where}: expected whole numbers of trials, got something else"
-                    )
-                numbers = np.arange(first, last + 1, dtype=np.int64)
-                if len(numbers) != count:
-                    some = "group_concat(trial) FROM trials WHERE point = ? AND trial BETWEEN"
-                    ((joined,),) = self.ask(f"SELECT {some} ? AND ?", *span)
-                    numbers = np.array(parse_json(f"[{joined}]", where=where), dtype=np.int64)
-                trials.append(numbers)
-                # what every trial did is seen without taking the texts apart
-                all_done = any(text.count(f'["{status}",') == count for status in done)
-                columns = picked(text, wanted[: 2 - all_done], count, width, where=where)
-                values.append(columns[0])
-                open_ = np.zeros(count, dtype=np.bool_)
-                if len(columns) > 1:
-                    open_ = np.array([status not in done for status in columns[1]], dtype=np.bool_)
-                unfinished.append(open_)
-                begin = stop
+                trials.append(trial_numbers(numbers, where=stored.where))
+                count, last = len(trials[-1]), int(trials[-1][-1])
+                results = ResultTexts(text, columns, count, width, where=where)
+                values.append(results.column(column))
+                unfinished.append(
+                    ~results.is_any(status, done) if done else np.zeros(count, dtype=np.bool_)
+                )
             plain = all(isinstance(part, np.ndarray) for part in values) and values
             joined_values = np.concatenate(values) if plain else [*chain.from_iterable(values)]
             yield axes, np.concatenate(trials), joined_values, np.concatenate(unfinished)
@@ -712,71 +700,80 @@ def columns_of(
     return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
 
 
-def _whole_numbers(
-    data: NDArray[np.uint8], begins: NDArray[np.int64], lasts: NDArray[np.int64]
-) -> NDArray[np.int64] | None:
-    """Return the whole numbers whose first and last digits are at these places of a text; None if
-    there is a place with something else.
-    """
-    lengths = lasts - begins + 1
-    longest = int(lengths.max())
-    if longest > _DIGITS or ((data[begins] == ord("0")) & (lengths > 1)).any():
-        return None
-    numbers = np.zeros(len(begins), dtype=np.int64)
-    for k in range(longest):
-        digits = data[np.minimum(begins + k, lasts)] - np.uint8(ord("0"))  # a digit is below 10
-        if (digits > 9).any():
-            return None
-        numbers = np.where(k < lengths, 10 * numbers + digits, numbers)
-    return numbers
+class ResultTexts:
+    """The results of so many trials: JSON lists of ``width`` values, joined by commas. The columns
+    are numbers of the values that will be asked for, ascending.
 
-
-def picked(text: str, wanted: Sequence[int], count: int, width: int, *, where: str) -> list[Column]:
-    """Return some columns of so many rows, which are JSON lists of ``width`` values joined by
-    commas.
-
-    If no value contains a comma, a bracket or an escape, the other columns are skipped without
-    parsing them, and whole numbers are read without JSON, which is several times as fast.
+    Columns of plain rows (`find_values`) are read without parsing the others, and whole numbers
+    without JSON, which is several times as fast.
 
     Raises
     ------
     InvalidInputError
-        Raised if a row has not ``width`` values.
+        Raised if a row has not ``width`` values, here or by a method.
+    """
+
+    def __init__(
+        self, text: str, columns: Sequence[int], count: int, width: int, *, where: str
+    ) -> None:
+        self._where = where
+        self._text = np.frombuffer(text.encode(), dtype=np.uint8)
+        begins, ends = np.empty((2, len(columns), count), dtype=np.int64)
+        if find_values(self._text, width, np.array(columns, dtype=np.int64), begins, ends):
+            self._spans = dict(zip(columns, zip(begins, ends, strict=True), strict=True))
+            return
+        rows = parse_json(f"[{text}]", where=where)
+        bad = next((row for row in rows if not isinstance(row, list) or len(row) != width), None)
+        if bad is not None or len(rows) != count:
+            got = f"{len(rows)} rows for {count} trials" if bad is None else shortened(bad)
+            raise InvalidInputError(f"{where}: expected rows of {width} values, got {got}")
+        self._spans = {}
+        self._values = {column: [row[column] for row in rows] for column in columns}
+
+    def column(self, column: int) -> Column:
+        """Return the values of a column: an array if all are whole numbers."""
+        if not self._spans:
+            return self._values[column]
+        begins, ends = self._spans[column]
+        numbers = np.empty(len(begins), dtype=np.int64)
+        if read_whole_numbers(self._text, begins, ends, numbers):
+            return numbers
+        joined = np.empty(int((ends - begins + 1).sum()), dtype=np.uint8)
+        size = join_values(self._text, begins, ends, joined)
+        values: list[Any] = parse_json(
+            f"[{joined[: size - 1].tobytes().decode()}]", where=self._where
+        )
+        return values
+
+    def is_any(self, column: int, words: Sequence[str]) -> NDArray[np.bool_]:
+        """Return which values of a column are one of some texts."""
+        if not self._spans:
+            return np.array([value in words for value in self._values[column]], dtype=np.bool_)
+        begins, ends = self._spans[column]
+        equal = np.zeros(len(begins), dtype=np.bool_)
+        for word in words:
+            quoted = np.frombuffer(json.dumps(word).encode(), dtype=np.uint8)
+            mark_equal(self._text, begins, ends, quoted, equal)
+        return equal
+
+
+def trial_numbers(text: str, *, where: str) -> NDArray[np.int64]:
+    """Return the numbers of trials, which a text has joined by commas.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if something of the text is no whole number.
     """
     data = np.frombuffer(text.encode(), dtype=np.uint8)
-    commas = np.append(np.flatnonzero(data == ord(",")), len(data))
-    if len(commas) == count * width and text.count("[") == text.count("]") == count:
-        ends = commas.reshape(count, width)
-        begins = np.append(0, commas[:-1] + 1).reshape(count, width)
-        brackets = data[begins[:, 0]] == ord("["), data[ends[:, -1] - 1] == ord("]")
-        begins[:, 0] += 1
-        lasts = ends - 1
-        lasts[:, -1] -= 1
-        opened, closed = data[begins] == ord('"'), data[lasts] == ord('"')
-        if (
-            all(one.all() for one in brackets)
-            and (lasts >= begins + opened).all()
-            and (opened == closed).all()
-            and 2 * opened.sum() == text.count('"')
-        ):
-            columns: list[Column] = []
-            for k in wanted:
-                numbers = _whole_numbers(data, begins[:, k], lasts[:, k])
-                if numbers is not None:
-                    columns.append(numbers)
-                    continue
-                change = np.zeros(len(data) + 2, dtype=np.int8)
-                change[begins[:, k]], change[ends[:, k] + 1] = 1, -1
-                kept = np.cumsum(change[: len(data)], dtype=np.int8).view(np.bool_)
-                column = data[kept].tobytes().decode().replace("]", "").removesuffix(",")
-                columns.append(parse_json(f"[{column}]", where=where))
-            return columns
-    rows = parse_json(f"[{text}]", where=where)
-    bad = next((one for one in rows if not isinstance(one, list) or len(one) != width), None)
-    if bad is not None or len(rows) != count:
-        got = f"{len(rows)} rows for {count} trials" if bad is None else shortened(bad)
-        raise InvalidInputError(f"{where}: expected rows of {width} values, got {got}")
-    return [[row[k] for row in rows] for k in wanted]
+    commas = np.flatnonzero(data == ord(","))
+    begins, ends = np.append(0, commas + 1), np.append(commas, len(data))
+    numbers = np.empty(len(begins), dtype=np.int64)
+    if not read_whole_numbers(data, begins, ends, numbers):
+        raise InvalidInputError(
+            f"{where}: trials: expected whole numbers of trials, got something else"
+        )
+    return numbers
 
 
 _TRIES = 5
