@@ -22,7 +22,7 @@ help:
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make test-clients  install libraries for reinforcement learning into .venv-clients, and train with each in the environments'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
-	@echo 'make check    ruff, mypy --strict, import-linter, eslint and tsc (with npm), all tests, documentation'
+	@echo 'make check    ruff, mypy --strict, import-linter, eslint, tsc and prettier (with npm), all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
 	@echo 'make docs     build the documentation into ./site'

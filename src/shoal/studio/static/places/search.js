@@ -394,11 +394,7 @@ export function search({ remember }) {
         point,
         `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`,
         [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })],
-        {
-          move: (to) => launch.move(k, to),
-          done: () => redo(),
-          remove: () => launch.remove(k),
-        },
+        { move: (to) => launch.move(k, to), done: () => redo(), remove: () => launch.remove(k) },
       ),
     );
     const places = points.length

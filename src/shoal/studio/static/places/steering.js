@@ -426,13 +426,15 @@ export function steering({ remember }) {
       svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
     space.replaceChildren(
       svg("path", { class: "floor", d: path(rings[0], at) }),
-      ...[...sets].reverse().map((set) =>
-        svg("path", {
-          class: `reach m${set.moves}`,
-          "fill-rule": "evenodd",
-          d: set.rings.map((ring) => path(ring, at)).join(""),
-        }),
-      ),
+      ...[...sets]
+        .reverse()
+        .map((set) =>
+          svg("path", {
+            class: `reach m${set.moves}`,
+            "fill-rule": "evenodd",
+            d: set.rings.map((ring) => path(ring, at)).join(""),
+          }),
+        ),
       svg("path", { class: "rim", d: path(rings[0], at) }),
       spot(goal, "goal p1"),
       spot(delta, "particle p0"),

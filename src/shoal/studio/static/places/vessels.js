@@ -1,7 +1,17 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
 import { ask, newest, state, upload } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
-import { acceptDrops, confirmed, el, guarded, number, refill, say, shapeText, tabbed } from "../shared/page.js";
+import {
+  acceptDrops,
+  confirmed,
+  el,
+  guarded,
+  number,
+  refill,
+  say,
+  shapeText,
+  tabbed,
+} from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { showCopies, showCopiesOf } from "../shared/share.js";
 import { Store, dated } from "../shared/store.js";
@@ -56,8 +66,7 @@ export function vessels({ remember }) {
     reading = ["vessels", ...schema.reading];
   /** @type {Record<string, any>} */
   let problem = { ...EXAMPLE };
-  let 
-    seed = 0,
+  let seed = 0,
     map = null,
     begun = false;
   // cells that were painted over the map: { shape, free }, until they are written as a file
@@ -89,7 +98,11 @@ export function vessels({ remember }) {
     facts = el("p.facts", {}),
     where = el("p.soft.where", {}),
     warning = el("p.warning", { role: "status", hidden: true });
-  const { input: seedInput, element: seedRow, row: seedFault } = seedField("vesselsSeed", () => {
+  const {
+    input: seedInput,
+    element: seedRow,
+    row: seedFault,
+  } = seedField("vesselsSeed", () => {
     seed = seedIn(seedInput);
     redo();
   });
@@ -460,7 +473,13 @@ export function vessels({ remember }) {
   const element = el(
     "div.place",
     {},
-    el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, layers.element), warning, stages.panels),
+    el(
+      "section.stage-side",
+      { "aria-label": "Stage" },
+      el("div.stageTop", {}, stages.list, layers.element),
+      warning,
+      stages.panels,
+    ),
     el("section.panel-side", { "aria-label": "Settings" }, maps.element, form.element),
     el(
       "footer.bottom",

@@ -55,8 +55,8 @@ export async function upload(file) {
 const PARTS = /\.(shx|dbf|prj|cpg)$/i; // of a Shapefile
 export const onlyParts = (files) => files.every((file) => PARTS.test(file.name));
 
-/** Put files into the folder that were brought together, and return the name of the one to open: the
- *  first whose name fits, with the other parts of its Shapefile. */
+/** Put files into the folder that were brought together, and return the name of the one to open:
+ *  the first whose name fits, with the other parts of its Shapefile. */
 export async function uploadTogether(files, fits = /./) {
   if (onlyParts(files))
     throw new Refused({
@@ -71,7 +71,8 @@ export async function uploadTogether(files, fits = /./) {
   return name;
 }
 
-/** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
+/** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in
+ *  their names. */
 export const listed = (kind, { skip = 0, name = "" } = {}) =>
   request("GET", `/api/files?${new URLSearchParams({ kind, skip: String(skip), name })}`);
 
@@ -150,7 +151,8 @@ function heardOf(job) {
   }
 }
 
-/** Queue a job and follow it: `piece`, `job`, `done(result)` and `failed(job)` are called as it goes. */
+/** Queue a job and follow it: `piece`, `job`, `done(result)` and `failed(job)` are called as it
+ *  goes. */
 export async function run(kind, spec, watcher) {
   const job = await addJob(kind, spec);
   watchers.set(job.id, watcher);
@@ -162,7 +164,8 @@ export async function run(kind, spec, watcher) {
 /** Stop following a job, which goes on. */
 export const forget = (number) => watchers.delete(number);
 
-/** Return a function that asks with the newest arguments only: while an answer is awaited, all but the last call are dropped. */
+/** Return a function that asks with the newest arguments only: while an answer is awaited, all
+ *  but the last call are dropped. */
 export function newest(work) {
   let busy = false,
     next = null;

@@ -9,15 +9,19 @@ function niceStep(rough) {
 }
 
 export function ticksOf(low, high, count) {
-  const step = niceStep((high - low) / count), found = [];
-  for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
+  const step = niceStep((high - low) / count),
+    found = [];
+  for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step)
+    found.push(tick);
   return found;
 }
 
 /** A tick with as many digits as tell it from the next one. */
 export function tickText(tick, ticks) {
   const step = Math.abs((ticks[1] ?? tick + 1) - (ticks[0] ?? tick)) || 1;
-  return Math.abs(tick) < step / 1e6 ? "0" : number(tick, Math.min(15, Math.max(4, Math.ceil(Math.log10(Math.abs(tick) / step)) + 1)));
+  return Math.abs(tick) < step / 1e6
+    ? "0"
+    : number(tick, Math.min(15, Math.max(4, Math.ceil(Math.log10(Math.abs(tick) / step)) + 1)));
 }
 
 /** Whether the page is one column: then a chart has fewer words beside it. */
@@ -27,32 +31,71 @@ const ends = (one) => [one.mean, one.low ?? one.mean, one.high ?? one.mean];
 
 /** Ends of an axis that holds all values, with a little room. */
 function span(values) {
-  const low = Math.min(...values), high = Math.max(...values), room = (high - low || Math.abs(high) || 1) * 0.06;
+  const low = Math.min(...values),
+    high = Math.max(...values),
+    room = (high - low || Math.abs(high) || 1) * 0.06;
   return [low - room, high + room];
 }
 
-/** Rows: each a label, a mean, its interval, and perhaps its trials; `best` rows stand out. The values
- *  of a row stand in it while the pointer is there. */
+/** Rows: each a label, a mean, its interval, and perhaps its trials; `best` rows stand out. The
+ *  values of a row stand in it while the pointer is there. */
 export function rowsChart(rows, words, axis) {
-  const narrow = isNarrow(), width = narrow ? 360 : 640, row = 46, left = narrow ? 120 : 190, right = narrow ? 14 : 30, most = narrow ? 16 : 26, height = rows.length * row + 54;
+  const narrow = isNarrow(),
+    width = narrow ? 360 : 640,
+    row = 46,
+    left = narrow ? 120 : 190,
+    right = narrow ? 14 : 30,
+    most = narrow ? 16 : 26,
+    height = rows.length * row + 54;
   const [low, high] = span(rows.flatMap((one) => [...(one.values ?? []), ...ends(one)]));
   const x = (value) => left + ((value - low) / (high - low)) * (width - left - right);
-  return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": words },
+  return svg(
+    "svg",
+    { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": words },
     ticksOf(low, high, narrow ? 3 : 5).flatMap((tick, _, ticks) => [
       svg("line", { class: "rule", x1: x(tick), x2: x(tick), y1: 4, y2: height - 44 }),
-      svg("text", { class: "tick", x: x(tick), y: height - 28, "text-anchor": "middle" }, tickText(tick, ticks)),
+      svg(
+        "text",
+        { class: "tick", x: x(tick), y: height - 28, "text-anchor": "middle" },
+        tickText(tick, ticks),
+      ),
     ]),
-    svg("text", { class: "tick", x: (left + width - right) / 2, y: height - 8, "text-anchor": "middle" }, axis),
+    svg(
+      "text",
+      { class: "tick", x: (left + width - right) / 2, y: height - 8, "text-anchor": "middle" },
+      axis,
+    ),
     rows.map((one, i) => {
       const y = i * row + row / 2 + 4;
-      return svg("g", { class: one.best ? "row best" : "row" },
+      return svg(
+        "g",
+        { class: one.best ? "row best" : "row" },
         svg("rect", { class: "reach", x: 0, y: i * row + 4, width, height: row }),
-        svg("text", { class: "name", x: left - 14, y: y + 4, "text-anchor": "end" }, one.label.length > most ? `${one.label.slice(0, most - 1)}…` : one.label),
-        (one.values ?? []).slice(0, 300).map((value) => svg("circle", { class: "trial", cx: x(value), cy: y, r: 3 })),
-        one.low === null || one.low === undefined ? [] : svg("line", { class: "interval", x1: x(one.low), x2: x(one.high), y1: y, y2: y }),
+        svg(
+          "text",
+          { class: "name", x: left - 14, y: y + 4, "text-anchor": "end" },
+          one.label.length > most ? `${one.label.slice(0, most - 1)}…` : one.label,
+        ),
+        (one.values ?? [])
+          .slice(0, 300)
+          .map((value) => svg("circle", { class: "trial", cx: x(value), cy: y, r: 3 })),
+        one.low === null || one.low === undefined
+          ? []
+          : svg("line", { class: "interval", x1: x(one.low), x2: x(one.high), y1: y, y2: y }),
         svg("circle", { class: "mean", cx: x(one.mean), cy: y, r: 6 }),
-        svg("text", { class: "value", x: Math.min(x(one.mean), width - right - 70), y: y - 11, "text-anchor": "middle" }, `${number(one.mean)}${spanText(one.low, one.high)}`));
-    }));
+        svg(
+          "text",
+          {
+            class: "value",
+            x: Math.min(x(one.mean), width - right - 70),
+            y: y - 11,
+            "text-anchor": "middle",
+          },
+          `${number(one.mean)}${spanText(one.low, one.high)}`,
+        ),
+      );
+    }),
+  );
 }
 
 const BARE = { show: false };
@@ -64,7 +107,8 @@ document.addEventListener("shoal-theme", () => {
   }
 });
 
-/** The colour that a class has on this page: --own of the line's number, or a colour of the page. */
+/** The colour that a class has on this page: --own of the line's number, or a colour of the
+ *  page. */
 function colourOf(name, of = document.body) {
   return getComputedStyle(of).getPropertyValue(name).trim();
 }
@@ -73,10 +117,10 @@ const spanText = (low, high) =>
   low === null || low === undefined ? "" : ` (${number(low)} to ${number(high)})`;
 
 /** Lines: each a label and points {x, mean, low, high}; the horizontal axis is logarithmic if its
- *  numbers span a lot. The values at the pointer stand in the legend; a drag zooms in, a double click
- *  shows all. `zoom` is an object that outlasts the chart, which keeps what is shown.
- *  @param {any[]} lines
- *  @param {{ axis: string, measure: string, zoom?: { range?: number[] } }} about */
+ *  numbers span a lot. The values at the pointer stand in the legend; a drag zooms in, a double
+ *  click shows all. `zoom` is an object that outlasts the chart, which keeps what is shown.
+ *  @param {any[]} lines @param {{ axis: string, measure: string, zoom?: { range?: number[] } }}
+ *  about */
 export function linesChart(lines, { axis, measure, zoom = {} }) {
   const points = lines.flatMap((line) => line.points);
   const numbers = [...new Set(points.map((one) => one.x))].sort((a, b) => a - b);
@@ -85,25 +129,39 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
   const places = numbers.map(of);
   const found = lines.map((line) => new Map(line.points.map((one) => [one.x, one])));
   const [west, east] = span(places);
-  const words = axis.replaceAll("_", " "), title = measure.replaceAll("_", " ");
+  const words = axis.replaceAll("_", " "),
+    title = measure.replaceAll("_", " ");
   const keys = lines.map((_, i) => el(`span.p${i % 5}`, { hidden: true }));
   const room = el("div.drawn", {});
-  const element = el("figure.curves", { "aria-label": `${title} against ${words}` },
-    keys, room, el("p.soft", {}, "Drag to zoom in, double-click for all."));
-  const ink = () => colourOf("--soft"), rule = () => colourOf("--line");
-  const side = { stroke: ink, font: "12px system-ui", labelFont: "12px system-ui", ticks: BARE,
-    grid: { stroke: rule, width: 1 } };
+  const element = el(
+    "figure.curves",
+    { "aria-label": `${title} against ${words}` },
+    keys,
+    room,
+    el("p.soft", {}, "Drag to zoom in, double-click for all."),
+  );
+  const ink = () => colourOf("--soft"),
+    rule = () => colourOf("--line");
+  const side = {
+    stroke: ink,
+    font: "12px system-ui",
+    labelFont: "12px system-ui",
+    ticks: BARE,
+    grid: { stroke: rule, width: 1 },
+  };
 
   /** Ends of the vertical axis: for what is shown, and the next points beside it. */
   function heights() {
     const [low, high] = zoom.range ?? [west, east];
-    const before = places.findLast((at) => at < low) ?? west, after = places.find((at) => at > high) ?? east;
+    const before = places.findLast((at) => at < low) ?? west,
+      after = places.find((at) => at > high) ?? east;
     return span(points.filter((one) => of(one.x) >= before && of(one.x) <= after).flatMap(ends));
   }
 
   /** Means as discs and intervals as bars, those of several lines side by side. */
   function drawPoints(plot) {
-    const pen = plot.ctx, unit = devicePixelRatio;
+    const pen = plot.ctx,
+      unit = devicePixelRatio;
     pen.save();
     pen.beginPath();
     pen.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
@@ -129,35 +187,68 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
 
   function make(width) {
     const height = isNarrow() ? 260 : 340;
-    const plot = new uPlot({
-      width,
-      height,
-      cursor: { drag: { x: true, y: false }, points: BARE },
-      scales: { x: { time: false, range: (_, low, high) => zoom.range ?? (low < high ? [Math.min(low, west), Math.max(high, east)] : [west, east]) }, y: { range: heights } },
-      axes: [
-        { ...side, label: words, labelSize: 22, size: 32, splits: (_, __, low, high) => ticksIn(low, high, width), values: (_, all) => all.map((at) => number(back(at), 9)) },
-        { ...side, label: title, labelSize: 22, size: 62, values: (_, all) => all.map((at) => tickText(at, all)) },
-      ],
-      series: [
-        { label: words, value: (_, at) => (at === null ? "–" : number(back(at), 9)) },
-        ...lines.map((line, i) => ({
-          label: lines.length > 1 ? line.label : title,
-          stroke: () => colourOf("--own", keys[i]),
-          width: 2,
-          points: BARE,
-          spanGaps: true,
-          value: (_, mean, __, at) => {
-            const one = at === null ? null : found[i].get(numbers[at]);
-            return one ? `${number(one.mean)}${spanText(one.low, one.high)}` : "–";
+    const plot = new uPlot(
+      {
+        width,
+        height,
+        cursor: { drag: { x: true, y: false }, points: BARE },
+        scales: {
+          x: {
+            time: false,
+            range: (_, low, high) =>
+              zoom.range ??
+              (low < high ? [Math.min(low, west), Math.max(high, east)] : [west, east]),
           },
-        })),
-      ],
-      hooks: {
-        draw: [drawPoints],
-        setSelect: [(made) => { if (made.select.width) show([made.posToVal(made.select.left, "x"), made.posToVal(made.select.left + made.select.width, "x")]); }],
-        ready: [(made) => made.over.addEventListener("dblclick", () => show(null))],
+          y: { range: heights },
+        },
+        axes: [
+          {
+            ...side,
+            label: words,
+            labelSize: 22,
+            size: 32,
+            splits: (_, __, low, high) => ticksIn(low, high, width),
+            values: (_, all) => all.map((at) => number(back(at), 9)),
+          },
+          {
+            ...side,
+            label: title,
+            labelSize: 22,
+            size: 62,
+            values: (_, all) => all.map((at) => tickText(at, all)),
+          },
+        ],
+        series: [
+          { label: words, value: (_, at) => (at === null ? "–" : number(back(at), 9)) },
+          ...lines.map((line, i) => ({
+            label: lines.length > 1 ? line.label : title,
+            stroke: () => colourOf("--own", keys[i]),
+            width: 2,
+            points: BARE,
+            spanGaps: true,
+            value: (_, mean, __, at) => {
+              const one = at === null ? null : found[i].get(numbers[at]);
+              return one ? `${number(one.mean)}${spanText(one.low, one.high)}` : "–";
+            },
+          })),
+        ],
+        hooks: {
+          draw: [drawPoints],
+          setSelect: [
+            (made) => {
+              if (made.select.width)
+                show([
+                  made.posToVal(made.select.left, "x"),
+                  made.posToVal(made.select.left + made.select.width, "x"),
+                ]);
+            },
+          ],
+          ready: [(made) => made.over.addEventListener("dblclick", () => show(null))],
+        },
       },
-    }, [places, ...found.map((one) => numbers.map((at) => one.get(at)?.mean ?? null))], room);
+      [places, ...found.map((one) => numbers.map((at) => one.get(at)?.mean ?? null))],
+      room,
+    );
     const show = (range) => {
       zoom.range = range;
       plot.setScale("x", { min: range?.[0] ?? west, max: range?.[1] ?? east });
@@ -166,7 +257,8 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
     return plot;
   }
 
-  /** The numbers of the sweep as ticks, as many as have room; between two of them, round numbers. */
+  /** The numbers of the sweep as ticks, as many as have room; between two of them, round
+   *  numbers. */
   function ticksIn(low, high, width) {
     const most = Math.max(2, Math.floor(width / 90));
     const inside = places.filter((at) => at >= low && at <= high);
@@ -176,10 +268,16 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
   }
 
   let plot = null;
-  new ResizeObserver(([{ contentRect: { width } }]) => {
-    if (!width) return;
-    if (!plot) plot = make(width);
-    else if (plot.width !== width) plot.setSize({ width, height: plot.height });
-  }).observe(room);
+  new ResizeObserver(
+    ([
+      {
+        contentRect: { width },
+      },
+    ]) => {
+      if (!width) return;
+      if (!plot) plot = make(width);
+      else if (plot.width !== width) plot.setSize({ width, height: plot.height });
+    },
+  ).observe(room);
   return element;
 }

@@ -2,7 +2,11 @@
 import { capital, el, told } from "./page.js";
 
 /** What follows a name and a colon, for names that mean nothing without it. */
-const NEEDED = { manual: "its commands, such as llurr", offline: "its planner, such as best", model: "its file in the folder, such as learned.onnx" };
+const NEEDED = {
+  manual: "its commands, such as llurr",
+  offline: "its planner, such as best",
+  model: "its file in the folder, such as learned.onnx",
+};
 export const NEED_OPTIONS = Object.keys(NEEDED);
 
 /** What a number field holds; the browser gives nothing for what is no number, and nothing would be

@@ -3,31 +3,51 @@
 
 (() => {
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
-  const PACE = 8, SHORTEST = 4, LONGEST = 30; // cells a second at speed 1, but so many seconds in all
+  const PACE = 8,
+    SHORTEST = 4,
+    LONGEST = 30; // cells a second at speed 1, but so many seconds in all
   const COLOURS = 12; // of robots; then they come again
 
   const { $, fillRows, number, plural } = ShoalDesk;
   const STATES = {
-    listening: "listening", own: "searching", waiting: "waiting", paused: "paused", dead: "dead", complete: "knows all is searched",
+    listening: "listening",
+    own: "searching",
+    waiting: "waiting",
+    paused: "paused",
+    dead: "dead",
+    complete: "knows all is searched",
   };
   const lasting = (seconds) => {
     if (seconds < 59.5) return `${Number(seconds.toPrecision(3))} s`;
-    const whole = Math.round(seconds), two = (n) => String(n).padStart(2, "0");
+    const whole = Math.round(seconds),
+      two = (n) => String(n).padStart(2, "0");
     return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
   };
-  const wordOf = ({ kind, other }, liar) => (kind === "taken" ? `in the part of ${other}` : liar && kind === "own" ? "says it searches" : STATES[kind]);
+  const wordOf = ({ kind, other }, liar) =>
+    kind === "taken"
+      ? `in the part of ${other}`
+      : liar && kind === "own"
+        ? "says it searches"
+        : STATES[kind];
 
   // ---- what does not change ---------------------------------------------------------------------
 
   function describe(history) {
     $("title").textContent = history.title;
     ShoalDesk.showFacts([
-      plural(history.cells, "cell"), `tour ${history.tour}`, history.takeovers ? `${history.takeovers} taken over` : "",
-      history.covered == null ? "not searched wholly" : `searched after ${lasting(history.climb + history.covered * history.cellTime)}`,
+      plural(history.cells, "cell"),
+      `tour ${history.tour}`,
+      history.takeovers ? `${history.takeovers} taken over` : "",
+      history.covered == null
+        ? "not searched wholly"
+        : `searched after ${lasting(history.climb + history.covered * history.cellTime)}`,
     ]);
     $("of").textContent = `of ${plural(history.cells, "cell")}`;
     $("player").style.setProperty("--rows", history.robots.length);
-    for (const [id, words, key] of [["first", "Start", "Home"], ["last", "End", "End"]]) {
+    for (const [id, words, key] of [
+      ["first", "Start", "Home"],
+      ["last", "End", "End"],
+    ]) {
       $(id).setAttribute("aria-label", words);
       $(id).title = `${words} (${key})`;
     }
@@ -35,13 +55,17 @@
     $("robots").classList.toggle("many", history.robots.length > 14);
     $("legend").innerHTML = [
       ["start", "start"],
-      ...(history.robots.some((robot) => robot.activities.some((one) => one.kind === "dead")) ? [["dead", "died"]] : []),
+      ...(history.robots.some((robot) => robot.activities.some((one) => one.kind === "dead"))
+        ? [["dead", "died"]]
+        : []),
       ...(history.takeovers ? [["taken", "another’s part"]] : []),
       ...(history.findings.length ? [["finding", "finding"]] : []),
       ...(history.heat ? [["heat", "target likely"]] : []),
       ...(history.obstacles.length ? [["obstacle", "obstacle"]] : []),
       ["ahead", "way ahead, of the robot followed"],
-    ].map(([sign, words]) => `<li><i class="sign-${sign}" aria-hidden="true"></i>${words}</li>`).join("");
+    ]
+      .map(([sign, words]) => `<li><i class="sign-${sign}" aria-hidden="true"></i>${words}</li>`)
+      .join("");
     fillRows($("details"), [
       ["Findings", ""],
       ...(history.success[0].length ? [["Probability of success", ""]] : []),
@@ -55,7 +79,8 @@
 
   function listRobots(history, choose) {
     return history.robots.map((robot, k) => {
-      const item = document.createElement("li"), button = document.createElement("button");
+      const item = document.createElement("li"),
+        button = document.createElement("button");
       button.type = "button";
       button.setAttribute("aria-pressed", "false");
       button.style.setProperty("--own", `var(--r${k % COLOURS})`);
@@ -66,7 +91,8 @@
         return span;
       });
       no.textContent = k + 1;
-      const way = document.createElement("span"), bar = document.createElement("i");
+      const way = document.createElement("span"),
+        bar = document.createElement("i");
       way.className = "way";
       way.append(bar);
       button.append(way);
@@ -77,12 +103,21 @@
     });
   }
 
-  // ---- the player -----------------------------------------------------------------------------------
+  // ---- the player -------------------------------------------------------------------------------
 
   function play(history) {
-    const scene = new ShoalSearch.Scene($("picture"), history), rows = new ShoalSearch.Rows($("chart"), history), { view } = scene;
-    const rate = history.end / ShoalTrack.clamp(history.end / PACE, SHORTEST, LONGEST); // cells a second
-    let time = 0, playing = false, clock = 0, speed = 1, pending = 0, resized = false, colours = {};
+    const scene = new ShoalSearch.Scene($("picture"), history),
+      rows = new ShoalSearch.Rows($("chart"), history),
+      { view } = scene;
+    // cells a second
+    const rate = history.end / ShoalTrack.clamp(history.end / PACE, SHORTEST, LONGEST);
+    let time = 0,
+      playing = false,
+      clock = 0,
+      speed = 1,
+      pending = 0,
+      resized = false,
+      colours = {};
 
     function redraw() {
       pending ||= requestAnimationFrame(frame);
@@ -98,7 +133,8 @@
     }
 
     function advance(now) {
-      const next = time + (Math.max(0, Math.min(now - clock, 100)) / 1000) * speed * rate; // after a hidden tab, no leap
+      // after a hidden tab, no leap
+      const next = time + (Math.max(0, Math.min(now - clock, 100)) / 1000) * speed * rate;
       clock = now;
       show(next);
       if (time === history.end) pause();
@@ -139,10 +175,14 @@
       $("searched").textContent = number(done);
       $("bar").style.transform = `scaleX(${done / history.cells})`;
       const seconds = history.climb + time * history.cellTime;
-      $("clock").textContent = `${lasting(seconds)} of ${lasting(history.climb + history.end * history.cellTime)}`;
-      const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`, cell = $("details").querySelector("dd");
+      $("clock").textContent =
+        `${lasting(seconds)} of ${lasting(history.climb + history.end * history.cellTime)}`;
+      const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`,
+        cell = $("details").querySelector("dd");
       if (cell.textContent !== found) cell.textContent = found;
-      if (history.success[0].length) $("details").querySelectorAll("dd")[1].textContent = `${Math.round(100 * history.successAt(time))} %`;
+      if (history.success[0].length)
+        $("details").querySelectorAll("dd")[1].textContent =
+          `${Math.round(100 * history.successAt(time))} %`;
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / history.end);
       history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
@@ -151,7 +191,9 @@
 
     /** Only what is new is written: thirty rows are seen sixty times a second. */
     function reportRobot(robot, row) {
-      const activity = robot.activityAt(time), done = robot.doneAt(time), told = `${activity.kind}${activity.other} ${done}`;
+      const activity = robot.activityAt(time),
+        done = robot.doneAt(time),
+        told = `${activity.kind}${activity.other} ${done}`;
       if (told === row.told) return;
       row.told = told;
       row.state.textContent = row.button.title = wordOf(activity, robot.liar);
@@ -171,16 +213,26 @@
 
     function caption(x = null, y = 0) {
       if (x === null) {
-        $("hover").textContent = history.covered == null ? "" : `all searched at ${lasting(history.climb + history.covered * history.cellTime)}`;
+        $("hover").textContent =
+          history.covered == null
+            ? ""
+            : `all searched at ${lasting(history.climb + history.covered * history.cellTime)}`;
         return;
       }
-      const at = rows.timeAt(x), k = rows.rowAt(y), robot = history.robots[k];
-      $("hover").textContent = `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.activityAt(at), robot.liar)}`;
+      const at = rows.timeAt(x),
+        k = rows.rowAt(y),
+        robot = history.robots[k];
+      $("hover").textContent =
+        `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.activityAt(at), robot.liar)}`;
     }
 
     function announce() {
       const words = `${number(history.searchedAt(time))} of ${plural(history.cells, "cell")} searched`;
-      ShoalDesk.announce(words, `The region with ${plural(history.robots.length, "robot")}, ${words}`, () => playing);
+      ShoalDesk.announce(
+        words,
+        `The region with ${plural(history.robots.length, "robot")}, ${words}`,
+        () => playing,
+      );
     }
 
     const reportPlaying = () => ShoalDesk.reportPlaying(playing, announce);
@@ -188,11 +240,21 @@
     // ---- colours, sizes, view ----
 
     function setTheme(theme) {
-      const read = ShoalDesk.wearTheme(theme), css = (name) => `rgb(${read(name).join(" ")})`;
-      const own = Array.from({ length: COLOURS }, (_, i) => read(`r${i}`)), text = own.map((colour) => `rgb(${colour.join(" ")})`);
+      const read = ShoalDesk.wearTheme(theme),
+        css = (name) => `rgb(${read(name).join(" ")})`;
+      const own = Array.from({ length: COLOURS }, (_, i) => read(`r${i}`)),
+        text = own.map((colour) => `rgb(${colour.join(" ")})`);
       colours = {
-        robot: (k) => own[k % COLOURS], robotText: (k) => text[k % COLOURS], floor: read("floor"), floorText: css("floor"),
-        onRobot: css("on-robot"), wall: css("wall"), wait: css("wait"), found: css("found"), hot: read("heat"), ink: css("ink"),
+        robot: (k) => own[k % COLOURS],
+        robotText: (k) => text[k % COLOURS],
+        floor: read("floor"),
+        floorText: css("floor"),
+        onRobot: css("on-robot"),
+        wall: css("wall"),
+        wait: css("wait"),
+        found: css("found"),
+        hot: read("heat"),
+        ink: css("ink"),
         veil: `rgb(${read("page").join(" ")} / .62)`,
       };
       scene.forget();
@@ -202,7 +264,10 @@
 
     function resize() {
       resized = false;
-      ShoalDesk.resize([[scene, "stage"], [rows, "chart"]]);
+      ShoalDesk.resize([
+        [scene, "stage"],
+        [rows, "chart"],
+      ]);
       reportView();
     }
 
@@ -212,23 +277,49 @@
 
     function listen() {
       const setSpeed = ShoalDesk.listen({
-        isPlaying: () => playing, play, pause, setTheme, first: () => goTo(0), last: () => goTo(Infinity),
-        stepBy: (n) => goTo(n > 0 ? Math.floor(time + 1e-9) + n : Math.ceil(time - 1e-9) + n), fit: () => moveView(() => view.fit()),
-        speeds: SPEEDS, label: (by) => `× ${by}`, onSpeed: (next) => { speed = next; },
+        isPlaying: () => playing,
+        play,
+        pause,
+        setTheme,
+        first: () => goTo(0),
+        last: () => goTo(Infinity),
+        stepBy: (n) => goTo(n > 0 ? Math.floor(time + 1e-9) + n : Math.ceil(time - 1e-9) + n),
+        fit: () => moveView(() => view.fit()),
+        speeds: SPEEDS,
+        label: (by) => `× ${by}`,
+        onSpeed: (next) => {
+          speed = next;
+        },
       });
       setSpeed(speed);
       $("scrub").addEventListener("input", () => goTo(Number($("scrub").value) / 1000));
       let level = 0;
-      $("chart").addEventListener("pointermove", (event) => { level = event.clientY - $("chart").getBoundingClientRect().top; }, true);
-      ShoalHands.seekOn($("chart"), (x) => goTo(rows.timeAt(x)), (x) => caption(x, level));
+      $("chart").addEventListener(
+        "pointermove",
+        (event) => {
+          level = event.clientY - $("chart").getBoundingClientRect().top;
+        },
+        true,
+      );
+      ShoalHands.seekOn(
+        $("chart"),
+        (x) => goTo(rows.timeAt(x)),
+        (x) => caption(x, level),
+      );
       let pressed = [0, 0];
-      $("picture").addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+      $("picture").addEventListener("pointerdown", (event) => {
+        pressed = [event.clientX, event.clientY];
+      });
       $("picture").addEventListener("click", (event) => {
-        if (Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return; // a drag
+        // a drag
+        if (Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
         const k = scene.robotAt(event.offsetX * scene.ratio, event.offsetY * scene.ratio, time);
         if (k >= 0) (player.onRobot ?? choose)(k, time);
       });
-      ShoalDesk.watchSizes(["stage", "chart"], () => { resized = true; redraw(); });
+      ShoalDesk.watchSizes(["stage", "chart"], () => {
+        resized = true;
+        redraw();
+      });
     }
 
     describe(history);
@@ -239,22 +330,53 @@
     caption();
     report();
     const player = {
-      length: history.end, play, pause, seek: goTo, setTheme,
-      onRobot: null, // called instead of following a robot that is clicked, with its number from 0 and the time
-      get time() { return time; },
-      get playing() { return playing; },
-      get searched() { return history.searchedAt(time); },
-      get points() { return history.robots.map((robot) => robot.at(time)); },
-      get found() { return history.foundAt(time); },
-      get success() { return history.successAt(time); },
-      get heat() { return Array.from(scene.heat ?? []); }, // of each square, after drawNow
-      get doing() { return history.robots.map((robot) => robot.activityAt(time).kind); },
-      get chosen() { return scene.chosen; },
-      get zoom() { return view.zoom; },
-      drawNow() { scene.draw(time, colours); rows.draw(time, colours); },
+      length: history.end,
+      play,
+      pause,
+      seek: goTo,
+      setTheme,
+      // called instead of following a robot that is clicked, with its number from 0 and the time
+      onRobot: null,
+      get time() {
+        return time;
+      },
+      get playing() {
+        return playing;
+      },
+      get searched() {
+        return history.searchedAt(time);
+      },
+      get points() {
+        return history.robots.map((robot) => robot.at(time));
+      },
+      get found() {
+        return history.foundAt(time);
+      },
+      get success() {
+        return history.successAt(time);
+      },
+      get heat() {
+        return Array.from(scene.heat ?? []);
+      }, // of each square, after drawNow
+      get doing() {
+        return history.robots.map((robot) => robot.activityAt(time).kind);
+      },
+      get chosen() {
+        return scene.chosen;
+      },
+      get zoom() {
+        return view.zoom;
+      },
+      drawNow() {
+        scene.draw(time, colours);
+        rows.draw(time, colours);
+      },
     };
     return player;
   }
 
-  ShoalDesk.open((data) => new ShoalSearch.History(data), (data, history) => play(history));
+  ShoalDesk.open(
+    (data) => new ShoalSearch.History(data),
+    (data, history) => play(history),
+  );
 })();

@@ -1,11 +1,13 @@
-/* The search on a canvas: cells, ways, robots; and the rows of time. Lengths are device pixels, times those of a cell. */
+/* The search on a canvas: cells, ways, robots; and the rows of time. Lengths are device pixels,
+ * times those of a cell. */
 "use strict";
 
 const ShoalSearch = (() => {
   const { clamp } = ShoalTrack;
   const MARGIN = 22; // CSS pixels around the picture
   const INSET = 0.5; // rem left and right of the rows: half a thumb, as of the scrub bar
-  const OWN = 0.18, TAKEN = 0.42; // how much of a robot's colour its cells have
+  const OWN = 0.18,
+    TAKEN = 0.42; // how much of a robot's colour its cells have
   const WARM = 0.75; // how much of the colour of heat the likeliest squares have
   const STEPS = 65535; // of places across the picture
   const EARLY = 1e-3; // cells: times are rounded
@@ -18,7 +20,8 @@ const ShoalSearch = (() => {
 
   /** How many of the rising numbers are at most x. */
   function countUpTo(rising, x) {
-    let low = 0, high = rising.length;
+    let low = 0,
+      high = rising.length;
     while (low < high) {
       const middle = (low + high) >> 1;
       if (rising[middle] <= x) low = middle + 1;
@@ -29,17 +32,28 @@ const ShoalSearch = (() => {
 
   class Robot {
     constructor(told, box) {
-      const places = numbers(told.places, "u2"), across = (box[2] - box[0]) / STEPS, up = (box[3] - box[1]) / STEPS;
+      const places = numbers(told.places, "u2"),
+        across = (box[2] - box[0]) / STEPS,
+        up = (box[3] - box[1]) / STEPS;
       this.times = numbers(told.times, "f4");
-      this.points = Array.from(this.times, (_, k) => [box[0] + places[2 * k] * across, box[1] + places[2 * k + 1] * up]);
+      this.points = Array.from(this.times, (_, k) => [
+        box[0] + places[2 * k] * across,
+        box[1] + places[2 * k + 1] * up,
+      ]);
       this.visits = numbers(told.visits, "f4");
-      this.activities = told.activities.map(([begin, end, kind, other]) => ({ begin, end, kind, other }));
+      this.activities = told.activities.map(([begin, end, kind, other]) => ({
+        begin,
+        end,
+        kind,
+        other,
+      }));
       this.outline = numbers(told.outline, "u2");
       this.liar = told.liar;
     }
 
     at(time) {
-      const { times, points } = this, next = countUpTo(times, time);
+      const { times, points } = this,
+        next = countUpTo(times, time);
       if (next === 0) return points[0];
       if (next === times.length) return points[next - 1];
       const share = (time - times[next - 1]) / (times[next] - times[next - 1]);
@@ -76,7 +90,8 @@ const ShoalSearch = (() => {
       return countUpTo(this.searched, time + EARLY);
     }
 
-    /** How many squares of the picture have a colour: of several a cell where layers are cut into different cells. */
+    /** How many squares of the picture have a colour: of several a cell where layers are cut
+     *  into different cells. */
     paintedAt(time) {
       return countUpTo(this.first, time + EARLY);
     }
@@ -88,7 +103,8 @@ const ShoalSearch = (() => {
 
     /** The probability that the target of a prior is found. */
     successAt(time) {
-      const [times, found] = this.success, count = countUpTo(times, time + EARLY);
+      const [times, found] = this.success,
+        count = countUpTo(times, time + EARLY);
       return count ? found[count - 1] : 0;
     }
 
@@ -103,22 +119,40 @@ const ShoalSearch = (() => {
       this.pen = canvas.getContext("2d");
       this.history = history;
       const [left, bottom, right, top] = history.view;
-      this.view = new ShoalViews.Plane({ rings: [[[left, bottom], [right, bottom], [right, top], [left, top]]] });
+      this.view = new ShoalViews.Plane({
+        rings: [
+          [
+            [left, bottom],
+            [right, bottom],
+            [right, top],
+            [left, top],
+          ],
+        ],
+      });
       this.cells = document.createElement("canvas"); // a pixel a cell
       [this.cells.height, this.cells.width] = history.shape;
       this.image = new ImageData(history.shape[1], history.shape[0]);
-      this.shown = this.cooled = 0; // searched cells that have their colour, and looks that cooled theirs
+      // searched cells that have their colour, and looks that cooled theirs
+      this.shown = this.cooled = 0;
       this.warm = false; // whether likely squares have theirs
       this.chosen = -1; // the robot that is followed
     }
 
     resize() {
-      this.view.resize(this.canvas.width, this.canvas.height, MARGIN * this.unit, MARGIN * this.unit);
+      this.view.resize(
+        this.canvas.width,
+        this.canvas.height,
+        MARGIN * this.unit,
+        MARGIN * this.unit,
+      );
     }
 
     /** The robot drawn at a place, the nearest one; -1 for none. */
     robotAt(x, y, time) {
-      const away = this.history.robots.map((robot) => { const [right, down] = this.view.at(robot.at(time)); return Math.hypot(right - x, down - y); });
+      const away = this.history.robots.map((robot) => {
+        const [right, down] = this.view.at(robot.at(time));
+        return Math.hypot(right - x, down - y);
+      });
       const nearest = Math.min(...away);
       return nearest <= 14 * this.unit ? away.indexOf(nearest) : -1;
     }
@@ -133,18 +167,31 @@ const ShoalSearch = (() => {
     /** Start anew: the squares where the target is likely are as warm as before the search. */
     warmUp(colours) {
       const { heat } = this.history;
-      this.owner = new Int32Array(this.image.width * this.image.height).fill(-1); // which search painted a square
+      // which search painted a square
+      this.owner = new Int32Array(this.image.width * this.image.height).fill(-1);
       this.heat = heat ? heat.slice() : null;
       this.warm = true;
-      this.heat?.forEach((strength, square) => { if (strength) this.paintSquare(square, colours); });
+      this.heat?.forEach((strength, square) => {
+        if (strength) this.paintSquare(square, colours);
+      });
     }
 
     /** Paint a square with its heat, and over it the colour of who searched it. */
     paintSquare(square, colours) {
-      const { history, heat, image: { data } } = this, k = this.owner[square];
-      const hot = heat ? WARM * heat[square] / 255 : 0;
-      const robot = k < 0 ? -1 : history.by[k], own = k < 0 ? null : colours.robot(robot);
-      const part = k < 0 ? 0 : (history.taken[k] ? TAKEN : OWN) * (this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1);
+      const {
+          history,
+          heat,
+          image: { data },
+        } = this,
+        k = this.owner[square];
+      const hot = heat ? (WARM * heat[square]) / 255 : 0;
+      const robot = k < 0 ? -1 : history.by[k],
+        own = k < 0 ? null : colours.robot(robot);
+      const part =
+        k < 0
+          ? 0
+          : (history.taken[k] ? TAKEN : OWN) *
+            (this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1);
       for (let i = 0; i < 3; i++) {
         const ground = colours.floor[i] + hot * (colours.hot[i] - colours.floor[i]);
         data[4 * square + i] = ground + part * ((own?.[i] ?? ground) - ground);
@@ -153,11 +200,14 @@ const ShoalSearch = (() => {
     }
 
     paintCells(time, colours) {
-      const { history, image } = this, count = history.paintedAt(time), cooled = history.cooledAt(time);
+      const { history, image } = this,
+        count = history.paintedAt(time),
+        cooled = history.cooledAt(time);
       if (count < this.shown || cooled < this.cooled) this.forget();
       if (this.warm && count === this.shown && cooled === this.cooled) return;
       if (!this.warm) this.warmUp(colours);
-      const [, squares, heat] = history.cooled, changed = new Set();
+      const [, squares, heat] = history.cooled,
+        changed = new Set();
       for (; this.cooled < cooled; this.cooled++) {
         this.heat[squares[this.cooled]] = heat[this.cooled];
         changed.add(squares[this.cooled]);
@@ -189,7 +239,8 @@ const ShoalSearch = (() => {
       pen.fillStyle = colours.floorText;
       pen.fill("evenodd");
       pen.clip("evenodd");
-      const [x, y] = view.at([history.box[0], history.box[3]]), side = history.size * view.scale;
+      const [x, y] = view.at([history.box[0], history.box[3]]),
+        side = history.size * view.scale;
       pen.imageSmoothingEnabled = false;
       pen.drawImage(this.cells, x, y, side * history.shape[1], side * history.shape[0]);
       this.drawObstacles(time, colours, x, y, side);
@@ -202,9 +253,14 @@ const ShoalSearch = (() => {
       pen.lineJoin = "round";
       pen.stroke();
       this.drawWays(time, colours, side);
-      history.robots.forEach((robot, k) => this.drawStart(robot.points[0], colours.robotText(k), colours));
-      for (const [fx, fy, when] of history.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
-      history.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
+      history.robots.forEach((robot, k) =>
+        this.drawStart(robot.points[0], colours.robotText(k), colours),
+      );
+      for (const [fx, fy, when] of history.findings)
+        if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
+      history.robots.forEach((robot, k) => {
+        if (k !== this.chosen) this.drawRobot(robot, k, time, colours);
+      });
       if (this.chosen >= 0) this.drawRobot(history.robots[this.chosen], this.chosen, time, colours);
       this.drawLabels(colours);
       this.drawScale(colours);
@@ -223,13 +279,21 @@ const ShoalSearch = (() => {
       }
     }
 
-    /** A bar of a round length in metres, and an arrow to the north; a rim keeps both apart from what lies below. */
+    /** A bar of a round length in metres, and an arrow to the north; a rim keeps both apart from
+     *  what lies below. */
     drawScale(colours) {
-      const { pen, canvas, unit, view, history } = this, most = 0.22 * canvas.width / view.scale, power = 10 ** Math.floor(Math.log10(most));
-      const length = [5, 2, 1].find((step) => step * power <= most) * power, long = length * view.scale;
-      const x = 12 * unit, y = canvas.height - 12 * unit;
+      const { pen, canvas, unit, view, history } = this,
+        most = (0.22 * canvas.width) / view.scale,
+        power = 10 ** Math.floor(Math.log10(most));
+      const length = [5, 2, 1].find((step) => step * power <= most) * power,
+        long = length * view.scale;
+      const x = 12 * unit,
+        y = canvas.height - 12 * unit;
       const rimmed = (width, draw) => {
-        for (const [colour, rim] of [[colours.floorText, 4 * unit], [colours.ink, 0]]) {
+        for (const [colour, rim] of [
+          [colours.floorText, 4 * unit],
+          [colours.ink, 0],
+        ]) {
           pen.strokeStyle = pen.fillStyle = colour;
           pen.lineWidth = width + rim;
           draw(rim > 0);
@@ -248,11 +312,18 @@ const ShoalSearch = (() => {
       pen.lineTo(x + long, y);
       pen.lineTo(x + long, y - 5 * unit);
       rimmed(1.6 * unit, () => pen.stroke());
-      write(length >= 1000 ? `${length / 1000} km` : `${length} m`, `${11 * unit}px system-ui, sans-serif`, x + long / 2, y - 5 * unit);
+      write(
+        length >= 1000 ? `${length / 1000} km` : `${length} m`,
+        `${11 * unit}px system-ui, sans-serif`,
+        x + long / 2,
+        y - 5 * unit,
+      );
       if (history.north === null) return;
-      const middle = x + long + 24 * unit, lean = history.north * Math.PI / 180;
+      const middle = x + long + 24 * unit,
+        lean = (history.north * Math.PI) / 180;
       const corner = (right, up) => [
-        middle + (right * Math.cos(lean) + up * Math.sin(lean)) * unit, y + (-20 + right * Math.sin(lean) - up * Math.cos(lean)) * unit,
+        middle + (right * Math.cos(lean) + up * Math.sin(lean)) * unit,
+        y + (-20 + right * Math.sin(lean) - up * Math.cos(lean)) * unit,
       ];
       pen.beginPath();
       pen.moveTo(...corner(0, 8));
@@ -265,11 +336,18 @@ const ShoalSearch = (() => {
 
     /** Cells that cannot be entered, once that was found. */
     drawObstacles(time, colours, x, y, side) {
-      const { pen, history } = this, columns = history.shape[1];
+      const { pen, history } = this,
+        columns = history.shape[1];
       pen.fillStyle = colours.wall;
       pen.globalAlpha = 0.75;
       for (const [cell, found] of history.obstacles) {
-        if (found <= time + EARLY) pen.fillRect(x + side * (cell % columns), y + side * Math.floor(cell / columns), side, side);
+        if (found <= time + EARLY)
+          pen.fillRect(
+            x + side * (cell % columns),
+            y + side * Math.floor(cell / columns),
+            side,
+            side,
+          );
       }
       pen.globalAlpha = 1;
     }
@@ -277,7 +355,11 @@ const ShoalSearch = (() => {
     drawOutlines(time, colours, x, y, side) {
       const { pen, history, unit } = this;
       history.robots.forEach((robot, k) => {
-        if (!robot.outline.length || !robot.activities.some((one) => one.kind === "taken" && one.begin <= time + EARLY)) return;
+        if (
+          !robot.outline.length ||
+          !robot.activities.some((one) => one.kind === "taken" && one.begin <= time + EARLY)
+        )
+          return;
         pen.beginPath();
         for (let i = 0; i < robot.outline.length; i += 4) {
           pen.moveTo(x + side * robot.outline[i], y + side * robot.outline[i + 1]);
@@ -298,10 +380,19 @@ const ShoalSearch = (() => {
       history.robots.forEach((robot, k) => {
         const count = countUpTo(robot.times, time);
         pen.strokeStyle = colours.robotText(k);
-        if (k === chosen && count < robot.points.length) { // what is still to come
-          this.trace([robot.at(time), ...robot.points.slice(count)], wide, 0.35, [4 * unit, 4 * unit]);
+        if (k === chosen && count < robot.points.length) {
+          // what is still to come
+          this.trace([robot.at(time), ...robot.points.slice(count)], wide, 0.35, [
+            4 * unit,
+            4 * unit,
+          ]);
         }
-        if (count) this.trace([...robot.points.slice(0, count), robot.at(time)], k === chosen ? 1.5 * wide : wide, chosen >= 0 && k !== chosen ? 0.2 : 0.8);
+        if (count)
+          this.trace(
+            [...robot.points.slice(0, count), robot.at(time)],
+            k === chosen ? 1.5 * wide : wide,
+            chosen >= 0 && k !== chosen ? 0.2 : 0.8,
+          );
       });
     }
 
@@ -318,7 +409,9 @@ const ShoalSearch = (() => {
     }
 
     drawStart(point, own, colours) {
-      const { pen, unit } = this, [x, y] = this.view.at(point), half = 3.5 * unit;
+      const { pen, unit } = this,
+        [x, y] = this.view.at(point),
+        half = 3.5 * unit;
       pen.fillStyle = colours.floorText;
       pen.fillRect(x - half - unit, y - half - unit, 2 * (half + unit), 2 * (half + unit));
       pen.fillStyle = own;
@@ -326,10 +419,17 @@ const ShoalSearch = (() => {
     }
 
     drawFinding(point, colours) {
-      const { pen, unit } = this, [x, y] = this.view.at(point), r = 6.5 * unit;
+      const { pen, unit } = this,
+        [x, y] = this.view.at(point),
+        r = 6.5 * unit;
       pen.beginPath();
       pen.moveTo(x, y - r);
-      for (const [i, j] of [[1, 0], [0, 1], [-1, 0]]) pen.lineTo(x + i * r, y + j * r);
+      for (const [i, j] of [
+        [1, 0],
+        [0, 1],
+        [-1, 0],
+      ])
+        pen.lineTo(x + i * r, y + j * r);
       pen.closePath();
       pen.fillStyle = colours.found;
       pen.fill();
@@ -339,8 +439,11 @@ const ShoalSearch = (() => {
     }
 
     drawRobot(robot, k, time, colours) {
-      const { pen, unit, history } = this, [x, y] = this.view.at(robot.at(time)), activity = robot.activityAt(time);
-      const r = (history.robots.length <= 12 ? 10.5 : 8.5) * unit, own = colours.robotText(k);
+      const { pen, unit, history } = this,
+        [x, y] = this.view.at(robot.at(time)),
+        activity = robot.activityAt(time);
+      const r = (history.robots.length <= 12 ? 10.5 : 8.5) * unit,
+        own = colours.robotText(k);
       pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.45 : 1;
       if (activity.kind === "dead") {
         this.drawCross(x, y, 0.62 * r, colours);
@@ -354,8 +457,10 @@ const ShoalSearch = (() => {
         pen.fillText(k + 1, x + 0.85 * r, y + 1.3 * r);
       } else {
         const idle = !["own", "taken"].includes(activity.kind);
-        if (activity.kind === "taken") this.drawTaking(x, y, r, own, (time - activity.begin) / (history.end / 40));
-        if (idle && activity.kind !== "listening" && history.circle) this.drawCircle(x, y, history.circle * this.view.scale, own);
+        if (activity.kind === "taken")
+          this.drawTaking(x, y, r, own, (time - activity.begin) / (history.end / 40));
+        if (idle && activity.kind !== "listening" && history.circle)
+          this.drawCircle(x, y, history.circle * this.view.scale, own);
         pen.beginPath();
         pen.arc(x, y, r, 0, 2 * Math.PI);
         pen.fillStyle = idle ? colours.floorText : own;
@@ -376,7 +481,8 @@ const ShoalSearch = (() => {
 
     /** A ring around a robot in another's part; when it begins, one that grows. */
     drawTaking(x, y, r, own, since) {
-      const { pen, unit } = this, alpha = pen.globalAlpha;
+      const { pen, unit } = this,
+        alpha = pen.globalAlpha;
       pen.strokeStyle = own;
       pen.lineWidth = 2.2 * unit;
       pen.beginPath();
@@ -405,7 +511,10 @@ const ShoalSearch = (() => {
     drawCross(x, y, r, colours) {
       const { pen, unit } = this;
       pen.lineCap = "round";
-      for (const [width, shade] of [[5.5, colours.floorText], [2.6, colours.ink]]) {
+      for (const [width, shade] of [
+        [5.5, colours.floorText],
+        [2.6, colours.ink],
+      ]) {
         pen.beginPath();
         for (const s of [1, -1]) {
           pen.moveTo(x - r, y - s * r);
@@ -443,7 +552,11 @@ const ShoalSearch = (() => {
     }
 
     rowAt(cssY) {
-      return clamp(Math.floor((cssY * this.ratio - this.top) / this.pitch), 0, this.history.robots.length - 1);
+      return clamp(
+        Math.floor((cssY * this.ratio - this.top) / this.pitch),
+        0,
+        this.history.robots.length - 1,
+      );
     }
 
     xOf(time) {
@@ -473,20 +586,27 @@ const ShoalSearch = (() => {
     drawRows(colours) {
       const { history, unit, canvas, kept, top, pitch } = this;
       [kept.width, kept.height] = [canvas.width, canvas.height];
-      const pen = kept.getContext("2d"), gap = pitch > 6 * unit ? 2 * unit : Math.max(0.5, 0.15 * pitch);
+      const pen = kept.getContext("2d"),
+        gap = pitch > 6 * unit ? 2 * unit : Math.max(0.5, 0.15 * pitch);
       history.robots.forEach((robot, k) => {
-        const y = top + k * pitch, high = pitch - gap;
+        const y = top + k * pitch,
+          high = pitch - gap;
         pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.35 : 1;
         for (const one of robot.activities) this.drawActivity(pen, one, k, y, high, colours);
       });
       pen.globalAlpha = 1;
       pen.fillStyle = colours.ink;
-      if (history.covered != null) for (let y = 0; y < canvas.height; y += 5 * unit) pen.fillRect(this.xOf(history.covered), y, Math.max(1, unit), 3 * unit);
+      if (history.covered != null)
+        for (let y = 0; y < canvas.height; y += 5 * unit)
+          pen.fillRect(this.xOf(history.covered), y, Math.max(1, unit), 3 * unit);
       this.stale = false;
     }
 
     drawActivity(pen, one, k, y, high, colours) {
-      const { unit } = this, x = this.xOf(one.begin), long = Math.max(0, this.xOf(one.end) - x), own = colours.robotText(k);
+      const { unit } = this,
+        x = this.xOf(one.begin),
+        long = Math.max(0, this.xOf(one.end) - x),
+        own = colours.robotText(k);
       pen.fillStyle = own;
       if (one.kind === "own") pen.fillRect(x, y, long, high);
       else if (one.kind === "taken") {
@@ -513,9 +633,11 @@ const ShoalSearch = (() => {
         const thin = one.kind === "listening" ? 0.35 : 1;
         pen.fillRect(x, y + (high * (1 - thin)) / 2, long, high * thin);
       } else if (one.kind === "paused") {
-        for (let at = x; at < x + long; at += 5 * unit) pen.fillRect(at, y + high / 2 - unit, Math.min(2 * unit, x + long - at), 2 * unit);
+        for (let at = x; at < x + long; at += 5 * unit)
+          pen.fillRect(at, y + high / 2 - unit, Math.min(2 * unit, x + long - at), 2 * unit);
       } else if (one.kind === "dead") {
-        const r = Math.min(3.5 * unit, high / 2), middle = y + high / 2;
+        const r = Math.min(3.5 * unit, high / 2),
+          middle = y + high / 2;
         pen.strokeStyle = colours.ink;
         pen.lineWidth = 1.8 * unit;
         pen.beginPath();

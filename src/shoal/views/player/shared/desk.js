@@ -1,11 +1,13 @@
-/* The desk: what the players of all parts share. Buttons, keys, the speed, the theme, the words about the episode. */
+/* The desk: what the players of all parts share. Buttons, keys, the speed, the theme, the words
+ * about the episode. */
 "use strict";
 
 const ShoalDesk = (() => {
   const $ = (id) => document.getElementById(id);
   const number = (n) => n.toLocaleString("en-GB");
   const plural = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
-  const shapeText = (shape) => shape.map((n, i) => plural(n, ["layer", "row", "column"].at(i - shape.length))).join(" × ");
+  const shapeText = (shape) =>
+    shape.map((n, i) => plural(n, ["layer", "row", "column"].at(i - shape.length))).join(" × ");
 
   function fail(sentence) {
     $("player").hidden = true;
@@ -13,7 +15,8 @@ const ShoalDesk = (() => {
     $("problem").textContent = `This film cannot be shown. ${sentence}`;
   }
 
-  /** Play the episode that the page has; the page of a server has none, and is given one, or another one, by `shoalOpen`. */
+  /** Play the episode that the page has; the page of a server has none, and is given one, or
+   *  another one, by `shoalOpen`. */
   function open(read, play) {
     const show = (data) => {
       try {
@@ -42,7 +45,9 @@ const ShoalDesk = (() => {
 
   function fillRows(list, rows) {
     for (const [term, value] of rows) {
-      const row = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
+      const row = document.createElement("div"),
+        dt = document.createElement("dt"),
+        dd = document.createElement("dd");
       dt.textContent = term;
       dd.textContent = value;
       row.append(dt, dd);
@@ -53,20 +58,25 @@ const ShoalDesk = (() => {
   /** Facts below the title; what the title says is not said again. */
   function showFacts(facts) {
     const said = $("title").textContent.toLowerCase();
-    $("facts").replaceChildren(...facts.filter((fact) => fact && !said.includes(fact.toLowerCase())).map((fact) => {
-      const span = document.createElement("span");
-      span.textContent = fact;
-      return span;
-    }));
+    $("facts").replaceChildren(
+      ...facts
+        .filter((fact) => fact && !said.includes(fact.toLowerCase()))
+        .map((fact) => {
+          const span = document.createElement("span");
+          span.textContent = fact;
+          return span;
+        }),
+    );
   }
 
   function openKeys() {
     if (!$("keys").open) $("keys").showModal();
   }
 
-  /** Connect buttons, keys, the speed and the theme with a player. Arrows step by one, with Shift by ten.
-   *  `player` has isPlaying(), play(), pause(), stepBy(n), first(), last(), fit(), setTheme(theme), onSpeed(speed, byHand), label(speed),
-   *  `speeds`, and may have `keys` of its own. Return the function that sets the speed. */
+  /** Connect buttons, keys, the speed and the theme with a player. Arrows step by one, with
+   *  Shift by ten. `player` has isPlaying(), play(), pause(), stepBy(n), first(), last(), fit(),
+   *  setTheme(theme), onSpeed(speed, byHand), label(speed), `speeds`, and may have `keys` of its
+   *  own. Return the function that sets the speed. */
   function listen(player) {
     const { speeds, stepBy, fit } = player;
     let speed = speeds[0];
@@ -75,15 +85,33 @@ const ShoalDesk = (() => {
       $("speed").value = next;
       player.onSpeed(next, byHand);
     };
-    const change = (by) => () => setSpeed(speeds[Math.max(0, Math.min(speeds.length - 1, speeds.indexOf(speed) + by))], true);
+    const change = (by) => () =>
+      setSpeed(speeds[Math.max(0, Math.min(speeds.length - 1, speeds.indexOf(speed) + by))], true);
     const play = () => (player.isPlaying() ? player.pause() : player.play());
-    const theme = () => player.setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    const theme = () =>
+      player.setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
     const actions = {
-      play, theme, help: openKeys, fit, first: player.first, last: player.last, back: () => stepBy(-1), forward: () => stepBy(1),
+      play,
+      theme,
+      help: openKeys,
+      fit,
+      first: player.first,
+      last: player.last,
+      back: () => stepBy(-1),
+      forward: () => stepBy(1),
     };
     const keys = {
-      " ": play, Home: player.first, End: player.last, "+": change(1), "=": change(1), "-": change(-1), _: change(-1),
-      d: theme, f: fit, "?": openKeys, ...player.keys,
+      " ": play,
+      Home: player.first,
+      End: player.last,
+      "+": change(1),
+      "=": change(1),
+      "-": change(-1),
+      _: change(-1),
+      d: theme,
+      f: fit,
+      "?": openKeys,
+      ...player.keys,
     };
     listenToSpeed(speeds, player.label, (next) => setSpeed(next, true));
     for (const [id, action] of Object.entries(actions)) {
@@ -93,10 +121,14 @@ const ShoalDesk = (() => {
     }
     document.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
-      const { key, target } = event, arrow = { ArrowLeft: -1, ArrowRight: 1 }[key];
+      const { key, target } = event,
+        arrow = { ArrowLeft: -1, ArrowRight: 1 }[key];
       if (target.tagName === "SELECT") return; // it has its own use for these keys
-      if (key === " " && target.tagName === "BUTTON") return; // a focused button is pressed by Space
-      const action = arrow ? () => stepBy(arrow * (event.shiftKey ? 10 : 1)) : keys[key.length === 1 ? key.toLowerCase() : key];
+      // a focused button is pressed by Space
+      if (key === " " && target.tagName === "BUTTON") return;
+      const action = arrow
+        ? () => stepBy(arrow * (event.shiftKey ? 10 : 1))
+        : keys[key.length === 1 ? key.toLowerCase() : key];
       if (!action) return;
       event.preventDefault(); // else the scrub bar would move as well
       action();
@@ -104,7 +136,8 @@ const ShoalDesk = (() => {
     return setSpeed;
   }
 
-  /** Zoom and pan the view of a scene. Return a function that shows the state of the view, and one that changes the view. */
+  /** Zoom and pan the view of a scene. Return a function that shows the state of the view, and
+   *  one that changes the view. */
   function handleView(scene, redraw, turns = false) {
     const { view } = scene;
     const reportView = () => {
@@ -112,7 +145,10 @@ const ShoalDesk = (() => {
       $("stage").classList.toggle("zoomed", view.zoom > 1);
       redraw();
     };
-    const moveView = (change) => { change(); reportView(); };
+    const moveView = (change) => {
+      change();
+      reportView();
+    };
     ShoalHands.zoomOn($("picture"), {
       zoom: (factor, x, y) => moveView(() => view.zoomAt(factor, x * scene.ratio, y * scene.ratio)),
       pan: (x, y) => moveView(() => view.drag(x * scene.ratio, y * scene.ratio)),
@@ -122,10 +158,12 @@ const ShoalDesk = (() => {
     return { reportView, moveView };
   }
 
-  /** Give each drawing the size of its box; pairs of a drawing, which may be null, and the id of the box. A drawing gets `ratio`, the
-   *  pixels of the screen in a CSS pixel, and `unit`, a sixteenth of the text size; its resize(rem) does the rest, with `rem` in CSS pixels. */
+  /** Give each drawing the size of its box; pairs of a drawing, which may be null, and the id of
+   *  the box. A drawing gets `ratio`, the pixels of the screen in a CSS pixel, and `unit`, a
+   *  sixteenth of the text size; its resize(rem) does the rest, with `rem` in CSS pixels. */
   function resize(drawings) {
-    const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+    const ratio = window.devicePixelRatio || 1,
+      rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
     for (const [drawn, box] of drawings.filter(([one]) => one)) {
       drawn.canvas.width = Math.max(1, Math.round($(box).clientWidth * ratio));
       drawn.canvas.height = Math.max(1, Math.round($(box).clientHeight * ratio));
@@ -150,20 +188,27 @@ const ShoalDesk = (() => {
   }
 
   let speaking = 0;
-  /** Describe the moment and the picture for a screen reader, which reads the moment aloud unless the page plays by then. */
+  /** Describe the moment and the picture for a screen reader, which reads the moment aloud
+   *  unless the page plays by then. */
   function announce(moment, picture, isPlaying) {
     $("scrub").setAttribute("aria-valuetext", moment);
     $("picture").setAttribute("aria-label", picture);
     clearTimeout(speaking); // a drag should be read out once, where it ends
-    speaking = setTimeout(() => { if (!isPlaying()) $("live").textContent = moment; }, 300);
+    speaking = setTimeout(() => {
+      if (!isPlaying()) $("live").textContent = moment;
+    }, 300);
   }
 
   function listenToSpeed(speeds, label, choose) {
     const select = $("speed");
     let byPointer = false;
     select.append(...speeds.map((speed) => new Option(label(speed), speed)));
-    select.addEventListener("pointerdown", () => { byPointer = true; });
-    select.addEventListener("keydown", () => { byPointer = false; });
+    select.addEventListener("pointerdown", () => {
+      byPointer = true;
+    });
+    select.addEventListener("keydown", () => {
+      byPointer = false;
+    });
     select.addEventListener("change", () => {
       choose(Number(select.value));
       if (byPointer) select.blur(); // so the keys play again
@@ -189,6 +234,20 @@ const ShoalDesk = (() => {
   }
 
   return {
-    $, number, plural, shapeText, open, fillRows, showFacts, listen, handleView, resize, watchSizes, reportPlaying, announce, wearTheme, followTheme,
+    $,
+    number,
+    plural,
+    shapeText,
+    open,
+    fillRows,
+    showFacts,
+    listen,
+    handleView,
+    resize,
+    watchSizes,
+    reportPlaying,
+    announce,
+    wearTheme,
+    followTheme,
   };
 })();

@@ -1,4 +1,5 @@
-/* The track: where everything is at each moment of the film. Time is in seconds, a moment is a move and a share of it. */
+/* The track: where everything is at each moment of the film. Time is in seconds, a moment is a
+ * move and a share of it. */
 "use strict";
 
 const ShoalTrack = (() => {
@@ -17,7 +18,8 @@ const ShoalTrack = (() => {
       this.size = data.size;
       this.moves = data.trajectories.length;
       this.lengths = [0]; // of all moves up to each
-      for (const trajectory of data.trajectories) this.lengths.push(this.lengths.at(-1) + trajectory.length);
+      for (const trajectory of data.trajectories)
+        this.lengths.push(this.lengths.at(-1) + trajectory.length);
       this.longest = Math.max(0, ...data.trajectories.map((trajectory) => trajectory.length));
     }
 
@@ -27,7 +29,8 @@ const ShoalTrack = (() => {
       let move = this.moves - 1;
       while (move > 0 && this.starts[move] > time) move--;
       const part = clamp((time - this.starts[move]) / this.lasting[move], 0, 1);
-      return { move, share: part > 1 - 1e-9 ? 1 : part * part * (3 - 2 * part) }; // the end of a move is one despite rounding
+      // the end of a move is one despite rounding
+      return { move, share: part > 1 - 1e-9 ? 1 : part * part * (3 - 2 * part) };
     }
 
     /** When so many moves are done: 0 is the beginning of the film. */
@@ -51,9 +54,12 @@ const ShoalTrack = (() => {
     pointsAt({ move, share }) {
       const trajectory = this.trajectories[move];
       if (!trajectory) return this.start;
-      const k = this.piece(trajectory, share), { shares, points } = trajectory;
+      const k = this.piece(trajectory, share),
+        { shares, points } = trajectory;
       const part = clamp((share - shares[k]) / (shares[k + 1] - shares[k]), 0, 1);
-      return part === 1 ? points[k + 1] : points[k].map((point, i) => mix(point, points[k + 1][i], part));
+      return part === 1
+        ? points[k + 1]
+        : points[k].map((point, i) => mix(point, points[k + 1][i], part));
     }
 
     /** The pairs of particle and wall that hold at a moment. */
@@ -66,7 +72,10 @@ const ShoalTrack = (() => {
     wayUntil(index, moment) {
       const trajectory = this.trajectories[index];
       if (index < moment.move) return trajectory.points;
-      return [...trajectory.points.slice(0, this.piece(trajectory, moment.share) + 1), this.pointsAt(moment)];
+      return [
+        ...trajectory.points.slice(0, this.piece(trajectory, moment.share) + 1),
+        this.pointsAt(moment),
+      ];
     }
 
     lengthAt({ move, share }) {
@@ -79,10 +88,11 @@ const ShoalTrack = (() => {
     }
   }
 
-  // ---- the chart: distances to the goals by time --------------------------------------------------------
+  // ---- the chart: distances to the goals by time ------------------------------------------------
 
   const SAMPLES = 400;
-  const INSET = 0.5; // rem left and right: half a thumb, so that the cursor stands over the scrub bar's thumb
+  // rem left and right: half a thumb, so that the cursor stands over the scrub bar's thumb
+  const INSET = 0.5;
 
   class Chart {
     constructor(canvas, track) {
@@ -90,7 +100,8 @@ const ShoalTrack = (() => {
       this.pen = canvas.getContext("2d");
       this.track = track;
       const times = Array.from({ length: SAMPLES + 1 }, (_, k) => (k / SAMPLES) * track.seconds);
-      for (let k = 0; k < track.moves; k++) times.push(track.starts[k], track.starts[k] + track.lasting[k]);
+      for (let k = 0; k < track.moves; k++)
+        times.push(track.starts[k], track.starts[k] + track.lasting[k]);
       this.times = times.sort((a, b) => a - b);
       this.values = this.times.map((time) => track.distances(track.pointsAt(track.momentAt(time))));
       this.highest = Math.max(1e-300, ...this.values.flat());
@@ -122,12 +133,20 @@ const ShoalTrack = (() => {
       pen.fillStyle = colours.axis;
       pen.fillRect(this.left, bottom, this.width, Math.max(1, Math.round(unit)));
       if (track.moves <= this.width / (8 * unit)) {
-        for (let k = 1; k <= track.moves; k++) pen.fillRect(Math.round(this.xOf(track.starts[k - 1] + track.lasting[k - 1])), this.top, Math.max(1, Math.round(unit)), bottom - this.top);
+        for (let k = 1; k <= track.moves; k++)
+          pen.fillRect(
+            Math.round(this.xOf(track.starts[k - 1] + track.lasting[k - 1])),
+            this.top,
+            Math.max(1, Math.round(unit)),
+            bottom - this.top,
+          );
       }
       pen.lineWidth = 1.6 * unit;
       pen.lineJoin = "round";
-      for (const past of [false, true]) this.drawLines(past ? this.xOf(time) : canvas.width, past ? 1 : 0.35, colours);
-      const x = this.xOf(time), width = Math.max(1, Math.round(unit));
+      for (const past of [false, true])
+        this.drawLines(past ? this.xOf(time) : canvas.width, past ? 1 : 0.35, colours);
+      const x = this.xOf(time),
+        width = Math.max(1, Math.round(unit));
       pen.fillStyle = colours.cursor;
       pen.fillRect(Math.round(x - width / 2), 0, width, bottom);
       track.distances(track.pointsAt(track.momentAt(time))).forEach((value, i) => {

@@ -1,22 +1,27 @@
-/* Views: how points of the workspace become places on a canvas, in the plane and in space. Lengths are device pixels. */
+/* Views: how points of the workspace become places on a canvas, in the plane and in space.
+ * Lengths are device pixels. */
 "use strict";
 
 const ShoalViews = (() => {
   const { clamp } = ShoalTrack;
   const CORNERS = 72; // that stand for a circle
   const FAR = 4.5; // distance of the eye, in times the reach of what it looks at
-  const AZIMUTH = -Math.PI / 3, ABOVE = 0.42; // where the eye is at first
-  const LOWEST = 0.04, HIGHEST = 1.5; // elevations
+  const AZIMUTH = -Math.PI / 3,
+    ABOVE = 0.42; // where the eye is at first
+  const LOWEST = 0.04,
+    HIGHEST = 1.5; // elevations
   const CLOSEST = 40; // the largest zoom
 
   /** The outlines of walls, a circle as many corners. */
   function ringsOf(walls) {
     if (!walls.circle) return walls.rings;
     const [x, y, radius] = walls.circle;
-    return [Array.from({ length: CORNERS }, (_, k) => {
-      const turn = (2 * Math.PI * k) / CORNERS;
-      return [x + radius * Math.cos(turn), y + radius * Math.sin(turn)];
-    })];
+    return [
+      Array.from({ length: CORNERS }, (_, k) => {
+        const turn = (2 * Math.PI * k) / CORNERS;
+        return [x + radius * Math.cos(turn), y + radius * Math.sin(turn)];
+      }),
+    ];
   }
 
   /** A view of the plane, y up. */
@@ -42,7 +47,10 @@ const ShoalViews = (() => {
     /** `top` is left free above the picture. */
     resize(width, height, margin, top) {
       this.center = [width / 2, top + (height - top - margin) / 2];
-      this.fitScale = Math.min((width - 2 * margin) / this.extent[0], (height - margin - top) / this.extent[1]);
+      this.fitScale = Math.min(
+        (width - 2 * margin) / this.extent[0],
+        (height - margin - top) / this.extent[1],
+      );
       this.room = [width, height];
     }
 
@@ -58,8 +66,11 @@ const ShoalViews = (() => {
     }
 
     zoomAt(factor, x, y) {
-      const next = clamp(this.zoom * factor, 1, CLOSEST), grown = next / this.zoom;
-      this.shift = [x, y].map((place, i) => place - this.center[i] - (place - this.center[i] - this.shift[i]) * grown);
+      const next = clamp(this.zoom * factor, 1, CLOSEST),
+        grown = next / this.zoom;
+      this.shift = [x, y].map(
+        (place, i) => place - this.center[i] - (place - this.center[i] - this.shift[i]) * grown,
+      );
       this.zoom = next;
       if (next === 1) this.fit();
       else this.drag(0, 0);
@@ -80,13 +91,20 @@ const ShoalViews = (() => {
       this.base = ringsOf(walls)[0];
       this.walls = walls;
       const heights = states.flat().map((point) => point[2]);
-      const low = Math.min(0, ...heights), high = Math.max(walls.height, ...heights);
+      const low = Math.min(0, ...heights),
+        high = Math.max(walls.height, ...heights);
       const n = this.base.length;
-      const middle = walls.circle ?? [0, 1].map((i) => this.base.reduce((sum, point) => sum + point[i], 0) / n);
-      const flat = Math.max(...this.base.map((point) => Math.hypot(point[0] - middle[0], point[1] - middle[1])));
+      const middle =
+        walls.circle ?? [0, 1].map((i) => this.base.reduce((sum, point) => sum + point[i], 0) / n);
+      const flat = Math.max(
+        ...this.base.map((point) => Math.hypot(point[0] - middle[0], point[1] - middle[1])),
+      );
       this.middle = [middle[0], middle[1], (low + high) / 2];
       this.reach = Math.hypot(flat, (high - low) / 2);
-      this.corners = [...this.base.map(([x, y]) => [x, y, low]), ...this.base.map(([x, y]) => [x, y, high])];
+      this.corners = [
+        ...this.base.map(([x, y]) => [x, y, low]),
+        ...this.base.map(([x, y]) => [x, y, high]),
+      ];
       this.fit();
     }
 
@@ -102,9 +120,12 @@ const ShoalViews = (() => {
 
     resize(width, height, margin, top) {
       const { azimuth, elevation } = this;
-      let right = 0, up = 0, down = 0;
+      let right = 0,
+        up = 0,
+        down = 0;
       this.elevation = ABOVE;
-      for (let k = 0; k < 48; k++) { // as large as it can be if it is turned around
+      for (let k = 0; k < 48; k++) {
+        // as large as it can be if it is turned around
         this.azimuth = (2 * Math.PI * k) / 48;
         for (const corner of this.corners) {
           const [x, y] = this.project(corner);
@@ -114,7 +135,10 @@ const ShoalViews = (() => {
         }
       }
       Object.assign(this, { azimuth, elevation });
-      this.fitScale = Math.min((width - 2 * margin) / (2 * right), (height - margin - top) / (up + down));
+      this.fitScale = Math.min(
+        (width - 2 * margin) / (2 * right),
+        (height - margin - top) / (up + down),
+      );
       this.center = [width / 2, top + (height - top - margin + (up - down) * this.fitScale) / 2];
     }
 
@@ -124,7 +148,11 @@ const ShoalViews = (() => {
 
     get toward() {
       const { azimuth, elevation } = this;
-      return [Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation)];
+      return [
+        Math.cos(elevation) * Math.cos(azimuth),
+        Math.cos(elevation) * Math.sin(azimuth),
+        Math.sin(elevation),
+      ];
     }
 
     get eye() {
@@ -133,11 +161,16 @@ const ShoalViews = (() => {
 
     /** x, y and how much larger than in the middle things look. */
     project(point) {
-      const { azimuth, elevation } = this, toward = this.toward;
+      const { azimuth, elevation } = this,
+        toward = this.toward;
       const away = point.map((x, i) => x - this.middle[i]);
       const dot = (vector) => away[0] * vector[0] + away[1] * vector[1] + away[2] * vector[2];
       const right = [-Math.sin(azimuth), Math.cos(azimuth), 0];
-      const up = [-Math.sin(elevation) * Math.cos(azimuth), -Math.sin(elevation) * Math.sin(azimuth), Math.cos(elevation)];
+      const up = [
+        -Math.sin(elevation) * Math.cos(azimuth),
+        -Math.sin(elevation) * Math.sin(azimuth),
+        Math.cos(elevation),
+      ];
       const larger = (FAR * this.reach) / (FAR * this.reach - dot(toward));
       return [larger * dot(right), larger * dot(up), larger];
     }
@@ -161,17 +194,32 @@ const ShoalViews = (() => {
 
     /** The lines behind what is inside, and those in front of it. */
     edges() {
-      const { base, walls, eye } = this, { height } = walls, n = base.length;
+      const { base, walls, eye } = this,
+        { height } = walls,
+        n = base.length;
       const facing = base.map(([x, y], k) => {
         const [a, b] = base[(k + 1) % n];
         return (b - y) * (eye[0] - x) - (a - x) * (eye[1] - y) > 0;
       });
-      const above = eye[2] > height && !walls.open, behind = [], front = [];
+      const above = eye[2] > height && !walls.open,
+        behind = [],
+        front = [];
       base.forEach((point, k) => {
-        const next = base[(k + 1) % n], before = facing[(k + n - 1) % n];
-        (facing[k] || above ? front : behind).push([[...point, height], [...next, height]]);
-        (facing[k] ? front : behind).push([[...point, 0], [...next, 0]]);
-        if (facing[k] !== before || !walls.circle) (facing[k] || before ? front : behind).push([[...point, 0], [...point, height]]);
+        const next = base[(k + 1) % n],
+          before = facing[(k + n - 1) % n];
+        (facing[k] || above ? front : behind).push([
+          [...point, height],
+          [...next, height],
+        ]);
+        (facing[k] ? front : behind).push([
+          [...point, 0],
+          [...next, 0],
+        ]);
+        if (facing[k] !== before || !walls.circle)
+          (facing[k] || before ? front : behind).push([
+            [...point, 0],
+            [...point, height],
+          ]);
       });
       return { behind, front };
     }

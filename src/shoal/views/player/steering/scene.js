@@ -1,10 +1,13 @@
-/* The scene: particles, ways, goals and walls that hold, on a canvas; and the Δ configuration space. Lengths are device pixels. */
+/* The scene: particles, ways, goals and walls that hold, on a canvas; and the Δ configuration
+ * space. Lengths are device pixels. */
 "use strict";
 
 const ShoalScene = (() => {
-  const ARC = 0.2; // radians of a round wall, to both sides of the contact, that are shown as holding
+  // radians of a round wall, to both sides of the contact, that are shown as holding
+  const ARC = 0.2;
   const OLD = 0.32; // opacity of the ways of earlier moves
-  const MARGIN = 22, TOP = 42; // CSS pixels around the picture, and above it, where its name stands
+  const MARGIN = 22,
+    TOP = 42; // CSS pixels around the picture, and above it, where its name stands
   const BODY = 9.5; // radius of a particle that has none, in CSS pixels at 16 a rem
 
   const floorOf = ([x, y]) => [x, y, 0];
@@ -90,7 +93,12 @@ const ShoalScene = (() => {
     }
   }
 
-  const square = ([x, y], side) => [[x - side, y - side], [x + side, y - side], [x + side, y + side], [x - side, y + side]];
+  const square = ([x, y], side) => [
+    [x - side, y - side],
+    [x + side, y - side],
+    [x + side, y + side],
+    [x - side, y + side],
+  ];
 
   class Scene extends Pen {
     constructor(canvas, track, data) {
@@ -99,10 +107,20 @@ const ShoalScene = (() => {
       this.walls = data.walls;
       this.space = data.walls.height > 0;
       this.radius = data.radius;
-      const states = [data.start, data.goal, ...track.trajectories.map((trajectory) => trajectory.points.at(-1))];
-      this.view = this.space ? new ShoalViews.Space(data.walls, states) : new ShoalViews.Plane(data.walls);
+      const states = [
+        data.start,
+        data.goal,
+        ...track.trajectories.map((trajectory) => trajectory.points.at(-1)),
+      ];
+      this.view = this.space
+        ? new ShoalViews.Space(data.walls, states)
+        : new ShoalViews.Plane(data.walls);
       this.rings = ShoalViews.ringsOf(data.walls);
-      this.sides = data.walls.circle ? [] : this.rings.flatMap((ring) => ring.map((point, k) => [point, ring[(k + 1) % ring.length]]));
+      this.sides = data.walls.circle
+        ? []
+        : this.rings.flatMap((ring) =>
+            ring.map((point, k) => [point, ring[(k + 1) % ring.length]]),
+          );
     }
 
     draw(moment, colours) {
@@ -116,14 +134,20 @@ const ShoalScene = (() => {
     // ---- in the plane ----
 
     drawPlane(moment) {
-      const { view, unit, colours } = this, at = (point) => view.at(point);
+      const { view, unit, colours } = this,
+        at = (point) => view.at(point);
       const body = Math.max(this.radius * view.scale, BODY * unit);
       this.area([this.rings[0].map(at)], colours.floor);
       for (const hole of this.rings.slice(1)) this.area([hole.map(at)], colours.block);
-      for (const ring of this.rings) this.line(ring.map(at), colours.wall, 2 * unit, { closed: true });
+      for (const ring of this.rings)
+        this.line(ring.map(at), colours.wall, 2 * unit, { closed: true });
       this.drawEnds(at, body);
       for (const [particle, wall] of this.track.heldAt(moment)) {
-        this.line(this.wallLine(wall, this.points[particle]).map(at), colours.particle(particle), 6.5 * unit);
+        this.line(
+          this.wallLine(wall, this.points[particle]).map(at),
+          colours.particle(particle),
+          6.5 * unit,
+        );
       }
       this.drawWays(moment, at);
       this.points.forEach((point, i) => this.drawParticle(at(point), body, i));
@@ -136,17 +160,30 @@ const ShoalScene = (() => {
         const corners = square(at(start), 0.8 * body);
         this.area([corners], colours.particle(i), 0.25);
         this.line(corners, colours.particle(i), 1.5 * unit, { closed: true });
-        this.disc(at(track.goal[i]), 1.32 * body, this.space ? null : colours.hollow, colours.particle(i), 2.5 * unit);
+        this.disc(
+          at(track.goal[i]),
+          1.32 * body,
+          this.space ? null : colours.hollow,
+          colours.particle(i),
+          2.5 * unit,
+        );
       });
     }
 
     drawWays(moment, at, shadow = null) {
       const { track, unit, colours } = this;
       for (let k = 0; k < Math.min(moment.move + 1, track.moves); k++) {
-        const old = k < moment.move, states = track.wayUntil(k, moment);
+        const old = k < moment.move,
+          states = track.wayUntil(k, moment);
         track.start.forEach((_, i) => {
-          const colour = shadow ?? colours.particle(i), alpha = shadow ? (old ? 0.16 : 0.35) : (old ? OLD : 0.95);
-          this.line(states.map((points) => at(points[i])), colour, (shadow ? 2 : 2.5) * unit, { alpha });
+          const colour = shadow ?? colours.particle(i),
+            alpha = shadow ? (old ? 0.16 : 0.35) : old ? OLD : 0.95;
+          this.line(
+            states.map((points) => at(points[i])),
+            colour,
+            (shadow ? 2 : 2.5) * unit,
+            { alpha },
+          );
         });
       }
     }
@@ -154,7 +191,12 @@ const ShoalScene = (() => {
     drawParticle(place, body, i) {
       const { unit, colours } = this;
       this.disc(place, body, colours.particle(i), colours.hollow, 1.5 * unit);
-      this.word(place, String(i + 1), colours.onParticle, Math.min(Math.max(11.5 * unit, 0.9 * body), 24 * unit));
+      this.word(
+        place,
+        String(i + 1),
+        colours.onParticle,
+        Math.min(Math.max(11.5 * unit, 0.9 * body), 24 * unit),
+      );
     }
 
     /** The part of a wall that is shown as holding: a line in the plane. */
@@ -171,41 +213,75 @@ const ShoalScene = (() => {
     // ---- in space ----
 
     drawSpace(moment) {
-      const { view, unit, colours, track, points } = this, at = (point) => view.at(point);
+      const { view, unit, colours, track, points } = this,
+        at = (point) => view.at(point);
       const { behind, front } = view.edges();
       this.area([view.base.map((point) => at([...point, 0]))], colours.floor);
-      this.lines(behind.map((edge) => edge.map(at)), colours.wall, 1.3 * unit, 0.35);
+      this.lines(
+        behind.map((edge) => edge.map(at)),
+        colours.wall,
+        1.3 * unit,
+        0.35,
+      );
       for (const [particle, wall] of track.heldAt(moment)) {
-        const face = this.wallFace(wall, points[particle]).map(at), colour = colours.particle(particle);
+        const face = this.wallFace(wall, points[particle]).map(at),
+          colour = colours.particle(particle);
         this.area([face], colour, 0.2);
         this.line(face, colour, 1.5 * unit, { alpha: 0.55, closed: true });
       }
       this.drawWays(moment, (point) => at(floorOf(point)), colours.shadow);
       points.forEach((point, i) => {
         this.area([this.ringOnFloor(point, 10).map(at)], colours.shadow, 0.35);
-        this.line([floorOf(point), point].map(at), colours.particle(i), 1.3 * unit, { alpha: 0.85, dash: [3 * unit, 3 * unit] });
-        this.line(this.ringOnFloor(track.goal[i], 7).map(at), colours.particle(i), 1.2 * unit, { alpha: 0.6, closed: true });
-        this.line([floorOf(track.goal[i]), track.goal[i]].map(at), colours.particle(i), 1.1 * unit, { alpha: 0.4 });
+        this.line([floorOf(point), point].map(at), colours.particle(i), 1.3 * unit, {
+          alpha: 0.85,
+          dash: [3 * unit, 3 * unit],
+        });
+        this.line(this.ringOnFloor(track.goal[i], 7).map(at), colours.particle(i), 1.2 * unit, {
+          alpha: 0.6,
+          closed: true,
+        });
+        this.line(
+          [floorOf(track.goal[i]), track.goal[i]].map(at),
+          colours.particle(i),
+          1.1 * unit,
+          { alpha: 0.4 },
+        );
       });
       this.drawEnds(at, BODY * unit);
       this.drawWays(moment, at);
-      const order = points.map((point, i) => [view.largerAt(point), i]).sort((a, b) => a[0] - b[0]); // the nearest last
+      // the nearest last
+      const order = points.map((point, i) => [view.largerAt(point), i]).sort((a, b) => a[0] - b[0]);
       for (const [larger, i] of order) this.drawParticle(at(points[i]), BODY * unit * larger, i);
-      this.lines(front.map((edge) => edge.map(at)), colours.wall, 1.5 * unit, 0.8);
+      this.lines(
+        front.map((edge) => edge.map(at)),
+        colours.wall,
+        1.5 * unit,
+        0.8,
+      );
     }
 
     ringOnFloor([x, y], pixels) {
       const radius = (pixels * this.unit) / this.view.fitScale;
-      return Array.from({ length: 24 }, (_, k) => [x + radius * Math.cos((Math.PI * k) / 12), y + radius * Math.sin((Math.PI * k) / 12), 0]);
+      return Array.from({ length: 24 }, (_, k) => [
+        x + radius * Math.cos((Math.PI * k) / 12),
+        y + radius * Math.sin((Math.PI * k) / 12),
+        0,
+      ]);
     }
 
-    /** The corners of a wall that holds: sides come first, then floor and ceiling; of a round wall it is a strip. */
+    /** The corners of a wall that holds: sides come first, then floor and ceiling; of a round
+     *  wall it is a strip. */
     wallFace(wall, contact) {
-      const { height, circle } = this.walls, sides = this.sides.length;
+      const { height, circle } = this.walls,
+        sides = this.sides.length;
       const caps = this.walls.open ? 0 : 2;
-      if (wall >= sides && wall < sides + caps) return this.view.base.map((point) => [...point, wall === sides ? 0 : height]);
+      if (wall >= sides && wall < sides + caps)
+        return this.view.base.map((point) => [...point, wall === sides ? 0 : height]);
       const line = circle ? this.wallLine(wall, contact) : this.sides[wall];
-      return [...line.map((point) => [...point, 0]), ...[...line].reverse().map((point) => [...point, height])];
+      return [
+        ...line.map((point) => [...point, 0]),
+        ...[...line].reverse().map((point) => [...point, height]),
+      ];
     }
   }
 
@@ -219,23 +295,53 @@ const ShoalScene = (() => {
     }
 
     draw(moment, colours) {
-      const { view, unit, track, delta } = this, at = (point) => view.at(point);
+      const { view, unit, track, delta } = this,
+        at = (point) => view.at(point);
       const between = (points) => at([points[1][0] - points[0][0], points[1][1] - points[0][1]]);
       const outline = this.outline.map(at);
       this.clear();
       this.area([outline], colours.floor);
       const reached = delta.sets[delta.which[moment.move]];
-      if (reached) this.area(reached.map((ring) => ring.map(at)), colours.reach);
+      if (reached)
+        this.area(
+          reached.map((ring) => ring.map(at)),
+          colours.reach,
+        );
       this.line(outline, colours.wall, 2 * unit, { closed: true });
-      const [x, y] = at([0, 0]), arm = 6 * unit;
-      this.line([[x - arm, y], [x + arm, y]], colours.faint, 1.2 * unit);
-      this.line([[x, y - arm], [x, y + arm]], colours.faint, 1.2 * unit);
-      this.line(square(between(track.start), 6.5 * unit), colours.wall, 1.5 * unit, { closed: true });
+      const [x, y] = at([0, 0]),
+        arm = 6 * unit;
+      this.line(
+        [
+          [x - arm, y],
+          [x + arm, y],
+        ],
+        colours.faint,
+        1.2 * unit,
+      );
+      this.line(
+        [
+          [x, y - arm],
+          [x, y + arm],
+        ],
+        colours.faint,
+        1.2 * unit,
+      );
+      this.line(square(between(track.start), 6.5 * unit), colours.wall, 1.5 * unit, {
+        closed: true,
+      });
       this.disc(between(track.goal), 11 * unit, colours.hollow, colours.wall, 2.3 * unit);
       for (let k = 0; k < Math.min(moment.move + 1, track.moves); k++) {
-        this.line(track.wayUntil(k, moment).map(between), colours.wall, 2 * unit, { alpha: k < moment.move ? OLD : 0.9 });
+        this.line(track.wayUntil(k, moment).map(between), colours.wall, 2 * unit, {
+          alpha: k < moment.move ? OLD : 0.9,
+        });
       }
-      this.disc(between(track.pointsAt(moment)), 6.5 * unit, colours.wall, colours.hollow, 1.5 * unit);
+      this.disc(
+        between(track.pointsAt(moment)),
+        6.5 * unit,
+        colours.wall,
+        colours.hollow,
+        1.5 * unit,
+      );
     }
   }
 

@@ -2,7 +2,8 @@
 "use strict";
 
 const ShoalChart = (() => {
-  const INSET = 0.5; // rem left and right: half a thumb, so that the cursor stands over the scrub bar's thumb
+  // rem left and right: half a thumb, so that the cursor stands over the scrub bar's thumb
+  const INSET = 0.5;
 
   class Chart {
     constructor(canvas, timeline) {
@@ -42,13 +43,16 @@ const ShoalChart = (() => {
       return this.highest;
     }
 
-    /** The curve as points, one a move, or at most one a pixel column: then the largest value there. */
+    /** The curve as points, one a move, or at most one a pixel column: then the largest value
+     *  there. */
     points() {
-      const { frontier, done, length } = this.timeline, points = [];
+      const { frontier, done, length } = this.timeline,
+        points = [];
       const stride = Math.max(1, Math.floor(length / this.width));
       for (let move = 0; move <= done; move += stride) {
         let value = frontier[move];
-        for (let k = move + 1; k < Math.min(move + stride, done + 1); k++) value = Math.max(value, frontier[k]);
+        for (let k = move + 1; k < Math.min(move + stride, done + 1); k++)
+          value = Math.max(value, frontier[k]);
         points.push([this.xOf(move), this.yOf(value)]);
       }
       if (stride > 1) points.push([this.xOf(done), this.yOf(frontier[done])]);
@@ -59,7 +63,8 @@ const ShoalChart = (() => {
     draw(move, colours) {
       const { pen, canvas, bottom } = this;
       this.findHighest();
-      const line = new Path2D(), points = this.points();
+      const line = new Path2D(),
+        points = this.points();
       points.forEach(([x, y]) => line.lineTo(x, y));
       const area = new Path2D(line);
       area.lineTo(points.at(-1)[0], bottom);
@@ -77,7 +82,8 @@ const ShoalChart = (() => {
     drawScans(colours) {
       const { scanned } = this.timeline.world;
       if (!scanned) return;
-      const { pen, unit, bottom } = this, width = Math.max(1, Math.round(unit));
+      const { pen, unit, bottom } = this,
+        width = Math.max(1, Math.round(unit));
       pen.fillStyle = colours.cursor;
       let last = -Infinity;
       scanned.forEach((scan, i) => {
@@ -104,7 +110,9 @@ const ShoalChart = (() => {
     }
 
     drawCursor(move, colours) {
-      const { pen, unit } = this, x = this.xOf(move), width = Math.max(1, Math.round(unit));
+      const { pen, unit } = this,
+        x = this.xOf(move),
+        width = Math.max(1, Math.round(unit));
       pen.fillStyle = colours.cursor;
       pen.fillRect(Math.round(x - width / 2), 0, width, this.bottom);
       pen.beginPath();

@@ -1,24 +1,29 @@
 /* The picture: the grid at one move, on a canvas that fills its stage.
  *
- * Cells are written as single pixels of a small image, which is then scaled without smoothing; particles are
- * drawn over it. All lengths below are device pixels unless a name says otherwise. */
+ * Cells are written as single pixels of a small image, which is then scaled without smoothing;
+ * particles are drawn over it. All lengths below are device pixels unless a name says otherwise. */
 "use strict";
 
 const ShoalPicture = (() => {
   const EXTREME = 12; // maps longer than this many times their width are wrapped like text
   const GAP = 2; // cells between the lines of a wrapped map, or more if there is room
-  const MANY = 5000; // particles beyond which they are pixels of the image: to draw each by itself takes too long
+  // particles beyond which they are pixels of the image: to draw each by itself takes too long
+  const MANY = 5000;
   const DISC_FROM = 6; // the cell size from which particles are discs
   const GRID_FROM = 18; // ... and from which cells get hairlines between them, CSS pixels
   const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels,
   const AT_LEAST = 4; // ... unless that would not allow to zoom so many times
-  const THROUGH_OPEN = 0.25; // how much of the photograph shows through free cells, of what shows through others
+  // how much of the photograph shows through free cells, of what shows through others
+  const THROUGH_OPEN = 0.25;
   const SNAP_LOSS = 0.9; // whole-pixel cells are used if the picture keeps this share of its size
 
-  /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked across. */
+  /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked
+   *  across. */
   function wrap(rows, cols, width, height) {
-    const wide = cols > EXTREME * rows, tall = rows > EXTREME * cols;
-    const long = tall ? rows : cols, across = tall ? cols : rows;
+    const wide = cols > EXTREME * rows,
+      tall = rows > EXTREME * cols;
+    const long = tall ? rows : cols,
+      across = tall ? cols : rows;
     const [along, stack] = tall ? [height, width] : [width, height];
     let best = { lines: 1, length: long, gap: 0, size: Math.min(along / long, stack / across) };
     for (let lines = 2; (wide || tall) && lines <= long; lines++) {
@@ -29,21 +34,26 @@ const ShoalPicture = (() => {
     }
     const span = best.lines * (across + best.gap) - best.gap;
     return {
-      ...best, tall, across,
+      ...best,
+      tall,
+      across,
       width: tall ? span : best.length,
       height: tall ? best.length : span,
     };
   }
 
-  /** Lines of cells of a given size: whole pixels, as long as they can be, and spread over the stack. */
+  /** Lines of cells of a given size: whole pixels, as long as they can be, and spread over the
+   *  stack. */
   function fillLines(size, long, across, along, stack) {
     if (size >= 3) size = Math.floor(size);
-    const length = Math.min(long, Math.floor(along / size + 1e-9)), lines = Math.ceil(long / length);
+    const length = Math.min(long, Math.floor(along / size + 1e-9)),
+      lines = Math.ceil(long / length);
     const room = (stack / size - lines * across) / Math.max(1, lines - 1);
     return { lines, length, size, gap: clamp(Math.floor(room), GAP, GAP + across) };
   }
 
-  const packColour = ([r, g, b], alpha = 1) => ((Math.round(255 * alpha) << 24) | (b << 16) | (g << 8) | r) >>> 0;
+  const packColour = ([r, g, b], alpha = 1) =>
+    ((Math.round(255 * alpha) << 24) | (b << 16) | (g << 8) | r) >>> 0;
   const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
   const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
 
@@ -54,7 +64,8 @@ const ShoalPicture = (() => {
       this.timeline = timeline;
       this.world = timeline.world;
       this.image = document.createElement("canvas");
-      this.stamp = new Uint32Array(this.world.wall.length); // the last frame that drew a particle here
+      // the last frame that drew a particle here
+      this.stamp = new Uint32Array(this.world.wall.length);
       this.frame = 0;
       this.zoom = 1;
       this.view = null; // what is looked at, whatever the size of the canvas: see lookAt
@@ -68,13 +79,21 @@ const ShoalPicture = (() => {
       this.setBelow(this.below);
     }
 
-    /** Show a photograph under the map, or none (null): `box` is where the map is in it, in shares of
-     *  its sides, and `share` how much of it shows through what is not open to particles. */
+    /** Show a photograph under the map, or none (null): `box` is where the map is in it, in
+     *  shares of its sides, and `share` how much of it shows through what is not open to
+     *  particles. */
     setBelow(below) {
-      const through = below && this.layout?.lines === 1 ? below.share : 0, { unknown, obstacle } = this.palette;
+      const through = below && this.layout?.lines === 1 ? below.share : 0,
+        { unknown, obstacle } = this.palette;
       this.below = below;
-      this.packed = this.timeline.shades(this.palette).map((shade) =>
-        packColour(shade, 1 - (shade === unknown || shade === obstacle ? through : THROUGH_OPEN * through)));
+      this.packed = this.timeline
+        .shades(this.palette)
+        .map((shade) =>
+          packColour(
+            shade,
+            1 - (shade === unknown || shade === obstacle ? through : THROUGH_OPEN * through),
+          ),
+        );
       this.painted = -1;
     }
 
@@ -82,8 +101,10 @@ const ShoalPicture = (() => {
     resize(rem, cssWidth) {
       const { canvas, world } = this;
       this.margin = Math.round(6 * this.ratio);
-      this.gutter = world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * this.unit) : 0;
-      const width = canvas.width - 2 * this.margin - this.gutter, height = canvas.height - 2 * this.margin;
+      this.gutter =
+        world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * this.unit) : 0;
+      const width = canvas.width - 2 * this.margin - this.gutter,
+        height = canvas.height - 2 * this.margin;
       this.layOut(wrap(world.rows, world.cols, width, height));
       this.fitSize = this.snap(this.layout.size, SNAP_LOSS);
       this.lookAt(this.view);
@@ -96,7 +117,8 @@ const ShoalPicture = (() => {
       this.x = new Int32Array(wall.length);
       this.y = new Int32Array(wall.length);
       for (let cell = 0; cell < wall.length; cell++) {
-        const row = Math.floor(cell / cols), col = cell - row * cols;
+        const row = Math.floor(cell / cols),
+          col = cell - row * cols;
         const line = Math.floor((layout.tall ? row : col) / layout.length);
         const shift = line * (layout.across + layout.gap);
         this.x[cell] = layout.tall ? col + shift : col - line * layout.length;
@@ -109,13 +131,14 @@ const ShoalPicture = (() => {
       this.painted = -1;
     }
 
-    /** Whole device pixels make cells of equal size, worth a little smaller picture but not a lot. */
+    /** Whole device pixels make cells of equal size, worth a little smaller picture but not a
+     *  lot. */
     snap(size, keep) {
       const whole = Math.floor(size);
       return whole >= 3 && whole >= keep * size ? whole : size;
     }
 
-    // ---- the view: cell size and the place of the image's corner -----------------------------------
+    // ---- the view: cell size and the place of the image's corner --------------------------------
 
     fit() {
       this.view = null;
@@ -129,8 +152,10 @@ const ShoalPicture = (() => {
     /** Scale by a factor, keeping what is under the given point (CSS pixels) where it is. */
     zoomAt(factor, cssX, cssY) {
       const largest = Math.max(AT_LEAST, (CLOSEST * this.ratio) / this.fitSize);
-      const x = cssX * this.ratio, y = cssY * this.ratio;
-      const columnThere = (x - this.left) / this.size, rowThere = (y - this.top) / this.size;
+      const x = cssX * this.ratio,
+        y = cssY * this.ratio;
+      const columnThere = (x - this.left) / this.size,
+        rowThere = (y - this.top) / this.size;
       this.zoom = clamp(this.zoom * factor, 1, largest);
       if (this.zoom === 1) return this.fit();
       this.size = this.snap(this.fitSize * this.zoom, 0);
@@ -147,22 +172,40 @@ const ShoalPicture = (() => {
       this.note();
     }
 
-    /** Note what is looked at: what of the map is in the middle, and how many of its widths are seen. */
+    /** Note what is looked at: what of the map is in the middle, and how many of its widths are
+     *  seen. */
     note() {
-      const { world: { rows, cols }, centreX, centreY, canvas, size } = this;
-      this.view = this.zoom === 1 ? null
-        : { x: (centreX - 1) / (cols - 2), y: (centreY - 1) / (rows - 2), wide: canvas.width / size / (cols - 2) };
+      const {
+        world: { rows, cols },
+        centreX,
+        centreY,
+        canvas,
+        size,
+      } = this;
+      this.view =
+        this.zoom === 1
+          ? null
+          : {
+              x: (centreX - 1) / (cols - 2),
+              y: (centreY - 1) / (rows - 2),
+              wide: canvas.width / size / (cols - 2),
+            };
     }
 
     /** Look at what another picture of the map looks at; null: at all of it. */
     lookAt(view) {
-      if (!this.layout) { // not on the page yet
+      if (!this.layout) {
+        // not on the page yet
         this.view = view;
         return;
       }
       this.fit();
       this.view = view;
-      const { world: { rows, cols }, canvas } = this, size = view && canvas.width / (view.wide * (cols - 2));
+      const {
+          world: { rows, cols },
+          canvas,
+        } = this,
+        size = view && canvas.width / (view.wide * (cols - 2));
       if (!view || this.layout.lines > 1 || size <= this.fitSize) return;
       this.zoom = size / this.fitSize;
       this.size = size;
@@ -176,16 +219,17 @@ const ShoalPicture = (() => {
       const { canvas, size, layout, margin, gutter } = this;
       const inset = this.zoom === 1 ? gutter : 0;
       const axis = (centre, room, extent) => {
-        const corner = room / 2 - centre * size, slack = room - extent * size;
+        const corner = room / 2 - centre * size,
+          slack = room - extent * size;
         return Math.round(slack >= 0 ? slack / 2 : clamp(corner, slack - margin, margin));
       };
       this.left = inset + axis(this.centreX, canvas.width - inset, layout.width);
       this.top = axis(this.centreY, canvas.height, layout.height);
-      this.centreX = ((canvas.width) / 2 - this.left) / size;
+      this.centreX = (canvas.width / 2 - this.left) / size;
       this.centreY = (canvas.height / 2 - this.top) / size;
     }
 
-    // ---- drawing ------------------------------------------------------------------------------------
+    // ---- drawing --------------------------------------------------------------------------------
 
     /** Device pixels a millimetre, where the size of a cell is known. */
     get density() {
@@ -209,27 +253,41 @@ const ShoalPicture = (() => {
       else if (!many) this.drawParticles(swarm, slide);
     }
 
-    /** The row and column of the map at a place in the canvas, in device pixels; null beside the map. */
+    /** The row and column of the map at a place in the canvas, in device pixels; null beside the
+     *  map. */
     cellAt(x, y) {
       const [col, row] = [(x - this.left) / this.size, (y - this.top) / this.size].map(Math.floor);
-      const cell = this.layout.lines === 1
-        ? (col >= 0 && col < this.world.cols && row >= 0 ? row * this.world.cols + col : -1)
-        : this.x.findIndex((left, k) => left === col && this.y[k] === row);
-      const found = [Math.floor(cell / this.world.cols) - 1, (cell % this.world.cols) - 1]; // without the rim
-      const inside = cell >= 0 && found.every((at, axis) => at >= 0 && at < [this.world.rows, this.world.cols][axis] - 2);
+      const cell =
+        this.layout.lines === 1
+          ? col >= 0 && col < this.world.cols && row >= 0
+            ? row * this.world.cols + col
+            : -1
+          : this.x.findIndex((left, k) => left === col && this.y[k] === row);
+      // without the rim
+      const found = [Math.floor(cell / this.world.cols) - 1, (cell % this.world.cols) - 1];
+      const inside =
+        cell >= 0 &&
+        found.every((at, axis) => at >= 0 && at < [this.world.rows, this.world.cols][axis] - 2);
       return inside ? found : null;
     }
 
     /** Draw the photograph under the map, which has a rim of one cell. */
     drawBelow({ image, box: [left, top, right, bottom] }) {
       const { pen, world, size } = this;
-      const wide = ((world.cols - 2) * size) / (right - left), high = ((world.rows - 2) * size) / (bottom - top);
+      const wide = ((world.cols - 2) * size) / (right - left),
+        high = ((world.rows - 2) * size) / (bottom - top);
       pen.save();
       pen.beginPath();
       pen.rect(this.left + size, this.top + size, (world.cols - 2) * size, (world.rows - 2) * size);
       pen.clip();
       pen.imageSmoothingEnabled = true;
-      pen.drawImage(image, this.left + size - left * wide, this.top + size - top * high, wide, high);
+      pen.drawImage(
+        image,
+        this.left + size - left * wide,
+        this.top + size - top * high,
+        wide,
+        high,
+      );
       pen.restore();
     }
 
@@ -245,13 +303,19 @@ const ShoalPicture = (() => {
 
     /** Write the image; with a swarm its particles, too. */
     paint(n, swarm = null) {
-      const words = new Uint32Array(this.pixels.data.buffer), { timeline, packed, layout, x, y } = this;
+      const words = new Uint32Array(this.pixels.data.buffer),
+        { timeline, packed, layout, x, y } = this;
       for (let cell = 0; cell < x.length; cell++) {
         words[y[cell] * layout.width + x[cell]] = packed[timeline.shadeOf(cell, n)];
       }
       if (swarm) {
-        const [alone, shared] = [this.palette.particle, this.palette.shared].map((colour) => packColour(colour)), merged = this.world.rule === "merge";
-        for (const cell of swarm.pos) words[y[cell] * layout.width + x[cell]] = merged && swarm.count[cell] > 1 ? shared : alone;
+        const [alone, shared] = [this.palette.particle, this.palette.shared].map((colour) =>
+            packColour(colour),
+          ),
+          merged = this.world.rule === "merge";
+        for (const cell of swarm.pos)
+          words[y[cell] * layout.width + x[cell]] =
+            merged && swarm.count[cell] > 1 ? shared : alone;
       }
       this.imagePen.putImageData(this.pixels, 0, 0);
       this.painted = n;
@@ -275,7 +339,8 @@ const ShoalPicture = (() => {
     /** The first column of each line of a wrapped map, like line numbers. */
     drawLabels() {
       const { pen, layout, size, left, top, unit } = this;
-      const pitch = (layout.across + layout.gap) * size, font = Math.min(11 * unit, 0.8 * pitch);
+      const pitch = (layout.across + layout.gap) * size,
+        font = Math.min(11 * unit, 0.8 * pitch);
       const skip = Math.ceil((9 * unit) / pitch); // too tight: label every second, third, ... line
       pen.font = `${Math.max(font, 9 * unit)}px system-ui, sans-serif`;
       pen.fillStyle = cssColour(this.palette.label);
@@ -288,7 +353,8 @@ const ShoalPicture = (() => {
     }
 
     drawParticles(swarm, slide) {
-      const { stamp, x, y, size } = this, merged = this.world.rule === "merge";
+      const { stamp, x, y, size } = this,
+        merged = this.world.rule === "merge";
       const disc = size >= DISC_FROM ? [this.disc(false), this.disc(true)] : null;
       this.frame++;
       swarm.pos.forEach((cell, i) => {
@@ -296,8 +362,10 @@ const ShoalPicture = (() => {
           if (stamp[cell] === this.frame) return;
           stamp[cell] = this.frame;
         }
-        const from = swarm.before[i], shared = merged && swarm.count[cell] > 1;
-        let column = x[cell], row = y[cell];
+        const from = swarm.before[i],
+          shared = merged && swarm.count[cell] > 1;
+        let column = x[cell],
+          row = y[cell];
         if (slide < 1 && this.sameLine(from, cell)) {
           column -= (1 - slide) * (column - x[from]);
           row -= (1 - slide) * (row - y[from]);
@@ -309,32 +377,39 @@ const ShoalPicture = (() => {
 
     /** Wrapping breaks a straight slide where a line ends. */
     sameLine(from, to) {
-      return this.x[from] === this.x[to] ? Math.abs(from - to) % this.world.cols === 0 : this.y[from] === this.y[to];
+      return this.x[from] === this.x[to]
+        ? Math.abs(from - to) % this.world.cols === 0
+        : this.y[from] === this.y[to];
     }
 
     stampDisc(disc, column, row) {
       const corner = (this.size - disc.width) / 2;
       const x = Math.round(this.left + column * this.size + corner);
       const y = Math.round(this.top + row * this.size + corner);
-      if (x > this.canvas.width || y > this.canvas.height || x < -disc.width || y < -disc.width) return;
+      if (x > this.canvas.width || y > this.canvas.height || x < -disc.width || y < -disc.width)
+        return;
       this.pen.drawImage(disc, x, y);
     }
 
     /** A cell too small for a disc; never less than a visible speck. */
     fillCell(column, row) {
       const speck = Math.max(1, Math.round(1.5 * this.ratio));
-      const x = Math.round(this.left + column * this.size), y = Math.round(this.top + row * this.size);
+      const x = Math.round(this.left + column * this.size),
+        y = Math.round(this.top + row * this.size);
       const width = Math.max(speck, Math.round(this.left + (column + 1) * this.size) - x);
       const height = Math.max(speck, Math.round(this.top + (row + 1) * this.size) - y);
       this.pen.fillStyle = cssColour(this.palette.particle);
       this.pen.fillRect(x, y, width, height);
     }
 
-    /** A ready-made disc of the present cell size; one that stands for several particles has a dark core. */
+    /** A ready-made disc of the present cell size; one that stands for several particles has a
+     *  dark core. */
     disc(shared) {
-      const across = Math.max(4, Math.round(this.size)), key = across * 2 + shared;
+      const across = Math.max(4, Math.round(this.size)),
+        key = across * 2 + shared;
       if (!this.discs.has(key)) {
-        const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
+        const canvas = document.createElement("canvas"),
+          pen = canvas.getContext("2d");
         canvas.width = canvas.height = across;
         const circle = (radius, colour) => {
           pen.fillStyle = cssColour(colour);

@@ -1,11 +1,19 @@
-/* Episodes that grow while they are shown: played elsewhere, or driven by hand, perhaps beside a ghost. Pages of a server only. */
+/* Episodes that grow while they are shown: played elsewhere, or driven by hand, perhaps beside a
+ * ghost. Pages of a server only. */
 "use strict";
 
 (() => {
   const { Timeline, Swarm, COMMANDS } = ShoalSim;
   const KEYFRAME_BYTES = 16e6;
   const GHOST = [124, 92, 214];
-  const KEYS = { ArrowLeft: "l", ArrowUp: "u", ArrowRight: "r", ArrowDown: "d", PageUp: "i", PageDown: "o" };
+  const KEYS = {
+    ArrowLeft: "l",
+    ArrowUp: "u",
+    ArrowRight: "r",
+    ArrowDown: "d",
+    PageUp: "i",
+    PageDown: "o",
+  };
 
   function enlarged(array, size) {
     const larger = new array.constructor(size);
@@ -13,14 +21,17 @@
     return larger;
   }
 
-  /** Add commands as letters; `scans` says of each by 0 or 1 whether a scan followed it, null means one always did. */
+  /** Add commands as letters; `scans` says of each by 0 or 1 whether a scan followed it, null
+   *  means one always did. */
   Timeline.prototype.grow = function (letters, scans) {
-    const { world } = this, length = this.length + letters.length;
+    const { world } = this,
+      length = this.length + letters.length;
     if (length > world.commands.length) {
       const room = Math.max(256, 2 * world.commands.length, length);
       world.commands = enlarged(world.commands, room);
       if (world.scanned) world.scanned = enlarged(world.scanned, room);
-      for (const name of ["frontier", "free", "obstacle", "scans"]) this[name] = enlarged(this[name], room + 1);
+      for (const name of ["frontier", "free", "obstacle", "scans"])
+        this[name] = enlarged(this[name], room + 1);
     }
     if (scans) world.scanned ??= new Uint8Array(world.commands.length);
     for (let i = 0; i < letters.length; i++) {
@@ -35,10 +46,14 @@
     }
   };
 
-  /** Drive the swarm of the player with the arrow keys. `onMove` is told each letter, `onEnd` when nothing is left to do. */
+  /** Drive the swarm of the player with the arrow keys. `onMove` is told each letter, `onEnd`
+   *  when nothing is left to do. */
   window.shoalDrive = (data, { onMove, onEnd }) => {
-    const player = window.shoalPlayer, { timeline } = player, letters = COMMANDS.slice(0, 2 * data.shape.length);
-    let ghost = null, over = false;
+    const player = window.shoalPlayer,
+      { timeline } = player,
+      letters = COMMANDS.slice(0, 2 * data.shape.length);
+    let ghost = null,
+      over = false;
 
     function drive(letter) {
       if (over || !letters.includes(letter)) return;
@@ -54,16 +69,21 @@
       }
     }
 
-    window.addEventListener("keydown", (event) => {
-      const letter = KEYS[event.key];
-      if (!letter || event.ctrlKey || event.metaKey || event.altKey) return;
-      event.preventDefault();
-      event.stopImmediatePropagation();
-      drive(letter);
-    }, true);
+    window.addEventListener(
+      "keydown",
+      (event) => {
+        const letter = KEYS[event.key];
+        if (!letter || event.ctrlKey || event.metaKey || event.altKey) return;
+        event.preventDefault();
+        event.stopImmediatePropagation();
+        drive(letter);
+      },
+      true,
+    );
 
     // The ghost: another episode from the same start, drawn faintly at the same move.
-    const { picture } = player, drawParticles = picture.drawParticles?.bind(picture);
+    const { picture } = player,
+      drawParticles = picture.drawParticles?.bind(picture);
     if (drawParticles) {
       picture.drawParticles = (swarm, slide) => {
         if (ghost) {
@@ -86,8 +106,15 @@
 
     return {
       drive,
-      get length() { return timeline.length; },
-      get letters() { return Array.from(timeline.world.commands.subarray(0, timeline.length), (code) => COMMANDS[code]).join(""); },
+      get length() {
+        return timeline.length;
+      },
+      get letters() {
+        return Array.from(
+          timeline.world.commands.subarray(0, timeline.length),
+          (code) => COMMANDS[code],
+        ).join("");
+      },
       share: (move) => timeline.progress(Math.min(move, timeline.done)),
       /** Let a ghost run: the data that its episode begins with; then `ghostMoves` adds to it. */
       ghost(begin) {
@@ -100,8 +127,11 @@
         ghost.timeline.advance(ghost.timeline.length);
         player.redraw();
       },
-      ghostShare: (move) => (ghost ? ghost.timeline.progress(Math.min(move, ghost.timeline.done)) : 0),
-      get ghostLength() { return ghost ? ghost.timeline.length : 0; },
+      ghostShare: (move) =>
+        ghost ? ghost.timeline.progress(Math.min(move, ghost.timeline.done)) : 0,
+      get ghostLength() {
+        return ghost ? ghost.timeline.length : 0;
+      },
     };
   };
 })();

@@ -1,5 +1,6 @@
-/* An episode with noise: it cannot be simulated again, so the page is told of each moment where particles are and which cells look
- * otherwise than before. It takes the place of what simulate.js simulates, and has the same face. Nothing here touches the page. */
+/* An episode with noise: it cannot be simulated again, so the page is told of each moment where
+ * particles are and which cells look otherwise than before. It takes the place of what
+ * simulate.js simulates, and has the same face. Nothing here touches the page. */
 "use strict";
 
 (() => {
@@ -7,17 +8,30 @@
   const KEYFRAME_BYTES = 16e6; // the memory that the looks of whole moments may take
 
   function readWorld(data) {
-    const shape = reading.shape(data.shape), [rows, cols] = shape.slice(-2).map((side) => side + 2);
+    const shape = reading.shape(data.shape),
+      [rows, cols] = shape.slice(-2).map((side) => side + 2);
     const world = {
-      shape, cols, rows, spacing: data.spacing ?? null, task: "mapping", rule: "block", targets: null,
+      shape,
+      cols,
+      rows,
+      spacing: data.spacing ?? null,
+      task: "mapping",
+      rule: "block",
+      targets: null,
       wall: reading.board(data, "free", shape).map((free) => 1 - free),
       commands: reading.commands(data, shape),
       steps: [-1, -cols, 1, cols, -rows * cols, rows * cols].slice(0, 2 * shape.length),
-      noise: data.noise, truth: Boolean(data.truth), seen: Boolean(data.seen), looks: data.looks, goal: data.goal,
-      moments: reading.bytes(data, "moments"), points: data.points ? readPoints(data, reading.commands(data, shape).length) : null,
+      noise: data.noise,
+      truth: Boolean(data.truth),
+      seen: Boolean(data.seen),
+      looks: data.looks,
+      goal: data.goal,
+      moments: reading.bytes(data, "moments"),
+      points: data.points ? readPoints(data, reading.commands(data, shape).length) : null,
     };
     const { unknown, free, frontier, wrong } = world.looks ?? {};
-    if (![unknown, free, frontier, wrong, world.goal].every(Number.isInteger)) throw new DataError("The field “looks” is damaged.");
+    if (![unknown, free, frontier, wrong, world.goal].every(Number.isInteger))
+      throw new DataError("The field “looks” is damaged.");
     world.scanned = reading.scans(data, world.commands.length);
     world.start = new Timeline(world).places(0);
     return world;
@@ -25,14 +39,17 @@
 
   /** Where particles truly were, of each moment: row, column, row, column, ... in cells. */
   function readPoints(data, moves) {
-    const bytes = reading.bytes(data, "points"), view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength), moments = [];
+    const bytes = reading.bytes(data, "points"),
+      view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength),
+      moments = [];
     let at = 0;
     const next = () => {
       if (at + 4 > bytes.byteLength) throw new DataError("The field “points” breaks off.");
       at += 4;
       return view.getInt32(at - 4, true);
     };
-    for (let n = 0; n <= moves; n++) moments.push(Float32Array.from({ length: 2 * next() }, () => next() / 100));
+    for (let n = 0; n <= moves; n++)
+      moments.push(Float32Array.from({ length: 2 * next() }, () => next() / 100));
     return moments;
   }
 
@@ -69,7 +86,8 @@
     }
   }
 
-  /** Where particles are at the moment shown. They are not told apart, so none is slid from one cell to the next. */
+  /** Where particles are at the moment shown. They are not told apart, so none is slid from one
+   *  cell to the next. */
   class Swarm {
     constructor(world) {
       this.world = world;
@@ -89,7 +107,8 @@
       const cells = world.wall.length;
       this.world = world;
       this.length = this.done = world.commands.length;
-      for (const name of ["frontier", "free", "obstacle", "wrong", "scans"]) this[name] = new Int32Array(this.length + 1);
+      for (const name of ["frontier", "free", "obstacle", "wrong", "scans"])
+        this[name] = new Int32Array(this.length + 1);
       this.goal = world.goal;
       this.every = Math.max(16, Math.ceil((this.length * cells) / KEYFRAME_BYTES));
       this.keyframes = [];
@@ -101,7 +120,9 @@
 
     /** Go through all moments once. */
     countAll() {
-      const { world, looks } = this, numbers = new Numbers(world.moments), cells = looks.length;
+      const { world, looks } = this,
+        numbers = new Numbers(world.moments),
+        cells = looks.length;
       const counts = { frontier: 0, free: 0, obstacle: 0, wrong: 0 };
       const tally = (look, by) => {
         const state = this.stateOf(look);
@@ -125,7 +146,8 @@
 
     /** Where particles are (or are seen) at move n. */
     places(n) {
-      const numbers = new Numbers(this.world.moments), found = [];
+      const numbers = new Numbers(this.world.moments),
+        found = [];
       numbers.at = this.moments[n][0];
       numbers.cells(this.looks.length, (cell) => found.push(cell));
       return Int32Array.from(found);
@@ -141,7 +163,9 @@
       const numbers = new Numbers(this.world.moments);
       while (this.now < n) {
         numbers.at = this.moments[++this.now][1];
-        numbers.cells(this.looks.length, (cell) => { this.looks[cell] = numbers.byte(); });
+        numbers.cells(this.looks.length, (cell) => {
+          this.looks[cell] = numbers.byte();
+        });
       }
     }
 
@@ -162,17 +186,29 @@
       return this.stateOf(this.shadeOf(cell, n));
     }
 
-    /** The colour of each look: from obstacle over unknown to free, the same tinted as frontier, and two that are wrong. */
+    /** The colour of each look: from obstacle over unknown to free, the same tinted as frontier,
+     *  and two that are wrong. */
     shades(palette) {
-      const { unknown, free } = this.world.looks, { tint } = this.world.looks;
+      const { unknown, free } = this.world.looks,
+        { tint } = this.world.looks;
       const mix = (a, b, share) => a.map((part, i) => Math.round(part + share * (b[i] - part)));
-      const shades = Array.from({ length: free + 1 }, (_, look) => look < unknown
-        ? mix(palette.obstacle, palette.unknown, look / unknown) : mix(palette.unknown, palette.free, (look - unknown) / (free - unknown)));
-      return [...shades, ...shades.map((shade) => mix(shade, palette.frontier, tint)), palette.wrong, mix(palette.wrong, [0, 0, 0], 0.4)];
+      const shades = Array.from({ length: free + 1 }, (_, look) =>
+        look < unknown
+          ? mix(palette.obstacle, palette.unknown, look / unknown)
+          : mix(palette.unknown, palette.free, (look - unknown) / (free - unknown)),
+      );
+      return [
+        ...shades,
+        ...shades.map((shade) => mix(shade, palette.frontier, tint)),
+        palette.wrong,
+        mix(palette.wrong, [0, 0, 0], 0.4),
+      ];
     }
 
     progress(n) {
-      return this.goal ? Math.min(1, (this.free[n] + this.obstacle[n] - this.wrong[n]) / this.goal) : 1;
+      return this.goal
+        ? Math.min(1, (this.free[n] + this.obstacle[n] - this.wrong[n]) / this.goal)
+        : 1;
     }
 
     /** Where particles truly were at move n, if a plant has told it. */

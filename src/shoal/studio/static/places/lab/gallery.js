@@ -7,25 +7,66 @@ import { exports, PLACES, placeOf } from "../../shared/share.js";
 const AT_ONCE = 24;
 
 export function gallery() {
-  const grid = el("ul.gallery", { "aria-label": "Episodes of the folder" }), more = el("button.second", { type: "button", hidden: true, onclick: () => { most += AT_ONCE; draw(); } }, "More");
-  const search = el("input", { type: "text", id: "episodeName", spellcheck: false, autocomplete: "off", placeholder: "part of a name", oninput: () => { most = AT_ONCE; draw(); } }), word = el("p.soft", { role: "status" }, "Reading the episodes of the folder …");
-  const stage = el("section.watching", { "aria-label": "Episode", hidden: true }), frames = {}, cards = new Map();
+  const grid = el("ul.gallery", { "aria-label": "Episodes of the folder" }),
+    more = el(
+      "button.second",
+      {
+        type: "button",
+        hidden: true,
+        onclick: () => {
+          most += AT_ONCE;
+          draw();
+        },
+      },
+      "More",
+    );
+  const search = el("input", {
+      type: "text",
+      id: "episodeName",
+      spellcheck: false,
+      autocomplete: "off",
+      placeholder: "part of a name",
+      oninput: () => {
+        most = AT_ONCE;
+        draw();
+      },
+    }),
+    word = el("p.soft", { role: "status" }, "Reading the episodes of the folder …");
+  const stage = el("section.watching", { "aria-label": "Episode", hidden: true }),
+    frames = {},
+    cards = new Map();
   let most = AT_ONCE;
-  const seen = new IntersectionObserver((entries) => {
-    for (const { isIntersecting, target } of entries) {
-      if (!isIntersecting) continue;
-      seen.unobserve(target);
-      /** @type {any} */ (target).fetch();
-    }
-  }, { rootMargin: "200px" });
+  const seen = new IntersectionObserver(
+    (entries) => {
+      for (const { isIntersecting, target } of entries) {
+        if (!isIntersecting) continue;
+        seen.unobserve(target);
+        /** @type {any} */ (target).fetch();
+      }
+    },
+    { rootMargin: "200px" },
+  );
 
   function card(file) {
-    const picture = el("div.picture", {}), words = el("span", {}, "");
-    const made = el("li", {}, el("button.card", { type: "button", onclick: guarded(() => watch(file.name)) }, picture, el("b", {}, file.name), words));
+    const picture = el("div.picture", {}),
+      words = el("span", {}, "");
+    const made = el(
+      "li",
+      {},
+      el(
+        "button.card",
+        { type: "button", onclick: guarded(() => watch(file.name)) },
+        picture,
+        el("b", {}, file.name),
+        words,
+      ),
+    );
     made.fetch = async () => {
       try {
         const found = await ask("picture", { file: file.name, slow: true });
-        picture.replaceChildren(el("img", { src: `data:image/png;base64,${found.picture}`, alt: "" }));
+        picture.replaceChildren(
+          el("img", { src: `data:image/png;base64,${found.picture}`, alt: "" }),
+        );
         words.textContent = found.sentence;
       } catch (error) {
         words.textContent = error.message;
@@ -34,39 +75,91 @@ export function gallery() {
     return made;
   }
 
-  /** The newest episodes with the name that is looked for: as many as were asked for, a page at a time. */
-  const draw = newest(guarded(async () => {
-    const name = search.value.trim(), found = [];
-    let all = 0;
-    do {
-      const { files, counts } = await listed("episode", { skip: found.length, name });
-      all = counts.episode ?? 0;
-      found.push(...files);
-      if (!files.length) break;
-    } while (found.length < Math.min(most, all));
-    const shown = found.slice(0, most).map((file) => {
-      const key = `${file.name} ${file.time}`;
-      if (!cards.has(key)) cards.set(key, card(file));
-      return cards.get(key);
-    });
-    grid.replaceChildren(...shown);
-    for (const one of shown) if (!one.querySelector("img")) seen.observe(one);
-    more.hidden = all <= most;
-    word.textContent = all > shown.length ? `The newest ${number(shown.length, 9)} of ${number(all, 9)} episodes.` : all ? `${number(all, 9)} ${all === 1 ? "episode" : "episodes"}.` : "";
-    if (!all) grid.replaceChildren(el("li.empty", {}, name ? "No episode has such a name." : "No episode in this folder yet. The pages Vessels, Steering and Search save every episode that they play."));
-  }));
+  /** The newest episodes with the name that is looked for: as many as were asked for, a page at
+   *  a time. */
+  const draw = newest(
+    guarded(async () => {
+      const name = search.value.trim(),
+        found = [];
+      let all = 0;
+      do {
+        const { files, counts } = await listed("episode", { skip: found.length, name });
+        all = counts.episode ?? 0;
+        found.push(...files);
+        if (!files.length) break;
+      } while (found.length < Math.min(most, all));
+      const shown = found.slice(0, most).map((file) => {
+        const key = `${file.name} ${file.time}`;
+        if (!cards.has(key)) cards.set(key, card(file));
+        return cards.get(key);
+      });
+      grid.replaceChildren(...shown);
+      for (const one of shown) if (!one.querySelector("img")) seen.observe(one);
+      more.hidden = all <= most;
+      word.textContent =
+        all > shown.length
+          ? `The newest ${number(shown.length, 9)} of ${number(all, 9)} episodes.`
+          : all
+            ? `${number(all, 9)} ${all === 1 ? "episode" : "episodes"}.`
+            : "";
+      if (!all)
+        grid.replaceChildren(
+          el(
+            "li.empty",
+            {},
+            name
+              ? "No episode has such a name."
+              : "No episode in this folder yet. The pages Vessels, Steering and Search save every episode that they play.",
+          ),
+        );
+    }),
+  );
 
   async function watch(file) {
     const { part, data, sentence, problem, seed } = await ask("page", { file });
     frames[part] ??= new PlayerFrame(part, { title: "The episode" });
     stage.hidden = false;
-    stage.replaceChildren(el("div.stageHead", {}, el("h2", {}, file), el("p", {}, sentence), exports(file),
-      PLACES[problem.kind] ? el("a.second.link", { href: placeOf(problem.kind, problem, seed ?? 0) }, "Its settings") : [],
-      el("button.second", { type: "button", onclick: () => { stage.hidden = true; stage.replaceChildren(); } }, "Close")), frames[part].element);
+    stage.replaceChildren(
+      el(
+        "div.stageHead",
+        {},
+        el("h2", {}, file),
+        el("p", {}, sentence),
+        exports(file),
+        PLACES[problem.kind]
+          ? el("a.second.link", { href: placeOf(problem.kind, problem, seed ?? 0) }, "Its settings")
+          : [],
+        el(
+          "button.second",
+          {
+            type: "button",
+            onclick: () => {
+              stage.hidden = true;
+              stage.replaceChildren();
+            },
+          },
+          "Close",
+        ),
+      ),
+      frames[part].element,
+    );
     await frames[part].open(data);
     stage.scrollIntoView({ block: "start" });
   }
 
-  on("files", () => { if (grid.checkVisibility()) draw(); });
-  return { element: el("div.shelf", {}, stage, el("div.actions", {}, el("label", { htmlFor: search.id }, "Find"), search, word), grid, more), open: () => draw(), watch };
+  on("files", () => {
+    if (grid.checkVisibility()) draw();
+  });
+  return {
+    element: el(
+      "div.shelf",
+      {},
+      stage,
+      el("div.actions", {}, el("label", { htmlFor: search.id }, "Find"), search, word),
+      grid,
+      more,
+    ),
+    open: () => draw(),
+    watch,
+  };
 }

@@ -1,37 +1,83 @@
-/* The sweeps of the folder: how far each is, its means with intervals as they come in, paired comparisons, exports. */
+/* The sweeps of the folder: how far each is, its means with intervals as they come in, paired
+ * comparisons, exports. */
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
 import { exportsOf, failure, placeOf, showForms } from "../../shared/share.js";
 
-const FORMATS = [["csv", "Table", "CSV"], ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"]];
-const MOST_LINES = 10, MOST_VERDICTS = 4;
+const FORMATS = [
+  ["csv", "Table", "CSV"],
+  ["png", "Figure", "PNG"],
+  ["svg", "Figure", "SVG"],
+];
+const MOST_LINES = 10,
+  MOST_VERDICTS = 4;
 const EVERY = 1000; // milliseconds between two looks at a sweep that runs
 const ELSEWHERE = 4000; // and at one that a command runs
 
-const words = (values) => Object.entries(values).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`).join(", ") || "all";
-const short = (values) => Object.entries(values).map(([name, value]) => (typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`)).join(", ") || "all";
-const interval = (low, high) => (low === null || low === undefined ? "–" : `${number(low)} to ${number(high)}`);
+const words = (values) =>
+  Object.entries(values)
+    .map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`)
+    .join(", ") || "all";
+const short = (values) =>
+  Object.entries(values)
+    .map(([name, value]) =>
+      typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`,
+    )
+    .join(", ") || "all";
+const interval = (low, high) =>
+  low === null || low === undefined ? "–" : `${number(low)} to ${number(high)}`;
 
 export function results({ shown, change }) {
-  const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }), detail = el("section.sweep", { "aria-label": "The sweep" }, el("p.soft", { role: "status" }, "Reading the sweeps of the folder …"));
+  const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }),
+    detail = el(
+      "section.sweep",
+      { "aria-label": "The sweep" },
+      el("p.soft", { role: "status" }, "Reading the sweeps of the folder …"),
+    );
   const element = el("div.labTwo", {}, list, detail);
-  let sweeps = [], chosen = null, wanted = null, drawn = "";
+  let sweeps = [],
+    chosen = null,
+    wanted = null,
+    drawn = "";
   let zoom = {}; // of the chart, while its numbers come in
   const key = (one) => `${one.store} ${one.name}`;
-  const jobOf = (one) => [...state.jobs.values()].filter((job) => job.kind === "sweep" && job.spec.store === one.store && job.spec.sweep === one.name).sort((a, b) => b.id - a.id)[0];
-  const atWork = (one) => { const job = jobOf(one); return job && !ended(job) ? job : null; };
+  const jobOf = (one) =>
+    [...state.jobs.values()]
+      .filter(
+        (job) =>
+          job.kind === "sweep" && job.spec.store === one.store && job.spec.sweep === one.name,
+      )
+      .sort((a, b) => b.id - a.id)[0];
+  const atWork = (one) => {
+    const job = jobOf(one);
+    return job && !ended(job) ? job : null;
+  };
 
   // ---- the list ----
 
-  const load = newest(guarded(async () => {
-    const { sweeps: found } = await ask("sweeps", { slow: true });
-    const begun = [...state.jobs.values()].filter((job) => job.kind === "sweep" && !ended(job)).map((job) => ({ store: job.spec.store, name: job.spec.sweep, done: 0, total: 0, begins: true }));
-    sweeps = [...begun.filter((one) => !found.some((other) => key(other) === key(one))), ...found];
-    if (!sweeps.some((one) => key(one) === chosen)) chosen = sweeps.length ? key(sweeps[0]) : null;
-    drawList();
-    await look();
-  }));
+  const load = newest(
+    guarded(async () => {
+      const { sweeps: found } = await ask("sweeps", { slow: true });
+      const begun = [...state.jobs.values()]
+        .filter((job) => job.kind === "sweep" && !ended(job))
+        .map((job) => ({
+          store: job.spec.store,
+          name: job.spec.sweep,
+          done: 0,
+          total: 0,
+          begins: true,
+        }));
+      sweeps = [
+        ...begun.filter((one) => !found.some((other) => key(other) === key(one))),
+        ...found,
+      ];
+      if (!sweeps.some((one) => key(one) === chosen))
+        chosen = sweeps.length ? key(sweeps[0]) : null;
+      drawList();
+      await look();
+    }),
+  );
 
   function stateOf(one) {
     const job = atWork(one);
@@ -42,16 +88,50 @@ export function results({ shown, change }) {
   }
 
   function drawList() {
-    list.replaceChildren(...sweeps.map((one) => el("li", {}, el("button.sweepCard", {
-      type: "button", "aria-current": key(one) === chosen ? "true" : null, onclick: () => choose(one.store, one.name),
-    }, el("b", {}, one.name ?? one.store), el("span", {}, stateOf(one)), el("progress", { max: 1, value: (atWork(one)?.done ?? one.done / (one.total || 1)) || 0, "aria-label": "Trials done" })))));
+    list.replaceChildren(
+      ...sweeps.map((one) =>
+        el(
+          "li",
+          {},
+          el(
+            "button.sweepCard",
+            {
+              type: "button",
+              "aria-current": key(one) === chosen ? "true" : null,
+              onclick: () => choose(one.store, one.name),
+            },
+            el("b", {}, one.name ?? one.store),
+            el("span", {}, stateOf(one)),
+            el("progress", {
+              max: 1,
+              value: (atWork(one)?.done ?? one.done / (one.total || 1)) || 0,
+              "aria-label": "Trials done",
+            }),
+          ),
+        ),
+      ),
+    );
     if (sweeps.length) return;
-    detail.replaceChildren(el("p.empty", {}, el("span", {}, "No sweep in this folder yet.", el("br"), "“New sweep” runs many trials and compares settings, with confidence intervals.")));
+    detail.replaceChildren(
+      el(
+        "p.empty",
+        {},
+        el(
+          "span",
+          {},
+          "No sweep in this folder yet.",
+          el("br"),
+          "“New sweep” runs many trials and compares settings, with confidence intervals.",
+        ),
+      ),
+    );
     drawn = "";
   }
 
   function choose(store, name, measure = null) {
-    if (chosen !== `${store} ${name}`) detail.replaceChildren(el("p.soft", { role: "status" }, `Opening ${name ?? store} …`)); // never one sweep under the mark of another
+    if (chosen !== `${store} ${name}`)
+      // never one sweep under the mark of another
+      detail.replaceChildren(el("p.soft", { role: "status" }, `Opening ${name ?? store} …`));
     chosen = `${store} ${name}`;
     zoom = {};
     wanted = measure;
@@ -62,57 +142,137 @@ export function results({ shown, change }) {
 
   // ---- one sweep ----
 
-  const look = newest(guarded(async () => {
-    const one = sweeps.find((other) => key(other) === chosen);
-    if (!one) return;
-    if (one.error || one.begins) {
-      detail.replaceChildren(el("div.actions", {}, el("h2", {}, one.name ?? one.store), one.begins ? pause(one) : []), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: the studio opens the maps and checks every point."));
-      drawn = "";
-      return;
-    }
-    const found = await ask("sweep", { store: one.store, sweep: one.name, measure: wanted, slow: true });
-    if (key(one) !== chosen) return;
-    Object.assign(one, found);
-    shown({ store: one.store, sweep: one.name, measure: found.measure });
-    draw(one, found);
-    if (found.running && !atWork(one)) setTimeout(() => element.checkVisibility() && !document.hidden && load(), ELSEWHERE);
-  }));
+  const look = newest(
+    guarded(async () => {
+      const one = sweeps.find((other) => key(other) === chosen);
+      if (!one) return;
+      if (one.error || one.begins) {
+        detail.replaceChildren(
+          el("div.actions", {}, el("h2", {}, one.name ?? one.store), one.begins ? pause(one) : []),
+          one.error
+            ? el("p.warning", {}, one.error)
+            : el(
+                "p.soft",
+                { role: "status" },
+                "The sweep begins: the studio opens the maps and checks every point.",
+              ),
+        );
+        drawn = "";
+        return;
+      }
+      const found = await ask("sweep", {
+        store: one.store,
+        sweep: one.name,
+        measure: wanted,
+        slow: true,
+      });
+      if (key(one) !== chosen) return;
+      Object.assign(one, found);
+      shown({ store: one.store, sweep: one.name, measure: found.measure });
+      draw(one, found);
+      if (found.running && !atWork(one))
+        setTimeout(() => element.checkVisibility() && !document.hidden && load(), ELSEWHERE);
+    }),
+  );
 
   function draw(one, found) {
     const text = JSON.stringify([found, atWork(one)?.id]);
     if (text === drawn) return; // so that nothing is taken from under a hand
     drawn = text;
     drawList();
-    const measure = el("select", { id: "measure", onchange: () => { wanted = measure.value; look(); } }, found.measures.map((name) => el("option", { value: name, selected: name === found.measure }, name.replaceAll("_", " "))));
+    const measure = el(
+      "select",
+      {
+        id: "measure",
+        onchange: () => {
+          wanted = measure.value;
+          look();
+        },
+      },
+      found.measures.map((name) =>
+        el("option", { value: name, selected: name === found.measure }, name.replaceAll("_", " ")),
+      ),
+    );
     const focus = document.activeElement?.id === "measure";
     detail.replaceChildren(
-      el("div.actions", {}, el("h2", {}, found.name), el("span.chip", {}, found.kind), found.complete ? el("span.chip.done", {}, "complete") : [], buttons(one, found)),
-      el("p.soft", { role: "status" }, [stateOf(one), found.failures ? `${found.failures} failed` : "", `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`].filter(Boolean).join(", ")),
+      el(
+        "div.actions",
+        {},
+        el("h2", {}, found.name),
+        el("span.chip", {}, found.kind),
+        found.complete ? el("span.chip.done", {}, "complete") : [],
+        buttons(one, found),
+      ),
+      el(
+        "p.soft",
+        { role: "status" },
+        [
+          stateOf(one),
+          found.failures ? `${found.failures} failed` : "",
+          `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`,
+        ]
+          .filter(Boolean)
+          .join(", "),
+      ),
       found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
       el("p.verdict", { role: "status" }, verdict(found)),
-      el("div.actions", {}, el("label", { htmlFor: "measure" }, "Measure"), measure, exportsOf("table", (format) => ({ store: one.store, sweep: one.name, ...(format === "csv" ? {} : { measure: found.measure }) }), FORMATS, el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"))),
+      el(
+        "div.actions",
+        {},
+        el("label", { htmlFor: "measure" }, "Measure"),
+        measure,
+        exportsOf(
+          "table",
+          (format) => ({
+            store: one.store,
+            sweep: one.name,
+            ...(format === "csv" ? {} : { measure: found.measure }),
+          }),
+          FORMATS,
+          el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"),
+        ),
+      ),
       el("div.chartArea", {}, chart(found)),
-      found.comparisons.length ? comparisons(found) : [], points(found));
+      found.comparisons.length ? comparisons(found) : [],
+      points(found),
+    );
     if (focus) measure.focus();
   }
 
   function pause(one) {
     const job = atWork(one);
-    return job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, one.begins ? "Cancel" : "Pause") : [];
+    return job
+      ? el(
+          "button.second",
+          { type: "button", onclick: guarded(() => cancelJob(job.id)) },
+          one.begins ? "Cancel" : "Pause",
+        )
+      : [];
   }
 
   function buttons(one, found) {
     const job = atWork(one);
-    const resume = guarded(async () => { await addJob("sweep", { toml: found.toml, store: one.store, sweep: one.name }); });
+    const resume = guarded(async () => {
+      await addJob("sweep", { toml: found.toml, store: one.store, sweep: one.name });
+    });
     return [
       pause(one),
-      !job && !found.complete && !found.running && found.kind !== "function" ? el("button.main", { type: "button", onclick: resume }, found.done ? "Resume" : "Run") : [],
+      !job && !found.complete && !found.running && found.kind !== "function"
+        ? el("button.main", { type: "button", onclick: resume }, found.done ? "Resume" : "Run")
+        : [],
       el("button.second", { type: "button", onclick: () => change(found.toml) }, "Extend …"),
-      el("button.second", { type: "button", onclick: guarded(async () => {
-        const { copies, error } = await ask("new-sweep", { toml: found.toml });
-        if (error) throw new Error(error);
-        showForms(copies);
-      }) }, "As Python …"),
+      el(
+        "button.second",
+        {
+          type: "button",
+          onclick: guarded(async () => {
+            const { copies, error } = await ask("new-sweep", { toml: found.toml });
+            if (error) throw new Error(error);
+            showForms(copies);
+          }),
+        },
+        "As Python …",
+      ),
     ].flat();
   }
 
@@ -124,50 +284,137 @@ export function results({ shown, change }) {
     const what = measure.replaceAll("_", " ");
     const sentence = ({ axes, first, second, comparison: { difference: d } }) => {
       const where = Object.keys(axes).length ? `For ${words(axes)}: ` : "";
-      if (d.low <= 0 && d.high >= 0) return `${where}${second} and ${first} do not differ clearly in ${what} (95 % interval of the difference ${interval(d.low, d.high)}, ${d.count} pairs).`;
-      const low = Math.min(Math.abs(d.low), Math.abs(d.high)), high = Math.max(Math.abs(d.low), Math.abs(d.high));
+      if (d.low <= 0 && d.high >= 0)
+        return `${where}${second} and ${first} do not differ clearly in ${what} (95 % interval of the difference ${interval(d.low, d.high)}, ${d.count} pairs).`;
+      const low = Math.min(Math.abs(d.low), Math.abs(d.high)),
+        high = Math.max(Math.abs(d.low), Math.abs(d.high));
       return `${where}${where ? "mean" : "Mean"} ${what} are ${number(Math.abs(d.mean))} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
     const left = pairs.size - MOST_VERDICTS;
-    return [...pairs.values()].slice(0, MOST_VERDICTS).map((group) => {
-      const less = group.filter((one) => one.comparison.difference.high < 0).length, more = group.filter((one) => one.comparison.difference.low > 0).length;
-      return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
-    }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
+    return [...pairs.values()]
+      .slice(0, MOST_VERDICTS)
+      .map((group) => {
+        const less = group.filter((one) => one.comparison.difference.high < 0).length,
+          more = group.filter((one) => one.comparison.difference.low > 0).length;
+        return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
+      })
+      .concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : [])
+      .join(" ");
   }
 
   function chart({ points: all, measure }) {
     const known = all.filter((one) => one.estimate);
     if (!known.length) return el("p.soft", {}, "No trial has this measure yet.");
-    const axis = Object.keys(known[0].axes).find((name) => new Set(known.map((one) => one.axes[name])).size > 1 && known.every((one) => typeof one.axes[name] === "number"));
-    if (!axis) return rowsChart(known.map((one) => ({ ...one.estimate, label: short(one.axes) })), `${measure}: means and intervals`, measure.replaceAll("_", " "));
+    const axis = Object.keys(known[0].axes).find(
+      (name) =>
+        new Set(known.map((one) => one.axes[name])).size > 1 &&
+        known.every((one) => typeof one.axes[name] === "number"),
+    );
+    if (!axis)
+      return rowsChart(
+        known.map((one) => ({ ...one.estimate, label: short(one.axes) })),
+        `${measure}: means and intervals`,
+        measure.replaceAll("_", " "),
+      );
     const lines = new Map();
     for (const { axes, estimate } of known) {
-      const { [axis]: x, ...others } = axes, label = short(others);
+      const { [axis]: x, ...others } = axes,
+        label = short(others);
       lines.set(label, [...(lines.get(label) ?? []), { x, ...estimate }]);
     }
-    const named = [...lines].slice(0, MOST_LINES).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
-    return [linesChart(named, { axis, measure, zoom }),
-      lines.size > MOST_LINES ? el("p.soft", {}, `${MOST_LINES} of ${lines.size} lines are drawn: the table below has more.`) : []].flat();
+    const named = [...lines]
+      .slice(0, MOST_LINES)
+      .map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
+    return [
+      linesChart(named, { axis, measure, zoom }),
+      lines.size > MOST_LINES
+        ? el(
+            "p.soft",
+            {},
+            `${MOST_LINES} of ${lines.size} lines are drawn: the table below has more.`,
+          )
+        : [],
+    ].flat();
   }
 
   function comparisons({ comparisons: all, n_comparisons: count, measure, compared }) {
-    return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`),
-      dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
-        const d = found?.difference;
-        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), number(found.p_value, 2),
-          `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference"] : ["–", "–", "–", "–", "–", "too few finished pairs"])];
-      })), count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} comparisons: shoal sweep summary has all.`) : []);
+    return el(
+      "section",
+      {},
+      el(
+        "h3",
+        {},
+        `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`,
+      ),
+      dataTable(
+        "Comparisons",
+        ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""],
+        all.map(({ axes, first, second, comparison: found }) => {
+          const d = found?.difference;
+          return [
+            `${second} less ${first}`,
+            words(axes) === "all" ? "–" : words(axes),
+            ...(d
+              ? [
+                  number(d.mean),
+                  interval(d.low, d.high),
+                  number(found.ratio, 3),
+                  number(found.p_value, 2),
+                  `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`,
+                  d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference",
+                ]
+              : ["–", "–", "–", "–", "–", "too few finished pairs"]),
+          ];
+        }),
+      ),
+      count > all.length
+        ? el(
+            "p.soft",
+            {},
+            `The first ${all.length} of ${count} comparisons: shoal sweep summary has all.`,
+          )
+        : [],
+    );
   }
 
   function points({ points: all, measure, n_points: count, kind }) {
-    return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} at each point`),
-      dataTable("Means", ["Point", "Mean", "95 % interval", "Trials", "Completed", ""], all.map((one) => [words(one.axes),
-        one.estimate ? number(one.estimate.mean) : "–", interval(one.estimate?.low, one.estimate?.high), `${one.trials}${one.missing ? `, ${one.missing} missing` : ""}`,
-        one.completed === null ? "–" : `${one.completed}${one.bound === null ? "" : `; mean restricted to ${number(one.bound)}`}`,
-        one.watch ? el("a", { href: placeOf(kind, one.watch.problem, one.watch.seed), "aria-label": `Watch the first trial at ${words(one.axes)}` }, "Watch") : ""])),
-      count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} points; the table that is exported has all.`) : []);
+    return el(
+      "section",
+      {},
+      el("h3", {}, `${measure.replaceAll("_", " ")} at each point`),
+      dataTable(
+        "Means",
+        ["Point", "Mean", "95 % interval", "Trials", "Completed", ""],
+        all.map((one) => [
+          words(one.axes),
+          one.estimate ? number(one.estimate.mean) : "–",
+          interval(one.estimate?.low, one.estimate?.high),
+          `${one.trials}${one.missing ? `, ${one.missing} missing` : ""}`,
+          one.completed === null
+            ? "–"
+            : `${one.completed}${one.bound === null ? "" : `; mean restricted to ${number(one.bound)}`}`,
+          one.watch
+            ? el(
+                "a",
+                {
+                  href: placeOf(kind, one.watch.problem, one.watch.seed),
+                  "aria-label": `Watch the first trial at ${words(one.axes)}`,
+                },
+                "Watch",
+              )
+            : "",
+        ]),
+      ),
+      count > all.length
+        ? el(
+            "p.soft",
+            {},
+            `The first ${all.length} of ${count} points; the table that is exported has all.`,
+          )
+        : [],
+    );
   }
 
   // ---- as it goes ----
@@ -175,10 +422,21 @@ export function results({ shown, change }) {
   let due = null;
   on("job", (job) => {
     if (job.kind !== "sweep") return;
-    if (job.state === "failed" && `${job.spec.store} ${job.spec.sweep}` === chosen && element.checkVisibility()) told(new Error(failure(job)));
+    if (
+      job.state === "failed" &&
+      `${job.spec.store} ${job.spec.sweep}` === chosen &&
+      element.checkVisibility()
+    )
+      told(new Error(failure(job)));
     if (!element.checkVisibility()) return;
     if (job.result?.warning) told(new Error(job.result.warning));
-    due ??= setTimeout(() => { due = null; if (element.checkVisibility()) load(); }, ended(job) || !sweeps.length ? 0 : EVERY);
+    due ??= setTimeout(
+      () => {
+        due = null;
+        if (element.checkVisibility()) load();
+      },
+      ended(job) || !sweeps.length ? 0 : EVERY,
+    );
     drawList();
   });
 

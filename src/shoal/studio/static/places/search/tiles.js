@@ -3,7 +3,8 @@
 import { svg } from "../../shared/page.js";
 
 const SIDE = 256; // pixels of a tile
-const OVERLAP = 0.5; // pixels of the page by which tiles overlap, so that no line shows between them
+// pixels of the page by which tiles overlap, so that no line shows between them
+const OVERLAP = 0.5;
 const MOST = 200; // tiles at once
 const AROUND = 40_075_016.7; // metres of the equator
 const REACH = 100_000; // metres around the place of the canvas within which its degrees hold

@@ -251,7 +251,11 @@ export function comparison({ names, problem, seed, current, look, view, below })
     trials.value = count;
     limit();
   }
-  return { element, refresh: () => aged.refresh(), setBelow, revive,
+  return {
+    element,
+    refresh: () => aged.refresh(),
+    setBelow,
+    revive,
     look: () => (aged.fresh ? frames[0]?.look() : undefined),
     lookAt: (view) => aged.fresh && frames.forEach((frame) => frame.lookAt(view)),
   };

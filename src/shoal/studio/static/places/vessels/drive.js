@@ -189,7 +189,12 @@ export function driving({ names, problem, seed, current, look, view, below }) {
   const revive = () => {
     if (view().rival) rivals.value = view().rival;
   };
-  return { element, start, refresh: () => aged.refresh(), setBelow, revive,
+  return {
+    element,
+    start,
+    refresh: () => aged.refresh(),
+    setBelow,
+    revive,
     look: () => (aged.fresh ? frame.look() : undefined),
     lookAt: (view) => aged.fresh && frame.lookAt(view),
   };

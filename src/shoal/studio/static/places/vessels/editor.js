@@ -34,7 +34,8 @@ export function packedCells(cells) {
 
 const colourOf = (name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const THROUGH_OPEN = 0.25; // how much of a photograph shows through free cells, of what shows through walls
+// how much of a photograph shows through free cells, of what shows through walls
+const THROUGH_OPEN = 0.25;
 const OVERLAY = 0.85; // how much of the vessels' colour covers the photograph
 const ON_DARK = "#fff6a0",
   ON_BRIGHT = "#10247a";

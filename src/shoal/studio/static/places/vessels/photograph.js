@@ -11,9 +11,9 @@ async function imageOf(text, kind) {
   return image;
 }
 
-/** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the photograph
- *  is still looked at, `said(sentence)` and `complain(sentence)` show words, and `placed({ image, box })` hears
- *  where the map is in the photograph. */
+/** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the
+ *  photograph is still looked at, `said(sentence)` and `complain(sentence)` show words, and
+ *  `placed({ image, box })` hears where the map is in the photograph. */
 export function photographs({ editor, fields, visible, said, complain, placed }) {
   let exact = 0,
     photograph = null;

@@ -21,11 +21,7 @@ export function running({ store, problem, open, below }) {
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Run");
   const stop = el(
     "button.second",
-    {
-      type: "button",
-      hidden: true,
-      onclick: guarded(() => job && cancelJob(job)),
-    },
+    { type: "button", hidden: true, onclick: guarded(() => job && cancelJob(job)) },
     "Stop",
   );
   const empty = el("p.empty", {}, PRESS);
