@@ -156,7 +156,7 @@ def certify(
     # with more particles, there is no proof
     orders: Sequence[tuple[int, ...]] = [(0, 1), (1, 0)] if problem.interchangeable else [(0, 1)]
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
-    begun = told = clock()
+    begun = reported = clock()
     if episode and has_proof(problem) and not by_moves:
         episode = _planned_wider(episode, orders, FOR_WIDER * seconds, clock)
     limit = episode.length
@@ -165,22 +165,25 @@ def certify(
     searches, more = (
         _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
     )
-    other = episode.lower_bound or 0.0
+    bound_of_planner = episode.lower_bound or 0.0
     if not searches:
-        bounds = {"shortest": other, "shortest paths": geodesic_bound(problem, start, goal)}
+        bounds = {
+            "shortest": bound_of_planner,
+            "shortest paths": geodesic_bound(problem, start, goal),
+        }
         return _with_bound(episode, bounds, None, least_moves)
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
     while (now := clock()) - begun < for_length:
-        search = min(searches, key=lambda one: one.lower)
+        search = min(searches, key=lambda search: search.lower)
         least = search.lower
-        if least * (1 + _ENOUGH) >= min(one.upper for one in searches):
+        if least * (1 + _ENOUGH) >= min(search.upper for search in searches):
             break
         search.step(clock)
-        if progress is not None and now - told > 1:
-            told = now
+        if progress is not None and now - reported > 1:
+            reported = now
             progress(now - begun, least)
-    bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
+    bound = max(min(search.lower for search in searches) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
         **_stated(problem, start, goal),
@@ -201,8 +204,8 @@ def certify(
         )
         if proofs:
             stated = [
-                {"order": [k + 1 for k in order], "proof": one}
-                for order, one in zip(orders, proofs, strict=True)
+                {"order": [k + 1 for k in order], "proof": moves_proof}
+                for order, moves_proof in zip(orders, proofs, strict=True)
             ]
             proof["moves"] = {"lower_bound": least_moves, "proofs": stated}
     if not (checked := check_certificate(proof)):
@@ -216,7 +219,9 @@ def certify(
         episode = improved(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
         episode = _planned_again(episode, orders, begun + seconds, clock)
-    return _with_bound(episode, {"certificate": bound, "shortest": other}, proof, least_moves)
+    return _with_bound(
+        episode, {"certificate": bound, "shortest": bound_of_planner}, proof, least_moves
+    )
 
 
 def _with_bound(
@@ -232,7 +237,7 @@ def _with_bound(
     ShoalError
         If a bound is above the length of the plan, which refutes the bound.
     """
-    name = max(bounds, key=lambda one: bounds[one])
+    name = max(bounds, key=lambda source: bounds[source])
     least = bounds[name]
     # bounds of planners are for plans to the goals themselves
     allowed = 4 * episode.problem.tolerance + _REFUTED * episode.length
@@ -307,8 +312,10 @@ def _searches(
     cells = cells_of_place(place, start[:, -1], limit)
     if cells is None or not limit:
         return [], {}
-    found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
-    return found if all(one.possible for one in found) else [], cells.stated
+    searches_by_routes = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
+    return searches_by_routes if all(
+        search.possible for search in searches_by_routes
+    ) else [], cells.stated
 
 
 def _least_moves(
@@ -327,13 +334,13 @@ def _least_moves(
     programs = [MovePrograms(corners, start, goal, problem.tolerance) for goal in goals]
     least, proofs = 0, list[Any]()
     while least < min(most, MOST_MOVES):
-        found = []
-        for one in programs:
-            proof = prove_more_moves(one, least, len(corners), late)
+        more_proofs = []
+        for program in programs:
+            proof = prove_more_moves(program, least, len(corners), late)
             if proof is None:
                 return least, proofs
-            found.append(proof)
-        least, proofs = least + 1, found
+            more_proofs.append(proof)
+        least, proofs = least + 1, more_proofs
     return least, proofs
 
 
@@ -504,7 +511,7 @@ def _with_shortest(
     best = min(sure, key=path_length, default=None)
     if best is None or path_length(best) >= episode.length or len(best) > problem.max_moves:
         return episode
-    if not worthwhile([(len(one), path_length(one)) for one in (episode.inputs, best)]):
+    if not worthwhile([(len(inputs), path_length(inputs)) for inputs in (episode.inputs, best)]):
         return episode
     return replace(
         episode,

@@ -54,16 +54,16 @@ class _Halving(NamedTuple):
 
 class _Branching(NamedTuple):
     """A division by the hold of a gap that is the first (or, from the right, the last) not to be in
-    ``known``.
+    ``excluded``.
     """
 
     place: int
-    known: frozenset[Hold]
+    excluded: frozenset[Hold]
     right: bool
 
     def proof(self) -> dict[str, Any]:
-        known = [list(hold) for hold in sorted(self.known)]
-        return {"place": self.place, "known": known, "side": "last" if self.right else "first"}
+        excluded = [list(hold) for hold in sorted(self.excluded)]
+        return {"place": self.place, "known": excluded, "side": "last" if self.right else "first"}
 
 
 @dataclass(frozen=False, eq=False)
@@ -72,8 +72,8 @@ class _Node:
 
     pattern: Pattern
     bound: RouteBound
-    how: _Siting | _Halving | _Branching | None = None
-    parts: list[_Node] | None = None
+    division: _Siting | _Halving | _Branching | None = None
+    children: list[_Node] | None = None
 
 
 class RouteTree:
@@ -119,31 +119,31 @@ class RouteTree:
         if not self._heap:
             return
         node = heapq.heappop(self._heap)[-1]
-        node.how = self._siting(node) or self._halving(node) or self._branching(node)
-        if isinstance(node.how, _Siting):
-            patterns = self._sited(node.pattern, node.how)
-        elif isinstance(node.how, _Halving):
-            patterns = self._halved(node.pattern, node.how.place)
+        node.division = self._siting(node) or self._halving(node) or self._branching(node)
+        if isinstance(node.division, _Siting):
+            patterns = self._sited(node.pattern, node.division)
+        elif isinstance(node.division, _Halving):
+            patterns = self._halved(node.pattern, node.division.place)
         else:
             patterns = self._branches(node)
-        node.parts = [self._node(pattern) for pattern in patterns]
-        for part in node.parts:
-            self._push(part)
+        node.children = [self._node(pattern) for pattern in patterns]
+        for child in node.children:
+            self._push(child)
 
     def proof(self, enough: float) -> list[dict[str, Any]]:
         """Return the nodes of the proof as JSON, each before its parts.
 
         A node whose own multipliers prove ``enough`` needs no parts.
         """
-        found, stack = [], [self._root]
+        nodes, stack = [], [self._root]
         while stack:
             node = stack.pop()
-            if node.how is None or node.bound.value >= enough:
-                found.append(node.bound.proof())
+            if node.division is None or node.bound.value >= enough:
+                nodes.append(node.bound.proof())
             else:
-                found.append(node.how.proof())
-                stack += (node.parts or [])[::-1]
-        return found
+                nodes.append(node.division.proof())
+                stack += (node.children or [])[::-1]
+        return nodes
 
     def _node(self, pattern: Pattern) -> _Node:
         return _Node(pattern, self.routes.bound(pattern))
@@ -185,20 +185,20 @@ class RouteTree:
     def _halved(self, pattern: Pattern, place: int) -> list[Pattern]:
         before, item, after = pattern[:place], pattern[place], pattern[place + 1 :]
         assert not isinstance(item, HoldsBetween)
-        both = self.routes.halves(item)
-        assert both is not None
-        gap = HoldsBetween(frozenset(both))
-        found: list[Pattern] = [(*before, half, *after) for half in both]
-        for pair in (both, both[::-1]):
+        halves = self.routes.halves(item)
+        assert halves is not None
+        gap = HoldsBetween(frozenset(halves))
+        patterns: list[Pattern] = [(*before, half, *after) for half in halves]
+        for pair in (halves, halves[::-1]):
             if not after or not isinstance(after[0], HoldsBetween):
-                found.append((*before, *pair, gap, *after))
+                patterns.append((*before, *pair, gap, *after))
             elif not before or not isinstance(before[-1], HoldsBetween):
-                found.append((*before, gap, *pair, *after))
+                patterns.append((*before, gap, *pair, *after))
             else:
                 wider = after[0].holds
                 wider = None if wider is None else wider | gap.holds  # type: ignore[operator]
-                found.append((*before, *pair, HoldsBetween(wider), *after[1:]))
-        return found
+                patterns.append((*before, *pair, HoldsBetween(wider), *after[1:]))
+        return patterns
 
     def _siting(self, node: _Node) -> _Siting | None:
         """Return the contact whose inputs before and after are the most too short for the ways of
@@ -208,22 +208,24 @@ class RouteTree:
         if not routes.cells.corners:
             return None
         program = routes.program(node.pattern)
-        lacking = [routes.lacking(one, program, node.bound.solution) for one in program.sights]
-        if not lacking or (node.bound.loads and max(lacking) < _LACKING * routes.limit):
+        shortfalls = [
+            routes.shortfall(sight, program, node.bound.solution) for sight in program.sights
+        ]
+        if not shortfalls or (node.bound.loads and max(shortfalls) < _LACKING * routes.limit):
             return None
-        sight = program.sights[int(np.argmax(lacking))]
+        sight = program.sights[int(np.argmax(shortfalls))]
         return _Siting(sight.place, sight.last)
 
-    def _sited(self, pattern: Pattern, how: _Siting) -> list[Pattern]:
-        item = pattern[how.place]
+    def _sited(self, pattern: Pattern, siting: _Siting) -> list[Pattern]:
+        item = pattern[siting.place]
         assert not isinstance(item, HoldsBetween)
         wall, particle, *sites = (*item, -1, -1)[:4]
-        found = []
+        patterns = []
         for cell in range(len(self.routes.covers[1 - particle].cells)):
-            sites[how.last] = cell
+            sites[siting.last] = cell
             hold = (wall, particle, *sites)
-            found.append((*pattern[: how.place], hold, *pattern[how.place + 1 :]))
-        return found
+            patterns.append((*pattern[: siting.place], hold, *pattern[siting.place + 1 :]))
+        return patterns
 
     def _branching(self, node: _Node) -> _Branching:
         """Return how to divide a pattern: at the gap that holds most of the length.
@@ -270,37 +272,41 @@ class RouteTree:
         change = changes[longest] / lengths[longest]
         owners = [0, 1] if gap.holds is None else routes.owners(gap.holds)
         particle = owners[longest]
-        known = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
-        known += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
+        near = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
+        near += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
         return frozenset(
             hold
             for hold in (routes.holds if gap.holds is None else gap.holds)
-            if hold[1] == particle and hold not in known and routes.allows(hold, change)
+            if hold[1] == particle and hold not in near and routes.allows(hold, change)
         )
 
     def _branches(self, node: _Node) -> list[Pattern]:
-        how, pattern = node.how, node.pattern
-        assert isinstance(how, _Branching)
-        before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
+        branching, pattern = node.division, node.pattern
+        assert isinstance(branching, _Branching)
+        before, gap, after = (
+            pattern[: branching.place],
+            pattern[branching.place],
+            pattern[branching.place + 1 :],
+        )
         assert isinstance(gap, HoldsBetween)
-        known: Pattern = (HoldsBetween(how.known),) if how.known else ()
+        near_gap: Pattern = (HoldsBetween(branching.excluded),) if branching.excluded else ()
         holds = self.routes.holds if gap.holds is None else sorted(gap.holds)
-        middles: list[Pattern] = [known]
-        excluded = how.known
-        beside = after[:1] if how.right else before[-1:]
+        middles: list[Pattern] = [near_gap]
+        excluded = branching.excluded
+        beside = after[:1] if branching.right else before[-1:]
         if self.routes.cells.round is not None and not excluded:
             # the hold beside the gap has all contacts up to the gap that it can have
-            excluded = frozenset(one for one in beside if not isinstance(one, HoldsBetween))
+            excluded = frozenset(item for item in beside if not isinstance(item, HoldsBetween))
         middles += [
-            (gap, hold, *known) if how.right else (*known, hold, gap)
-            for one in holds
-            for hold in self.routes.without(one, excluded)
+            (gap, hold, *near_gap) if branching.right else (*near_gap, hold, gap)
+            for whole_hold in holds
+            for hold in self.routes.without(whole_hold, excluded)
         ]
 
-        def fits(one: Item, other: Item) -> bool:
-            if isinstance(one, HoldsBetween) or isinstance(other, HoldsBetween):
+        def fits(earlier: Item, later: Item) -> bool:
+            if isinstance(earlier, HoldsBetween) or isinstance(later, HoldsBetween):
                 return True
-            return self.routes.follows(one, other)
+            return self.routes.follows(earlier, later)
 
         return [
             (*before, *middle, *after)
@@ -313,13 +319,13 @@ def _divided(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
     assert isinstance(gap, HoldsBetween)
-    found = 0
+    count = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
             if gap.holds is None or isinstance(item, HoldsBetween) or item[:2] not in gap.holds:
                 break
-            found += 1
-    return found
+            count += 1
+    return count
 
 
 class _Trees:
@@ -398,7 +404,7 @@ class RouteSearch:
             [k for k, cell in enumerate(cover.cells) if cells.may_end(cell, spot, tolerance)]
             for cover, spot in zip(self.relaxation.covers, goal, strict=True)
         ]
-        self.trees = [_Trees(self.relaxation.ending(pair)) for pair in product(*ends)]
+        self.trees = [_Trees(self.relaxation.ending_at(pair)) for pair in product(*ends)]
 
     @property
     def lower(self) -> float:
