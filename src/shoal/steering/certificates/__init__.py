@@ -158,7 +158,7 @@ def certify(
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
     begun = reported = clock()
     if episode and has_proof(problem) and not by_moves:
-        episode = _planned_wider(episode, orders, FOR_WIDER * seconds, clock)
+        episode = _plan_wider(episode, orders, FOR_WIDER * seconds, clock)
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
     least_moves = int(_is_away(problem, start, goal))
@@ -186,7 +186,7 @@ def certify(
     bound = max(min(search.lower for search in searches) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
-        **_stated(problem, start, goal),
+        **_statement(problem, start, goal),
         **more,
         "limit": limit,
         "unit": searches[0].relaxation.scale,
@@ -214,11 +214,11 @@ def certify(
         )
     order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
     if place.kind == "polygon" and not by_moves:
-        episode = _shortened(episode, order, search.shortest)
+        episode = _shorten(episode, order, search.shortest)
     if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
-        episode = improved(episode, order, search.shortest or ())
+        episode = plan_with_holds(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
-        episode = _planned_again(episode, orders, begun + seconds, clock)
+        episode = _plan_again(episode, orders, begun + seconds, clock)
     return _with_bound(
         episode, {"certificate": bound, "shortest": bound_of_planner}, proof, least_moves
     )
@@ -281,7 +281,7 @@ def has_proof(problem: SteeringProblem) -> bool:
     """Return whether the bounds of such problems have proof trees.
 
     A region has none if its obstacles touch each other or the outline, or if there are too many
-    ways around them.
+    routes around them.
     """
     place = problem.place
     return (
@@ -344,7 +344,7 @@ def _least_moves(
     return least, proofs
 
 
-def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
+def _statement(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
     """Return the problem as a certificate states it."""
     place = problem.place
     if place.round:
@@ -377,13 +377,13 @@ def check_certificate_of(
             "certificates are for two points, without sliding, noise, uneven field and stated"
             " errors",
         )
-    for name, value in _stated(problem, start, goal).items():
+    for name, value in _statement(problem, start, goal).items():
         if certificate.get(name) != value:
             return Verification(False, f"the certificate is for another problem: see {name}")
     return check_certificate(certificate)
 
 
-def _shortened(
+def _shorten(
     episode: SteeringEpisode, order: tuple[int, ...], tree: PatternTree
 ) -> SteeringEpisode:
     """Return an episode with the shortest plan of a tree, if this is shorter than ``episode``."""
@@ -395,10 +395,12 @@ def _shortened(
     holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
     if not holds:  # a translation, which is shorter only by the tolerance of the goals
         return episode
-    return improved(episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds])
+    return plan_with_holds(
+        episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds]
+    )
 
 
-def improved(
+def plan_with_holds(
     episode: SteeringEpisode, order: tuple[int, ...], holds: Sequence[tuple[int, int]]
 ) -> SteeringEpisode:
     """Return an episode with a plan of the given holds, if it is shorter and as sure as the plan of
@@ -421,7 +423,7 @@ def improved(
     return _with_shortest(episode, task, order, plans)
 
 
-def _planned_wider(
+def _plan_wider(
     episode: SteeringEpisode,
     orders: Sequence[tuple[int, ...]],
     seconds: float,
@@ -451,7 +453,7 @@ def _planned_wider(
     return episode
 
 
-def _planned_again(
+def _plan_again(
     episode: SteeringEpisode,
     orders: Sequence[tuple[int, ...]],
     deadline: float,

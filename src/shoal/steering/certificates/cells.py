@@ -385,9 +385,9 @@ def _sides(polygon: list[int]) -> list[tuple[int, int]]:
 
 @dataclass(frozen=False, eq=False)
 class Cover:
-    """The cells that one particle can reach, once for each way to reach them: a tree.
+    """The cells that one particle can reach, once for each route to them: a tree.
 
-    Two ways that differ by a turn around an obstacle are different. The first node is the cell of
+    Two routes that differ by a turn around an obstacle are different. The first node is the cell of
     the start. A door that is not followed is in ``closed``, with the multipliers that prove that
     plans through it are longer than the limit.
     """
@@ -413,7 +413,7 @@ class Cover:
             shared += 1
         return first[shared:][::-1] + second[shared:]
 
-    def stated(self) -> dict[str, Any]:
+    def statement(self) -> dict[str, Any]:
         """Return the tree as a certificate states it."""
         nodes = [[entry, parent] for entry, parent in zip(self.entries, self.parents, strict=True)]
         return {"cell": self.cells[0], "nodes": nodes[1:], "closed": self.closed}

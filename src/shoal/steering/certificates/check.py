@@ -687,7 +687,7 @@ class _Program:
             length = self._add_hold(item.least[0], item.most[1], change)
             if length is not None:
                 self._bound_turn(
-                    item, [part for part in travels if part is not None], length, change
+                    item, [variable for variable in travels if variable is not None], length, change
                 )
             self._keep_inside(partner(first_contact, before))
             self._keep_inside(partner(last_contact, after))

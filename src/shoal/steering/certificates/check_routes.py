@@ -269,7 +269,7 @@ class _Cells:
 
 
 class _Cover:
-    """The cells that a particle can reach, once for each way to reach them."""
+    """The cells that a particle can reach, once for each route to them."""
 
     def __init__(self, task: _RouteTask, particle: int, stated: Mapping[str, Any]) -> None:
         cells = task.cells
@@ -377,8 +377,8 @@ class _RouteTask:
         before, after = list(pattern[:place]), list(pattern[place + 1 :])
         if isinstance(item, tuple):
             if self.cells.radius:
-                return self._halved(before, item, after)
-            return self._sited(pattern, place, item, node)
+                return self._halve(before, item, after)
+            return self._site(pattern, place, item, node)
         excluded = [(wall, particle) for wall, particle in node["known"]]
         if not set(excluded) <= self.allowed:
             raise _WrongError("a gap has an unknown hold")
@@ -412,7 +412,7 @@ class _RouteTask:
         walls = {other_hold[0] for other_hold in excluded if other_hold[1] == particle}
         return [(arc, particle) for arc in self.cells.without(wall, walls)]
 
-    def _halved(self, before: list[Item], hold: Hold, after: list[Item]) -> list[list[Item]]:
+    def _halve(self, before: list[Item], hold: Hold, after: list[Item]) -> list[list[Item]]:
         """Return the patterns into which a hold by an arc divides: with contacts of one half only,
         or with some of both, of which the first two that differ are known, or the last two.
         """
@@ -432,7 +432,7 @@ class _RouteTask:
                 patterns.append([*before, *pair, wider, *after[1:]])
         return patterns
 
-    def _sited(
+    def _site(
         self, pattern: Sequence[Item], place: int, hold: Hold, node: Mapping[str, Any]
     ) -> list[list[Item]]:
         wall, particle, *sites = (*hold, -1, -1)[:4]

@@ -73,8 +73,8 @@ def _bound(
         return least
     for i, j in combinations(range(len(start)), 2):
         apart = float(np.linalg.norm((goal[j] - goal[i]) - (start[j] - start[i])))
-        both = float(paths[i] + paths[j]) + apart
-        least = max(least, both / 2 - 2 * problem.tolerance)
+        total = float(paths[i] + paths[j]) + apart
+        least = max(least, total / 2 - 2 * problem.tolerance)
     return least
 
 

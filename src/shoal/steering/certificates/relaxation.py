@@ -404,11 +404,11 @@ class Relaxation:
         if place.round:
             origin = place.center
             self.walls = _RoundWalls(place.radius / self.scale, round_directions(), 8)
-            self._useless: set[tuple[Range, Range]] = set()
+            self._redundant_pairs: set[tuple[Range, Range]] = set()
         else:
             origin = place.vertices[0]
             self.walls = _FlatWalls((place.vertices - origin) / self.scale, 8)
-            self._useless = _useless(place.vertices)
+            self._redundant_pairs = _redundant_pairs(place.vertices)
         self.start, self.goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self.tolerance, self.limit = tolerance / self.scale, limit / self.scale
         self._settings = solver_settings(clarabel)
@@ -427,7 +427,7 @@ class Relaxation:
         if self.walls.runs:
             return not maximal or first.particle != second.particle
         before, after = ((hold.arc.first % count, hold.particle) for hold in (first, second))
-        return (before, after) not in self._useless and not (maximal and before == after)
+        return (before, after) not in self._redundant_pairs and not (maximal and before == after)
 
     def bound(self, pattern: Pattern) -> Bound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
@@ -631,7 +631,7 @@ class Relaxation:
             """Add the condition that an expression is at least the norm of others."""
             cone = np.zeros((4, bound.shape[1]))
             cone[0] = bound
-            cone[1 : 1 + sum(len(part) for part in parts)] = np.concatenate(parts)
+            cone[1 : 1 + sum(len(expression) for expression in parts)] = np.concatenate(parts)
             cones.append(cone)
 
         def add_length(change: Floats) -> Floats:
@@ -796,7 +796,7 @@ class Relaxation:
         )
 
 
-def _useless(corners: Floats) -> set[tuple[Range, Range]]:
+def _redundant_pairs(corners: Floats) -> set[tuple[Range, Range]]:
     """Return the pairs of holds, each a wall and a particle, of which the second finds both
     particles on its wall, and so holds both: those with opposite normals times signs, in exact
     arithmetic.

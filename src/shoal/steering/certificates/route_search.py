@@ -121,9 +121,9 @@ class RouteTree:
         node = heapq.heappop(self._heap)[-1]
         node.division = self._siting(node) or self._halving(node) or self._branching(node)
         if isinstance(node.division, _Siting):
-            patterns = self._sited(node.pattern, node.division)
+            patterns = self._site(node.pattern, node.division)
         elif isinstance(node.division, _Halving):
-            patterns = self._halved(node.pattern, node.division.place)
+            patterns = self._halve(node.pattern, node.division.place)
         else:
             patterns = self._branches(node)
         node.children = [self._node(pattern) for pattern in patterns]
@@ -182,7 +182,7 @@ class RouteTree:
         loads = node.bound.loads
         return _Halving(worst) if errors[worst] >= max(loads.values(), default=-inf) else None
 
-    def _halved(self, pattern: Pattern, place: int) -> list[Pattern]:
+    def _halve(self, pattern: Pattern, place: int) -> list[Pattern]:
         before, item, after = pattern[:place], pattern[place], pattern[place + 1 :]
         assert not isinstance(item, HoldsBetween)
         halves = self.routes.halves(item)
@@ -201,7 +201,7 @@ class RouteTree:
         return patterns
 
     def _siting(self, node: _Node) -> _Siting | None:
-        """Return the contact whose inputs before and after are the most too short for the ways of
+        """Return the contact whose inputs before and after are the most too short for the routes of
         the other particle; None if there is none, and the pattern has gaps.
         """
         routes = self.routes
@@ -216,7 +216,7 @@ class RouteTree:
         sight = program.sights[int(np.argmax(shortfalls))]
         return _Siting(sight.place, sight.last)
 
-    def _sited(self, pattern: Pattern, siting: _Siting) -> list[Pattern]:
+    def _site(self, pattern: Pattern, siting: _Siting) -> list[Pattern]:
         item = pattern[siting.place]
         assert not isinstance(item, HoldsBetween)
         wall, particle, *sites = (*item, -1, -1)[:4]
@@ -234,7 +234,7 @@ class RouteTree:
         gap is then better. Few holds in turn, again and again, become one gap.
         """
         loads, pattern = node.bound.loads, node.pattern
-        place = min(loads, key=lambda at: (_divided(pattern, at) > _OFTEN, -loads[at]))
+        place = min(loads, key=lambda at: (_count_near_holds(pattern, at) > _OFTEN, -loads[at]))
         gap = pattern[place]
         left, right = pattern[:place][::-1], pattern[place + 1 :]
         last = len(left) > len(right)
@@ -315,7 +315,7 @@ class RouteTree:
         ]
 
 
-def _divided(pattern: Pattern, place: int) -> int:
+def _count_near_holds(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
     assert isinstance(gap, HoldsBetween)
@@ -428,6 +428,6 @@ class RouteSearch:
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
         return {
-            "covers": [cover.stated() for cover in self.relaxation.covers],
+            "covers": [cover.statement() for cover in self.relaxation.covers],
             "ways": [{"ends": list(tree.ends), "proof": tree.proof(enough)} for tree in self.trees],
         }

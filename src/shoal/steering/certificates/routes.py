@@ -76,7 +76,7 @@ class RouteBound:
 
 @dataclass(frozen=True, eq=False)
 class RouteLeg:
-    """A way of one particle through doors: the norms of the inputs that move the particle, which
+    """A route of one particle through doors: the norms of the inputs that move the particle, which
     are together at least as long as the norms from door to door.
     """
 
@@ -167,7 +167,7 @@ class RouteRelaxation:
         self.low, self.high = (cells.low - origin) / scale, (cells.high - origin) / scale
         self.extent = self.high - self.low
 
-        def moved(spaces: NDArray[np.float64]) -> NDArray[np.float64]:
+        def rescale(spaces: NDArray[np.float64]) -> NDArray[np.float64]:
             normals = spaces[:, :-1]
             offsets = (spaces[:, -1] - normals @ origin) / scale**2
             return np.column_stack([normals / scale, offsets])
@@ -178,15 +178,15 @@ class RouteRelaxation:
                 (wall.origin - origin) / scale,
                 wall.axes / scale,
                 wall.normals / (scale if wall.is_flat else 1.0),
-                moved(wall.inside * (1.0 if wall.is_flat else scale)),
+                rescale(wall.inside * (1.0 if wall.is_flat else scale)),
             )
             for wall in cells.walls
         ]
         round_ = cells.round
         self._axis = None if round_ is None else (round_.center - origin[:2]) / scale
         self._radius = 0.0 if round_ is None else round_.radius / scale
-        self._outer = moved(cells.outer)
-        self._insides = [moved(inside) for inside in cells.insides]
+        self._outer = rescale(cells.outer)
+        self._insides = [rescale(inside) for inside in cells.insides]
         self._doors = (cells.doors - origin[: cells.doors.shape[2]]) / scale
         self._settings = solver_settings(self._clarabel)
         self.covers: tuple[Cover, ...] = ()
@@ -409,7 +409,7 @@ class RouteRelaxation:
     def shortfall(
         self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]
     ) -> float:
-        """Return how much longer the inputs before and after a contact must be for the ways of the
+        """Return how much longer the inputs before and after a contact must be for the routes of the
         other particle; infinite if this is in no cell.
         """
         values = np.append(solution, 1.0)
@@ -424,13 +424,13 @@ class RouteRelaxation:
             inside = self._insides[cell]
             if np.all(inside[:, :-1] @ spot >= inside[:, -1] - 1e-7):
                 first, second = (cover.doors_between(node, end) for end in sight.nodes)
-                lack = max(self._path_length(first[::-1], origin, spot) - before, 0.0)
-                lack += max(self._path_length(second, spot, target) - after, 0.0)
+                lack = max(self._route_length(first[::-1], origin, spot) - before, 0.0)
+                lack += max(self._route_length(second, spot, target) - after, 0.0)
                 least = min(least, lack)
         return least
 
-    def _path_length(self, doors: list[int], origin: Expression, target: Expression) -> float:
-        """Return about the length of the shortest way through doors."""
+    def _route_length(self, doors: list[int], origin: Expression, target: Expression) -> float:
+        """Return about the length of the shortest route through doors."""
         ends = self._doors[doors]
         spots = np.array([origin, *ends.mean(axis=1), target])
         for _ in range(_SWEEPS):

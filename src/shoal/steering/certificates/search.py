@@ -194,7 +194,7 @@ def _branching(
 
     def rank(place: int) -> tuple[bool, float]:
         if isinstance(pattern[place], HoldGap):
-            return _divided(pattern, place) > _OFTEN, -errors[place][0]
+            return _count_near_holds(pattern, place) > _OFTEN, -errors[place][0]
         return False, -errors[place][0] * _HOLDS_FIRST
 
     place = min(errors, key=rank)
@@ -231,7 +231,7 @@ def _branching(
     return gap_branching(relaxation, pattern, place, excluded, right=last)
 
 
-def _divided(pattern: Pattern, place: int) -> int:
+def _count_near_holds(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
     assert isinstance(gap, HoldGap)

@@ -75,8 +75,8 @@ class Annealing:
                 ]
             )
         nothing = _NOTHING * float(self.task.world.free_space.size)
-        made = [plan.steps.moves[: plan.count] for plan in best]
-        return [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *plans]
+        best_moves = [plan.steps.moves[: plan.count] for plan in best]
+        return [*(moves[np.hypot(*moves.T) > nothing] for moves in best_moves), *plans]
 
     def anneal(self, plan: Plan, *, changes: int, noise: kernels.Noise = QUIET) -> Plan:
         """Return the plan of the lowest cost that random changes make from ``plan``."""
@@ -155,8 +155,8 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
     if not parts or parts[-1][0] != kernels.TRANSLATION:
         parts.append((kernels.TRANSLATION, 0, task.goal.mean(axis=0), np.zeros(2)))
     steps = new_steps()
-    for k, part in enumerate(parts[:MOST_STEPS]):
-        steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = part
+    for k, fields in enumerate(parts[:MOST_STEPS]):
+        steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = fields
     return Plan(steps, len(parts))
 
 

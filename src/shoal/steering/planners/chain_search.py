@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.geometry import angles_of, unit_vectors
-from shoal.steering.contact.friction import turn_on_the_way
+from shoal.steering.contact.friction import largest_turn
 from shoal.steering.kernels.cycles import (
     CycleModel,
     fewest_cycles,
@@ -259,24 +259,24 @@ def turning_nodes(before: Points, after: Points, *, radius: float, friction: flo
     most = float(np.arctan(friction))
     begin = float(np.arctan2(before[1], before[0]))
     turn = (float(np.arctan2(after[1], after[0])) - begin + np.pi) % (2 * np.pi) - np.pi
-    if small >= large or not abs(turn) <= turn_on_the_way(large, small, radius, most) < np.inf:
+    if small >= large or not abs(turn) <= largest_turn(large, small, radius, most) < np.inf:
         return np.zeros((0, 2))
     low, cone = 0.0, most
     for _halving in range(60):
         middle = (low + cone) / 2
         low, cone = (
             (middle, cone)
-            if turn_on_the_way(large, small, radius, middle) < abs(turn)
+            if largest_turn(large, small, radius, middle) < abs(turn)
             else (low, middle)
         )
     angles = np.linspace(
         np.arccos(large / (2 * radius)), np.arccos(small / (2 * radius)), BETWEEN + 2
     )[1:-1]
     sizes: NDArray[np.float64] = 2 * radius * np.cos(angles)
-    whole = turn_on_the_way(large, small, radius, cone)
-    bends = begin + np.array(
-        [turn_on_the_way(large, float(size), radius, cone) for size in sizes]
-    ) * (turn / whole)
+    total_turn = largest_turn(large, small, radius, cone)
+    bends = begin + np.array([largest_turn(large, float(size), radius, cone) for size in sizes]) * (
+        turn / total_turn
+    )
     return np.asarray(sizes[:, None] * unit_vectors(bends))
 
 
@@ -354,13 +354,13 @@ def _extreme_nodes(
         )
     angles = _ray_angles(query)
     rays = unit_vectors(angles)
-    found = []
+    extremes = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
-        found.append(
+        extremes.append(
             nodes[1 : grow_extreme_nodes(delta, back, rays, 2.0, model, gain, records, nodes, 0)]
         )
-    return np.concatenate(found)
+    return np.concatenate(extremes)
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:

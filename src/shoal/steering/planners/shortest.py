@@ -121,7 +121,7 @@ def _least_vertical_moves(
             np.full(count - 1, most - start[particle]),
             np.full(count - 1, start[particle] - least),
         ]
-    found = linprog(
+    solution = linprog(
         np.concatenate([np.zeros(count), np.ones(count)]),
         A_ub=np.vstack(rows),
         b_ub=np.concatenate(limits),
@@ -129,7 +129,7 @@ def _least_vertical_moves(
         b_eq=goal - start,
         bounds=(None, None),
     )
-    return np.asarray(found.x[:count]) if found.success else None
+    return np.asarray(solution.x[:count]) if solution.success else None
 
 
 class Shortest:
