@@ -791,19 +791,19 @@ class _Loop(_Session):
         """Return the moves of the steps that are left, from here, and where they lead."""
         state, moves = self.state, []
         world = kernels.with_friction(self.kernel_world, pressing.friction)
-        last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
+        last_press = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
         spare, vector = np.empty(2), np.empty(2)
         for k, step in enumerate(self.steps):
             final = self.leads and k == len(self.steps) - 1
-            move = self._move_of(step, state, self.leads and k == last, final)
+            move = self._move_of(step, state, self.leads and k == last_press, final)
             kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
             moves.append(move)
         return np.array(moves).reshape(-1, 2), state
 
-    def _move_of(self, step: _Step, state: Points, last_press: bool, last: bool) -> Points:
+    def _move_of(self, step: _Step, state: Points, last_press: bool, final: bool) -> Points:
         """Return the input that leads from a state to the target of a step."""
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
-        if step.kind == MOVE and last:
+        if step.kind == MOVE and final:
             return np.array(kernels.to_goal(state, self.goal, self._pressing(1.0)))
         if step.kind == MOVE:
             displacement, gain = step.target - state.mean(axis=0), gains.mean()

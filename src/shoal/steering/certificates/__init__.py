@@ -411,7 +411,7 @@ def plan_with_holds(
 
     task = _task(episode, order, episode.seed)
     plans = []
-    for first, query in task.departures():
+    for initial_moves, query in task.departures():
         for repeats in (1, 2):  # a hold whose contact slides is several
             walls = np.repeat([wall for wall, _ in holds], repeats)
             touchers = np.repeat([particle for _, particle in holds], repeats)
@@ -419,7 +419,7 @@ def plan_with_holds(
             length = query.optimize(unknowns, touchers, walls, enough=1e-9)
             if length < inf:
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
-                plans += plan_chain(task, first, chain, query)
+                plans += plan_chain(task, initial_moves, chain, query)
     return _with_shortest(episode, task, order, plans)
 
 
@@ -445,9 +445,9 @@ def _plan_wider(
         task = replace(_task(episode, order, episode.seed), deadline=deadline, clock=clock)
         plans = [
             plan
-            for first, query in task.departures()
+            for initial_moves, query in task.departures()
             for chain in improved_chains(query, greedy_seeds(query, task), wide=True)
-            for plan in plan_chain(task, first, chain, query)
+            for plan in plan_chain(task, initial_moves, chain, query)
         ]
         episode = _with_shortest(episode, task, order, plans)
     return episode

@@ -233,7 +233,7 @@ def _cylinder(place: ConvexWorkspace, low: float, high: float) -> Cells:
     least, most = np.append(center - radius, low), np.append(center + radius, high)
     caps, outer = _caps(least, most, np.zeros((0, 4)))
     walls = [] if place.open_ends else caps
-    first, count = len(walls), ROUND_WALLS
+    offset, count = len(walls), ROUND_WALLS
     directions = round_directions()
     halves, parents = {}, {}
     # as in a heap: the arcs 8 to 15 are the whole wall, and the arc k has the halves 2 k, 2 k + 1
@@ -241,9 +241,9 @@ def _cylinder(place: ConvexWorkspace, low: float, high: float) -> Cells:
         size = count // 2 ** (k.bit_length() - 1)
         begin = size * (k - 2 ** (k.bit_length() - 1))
         if size > 1:
-            halves[first + k - _ARCS] = first + 2 * k - _ARCS, first + 2 * k + 1 - _ARCS
+            halves[offset + k - _ARCS] = offset + 2 * k - _ARCS, offset + 2 * k + 1 - _ARCS
         if k >= 2 * _ARCS:
-            parents[first + k - _ARCS] = first + k // 2 - _ARCS
+            parents[offset + k - _ARCS] = offset + k // 2 - _ARCS
         ends = directions[[begin, (begin + size) % count]]
         axis = ends.sum(axis=0)
         away = radius * float(np.min(ends @ axis / np.hypot(*ends.T))) + axis @ center
@@ -267,9 +267,9 @@ def _region(place: Region) -> Cells | None:
     polygons = _convex_parts(place, vertices)
     if polygons is None:
         return None
-    first = np.cumsum([0, *(len(ring) for ring in place.rings)])
+    starts = np.cumsum([0, *(len(ring) for ring in place.rings)])
     edges: dict[tuple[int, int], int] = {}
-    for begin, end in pairwise(first):
+    for begin, end in pairwise(starts):
         count = end - begin
         for k in range(count):
             edges[int(begin + k), int(begin + (k + 1) % count)] = len(edges)
@@ -407,11 +407,11 @@ class Cover:
 
     def doors_between(self, begin: int, end: int) -> list[int]:
         """Return the doors that a particle must pass on its way from a node to another."""
-        first, second = self.doors_from_start(begin), self.doors_from_start(end)
+        to_begin, to_end = self.doors_from_start(begin), self.doors_from_start(end)
         shared = 0
-        while shared < min(len(first), len(second)) and first[shared] == second[shared]:
+        while shared < min(len(to_begin), len(to_end)) and to_begin[shared] == to_end[shared]:
             shared += 1
-        return first[shared:][::-1] + second[shared:]
+        return to_begin[shared:][::-1] + to_end[shared:]
 
     def statement(self) -> dict[str, Any]:
         """Return the tree as a certificate states it."""

@@ -308,10 +308,10 @@ class _Cover:
 
     def between(self, begin: int, end: int) -> list[int]:
         """Return the doors that a particle must pass on its way from a cell to another."""
-        first, second = self.words[begin], self.words[end]
-        same = [a == b for a, b in zip(first, second, strict=False)]
+        to_begin, to_end = self.words[begin], self.words[end]
+        same = [a == b for a, b in zip(to_begin, to_end, strict=False)]
         shared = [*same, False].index(False)
-        return first[shared:][::-1] + second[shared:]
+        return to_begin[shared:][::-1] + to_end[shared:]
 
 
 class _RouteTask:

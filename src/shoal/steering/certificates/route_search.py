@@ -237,24 +237,26 @@ class RouteTree:
         place = min(loads, key=lambda at: (_count_near_holds(pattern, at) > _OFTEN, -loads[at]))
         gap = pattern[place]
         left, right = pattern[:place][::-1], pattern[place + 1 :]
-        last = len(left) > len(right)
+        from_right = len(left) > len(right)
         assert isinstance(gap, HoldsBetween)
         many = gap.holds is None or len(gap.holds) > _FEW
         if self._by_use and many and (needed := self._needed(node, place)):
             holds = self.routes.holds if gap.holds is None else gap.holds
-            return _Branching(place, frozenset(holds) - needed, right=last)
+            return _Branching(place, frozenset(holds) - needed, right=from_right)
         if gap.holds is not None and not (self._by_use and many):
             inner = [
                 bool(side) and not isinstance(side[0], HoldsBetween) and side[0][:2] in gap.holds
                 for side in (left, right)
             ]
-            return _Branching(place, frozenset(), right=inner[0] if inner[0] != inner[1] else last)
-        near = [x[:2] for x in (right if last else left) if not isinstance(x, HoldsBetween)]
+            return _Branching(
+                place, frozenset(), right=inner[0] if inner[0] != inner[1] else from_right
+            )
+        near = [x[:2] for x in (right if from_right else left) if not isinstance(x, HoldsBetween)]
         for count in (4, 3):
             if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
-                return _Branching(place, frozenset(near[: 2 * count]), right=last)
+                return _Branching(place, frozenset(near[: 2 * count]), right=from_right)
         pair = frozenset(near[:2])
-        return _Branching(place, pair if len(pair) == 2 else frozenset(), right=last)
+        return _Branching(place, pair if len(pair) == 2 else frozenset(), right=from_right)
 
     def _needed(self, node: _Node, place: int) -> frozenset[Hold]:
         """Return holds of which a gap must have one to be as short as the solution: those that can
@@ -396,8 +398,8 @@ class RouteSearch:
         self.trees: list[_Trees] = []
         self._limit = limit
         self.relaxation = RouteRelaxation(cells, start, goal, tolerance, limit)
-        first = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
-        self.possible = len(first) == len(start) and self.relaxation.explore(first)
+        start_cells = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
+        self.possible = len(start_cells) == len(start) and self.relaxation.explore(start_cells)
         if not self.possible:
             return
         ends = [

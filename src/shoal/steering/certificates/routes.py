@@ -194,13 +194,13 @@ class RouteRelaxation:
         self._places: tuple[list[tuple[int, int]], ...] = ([], [])
         self.holds: list[Hold] = []
 
-    def explore(self, first: Sequence[int]) -> bool:
+    def explore(self, start_cells: Sequence[int]) -> bool:
         """Find all cells that each particle can reach from its first one; False if they are too
         many.
         """
         covers = []
         for particle in (0, 1):
-            cover = self._cover(particle, first[particle])
+            cover = self._cover(particle, start_cells[particle])
             if cover is None:
                 return False
             covers.append(cover)
@@ -256,8 +256,8 @@ class RouteRelaxation:
             against = min(against, -float(out @ change[:2]) / max(far, 1e-12))
         return total + max(against, 0.0)
 
-    def _cover(self, particle: int, first: int) -> Cover | None:
-        cover = Cover([first], [0], [-1], [])
+    def _cover(self, particle: int, start_cell: int) -> Cover | None:
+        cover = Cover([start_cell], [0], [-1], [])
         for node in range(MOST_CELLS):
             if node == len(cover.cells):
                 return cover

@@ -202,10 +202,10 @@ def _branching(
     if isinstance(item, Hold):
         return HoldBranching(place, *errors[place][1:])
     left, right = pattern[:place][::-1], pattern[place + 1 :]
-    last = len(left) > len(right)
+    from_right = len(left) > len(right)
     if relaxation.walls.runs:
         # runs that may be anywhere can take turns again and again without any length
-        beside = (place + 1, place + 2) if last else (place - 1, place - 2)
+        beside = (place + 1, place + 2) if from_right else (place - 1, place - 2)
         runs = [pattern[k] for k in beside if 0 <= k < len(pattern)]
         for k, run in zip(beside, runs, strict=False) if len(runs) == len(beside) else ():
             narrow = relaxation.narrowing(run) if isinstance(run, Hold) else None
@@ -216,9 +216,9 @@ def _branching(
             bool(side) and isinstance(side[0], Hold) and side[0].arc in item.holds
             for side in (left, right)
         ]
-        last = inner[0] if inner[0] != inner[1] else last
-        return gap_branching(relaxation, pattern, place, frozenset(), right=last)
-    near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
+        from_right = inner[0] if inner[0] != inner[1] else from_right
+        return gap_branching(relaxation, pattern, place, frozenset(), right=from_right)
+    near = [item.arc for item in (right if from_right else left) if isinstance(item, Hold)]
     excluded = frozenset(near[:2])
     widest = max((arc.end - arc.first for arc in excluded), default=0)
     if len(excluded) < 2 or (relaxation.walls.runs and widest > 4 * relaxation.margin):
@@ -228,7 +228,7 @@ def _branching(
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
             excluded = frozenset(near[: 2 * count])
             break
-    return gap_branching(relaxation, pattern, place, excluded, right=last)
+    return gap_branching(relaxation, pattern, place, excluded, right=from_right)
 
 
 def _count_near_holds(pattern: Pattern, place: int) -> int:

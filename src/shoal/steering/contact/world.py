@@ -320,7 +320,7 @@ def stop_at_others(
     shares = shares.copy()
     length = float(move @ move)
     while length > 0:
-        first, who = 1.0, None
+        earliest, collider = 1.0, None
         for mover in range(len(before)):
             for stopped in np.flatnonzero(shares < shares[mover]):
                 # Solve |before + share move - after[stopped]| = apart for the smaller share.
@@ -330,12 +330,12 @@ def stop_at_others(
                 if half >= 0 or discriminant < 0:
                     continue
                 share = max((-half - np.sqrt(discriminant)) / length, 0.0)
-                if max(share, shares[stopped]) < min(shares[mover], first):
-                    first, who = max(share, float(shares[stopped])), mover
-        if who is None:
+                if max(share, shares[stopped]) < min(shares[mover], earliest):
+                    earliest, collider = max(share, float(shares[stopped])), mover
+        if collider is None:
             return
-        shares[who] = first
-        after[who] = before[who] + first * move
+        shares[collider] = earliest
+        after[collider] = before[collider] + earliest * move
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,11 +394,11 @@ class RegionWorld(SteeringWorld):
         lengths = np.hypot(*along.T)
         normals = left_of(along) / lengths[:, None]
         links = np.empty((len(edges), 2), dtype=np.int64)
-        first = 0
+        offset = 0
         for ring in self.workspace.rings:
-            places = first + np.arange(len(ring))
+            places = offset + np.arange(len(ring))
             links[places] = np.stack([np.roll(places, 1), np.roll(places, -1)], axis=1)
-            first += len(ring)
+            offset += len(ring)
         before = along[links[:, 0]]
         reflex = cross(before, along) < 0
         size = float(self.workspace.size) * self.touch / TOUCH

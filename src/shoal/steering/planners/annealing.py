@@ -136,11 +136,11 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
         after = task.world.step(state, move)
         shares = np.linalg.norm(after - state, axis=1) / float(np.linalg.norm(move))
         held = int(np.argmin(shares))
-        first, last = float(shares[held]), float(shares[1 - held])
-        if first > 1 - _EXACT:
+        held_share, free_share = float(shares[held]), float(shares[1 - held])
+        if held_share > 1 - _EXACT:
             parts.append((kernels.TRANSLATION, 0, after.mean(axis=0), np.zeros(2)))
         else:
-            if first > _EXACT:
+            if held_share > _EXACT:
                 parts.append(
                     (
                         kernels.CONTACT,
@@ -149,7 +149,7 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
                         _direction_at(task.world.free_space, after[held]),
                     )
                 )
-            if last - first > _EXACT:
+            if free_share - held_share > _EXACT:
                 parts.append((kernels.ADJUSTMENT, held, after[1] - after[0], np.zeros(2)))
         state = after
     if not parts or parts[-1][0] != kernels.TRANSLATION:

@@ -119,7 +119,7 @@ def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Itera
 
 def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield the shortest chain that starts from many guesses find, with contacts on a round wall."""
-    firsts = list(_guesses(query, cycles))
+    guesses = list(_guesses(query, cycles))
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
@@ -128,8 +128,8 @@ def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Itera
         touchers = np.array(kind, dtype=np.int64)
         if query.late or query.bounds_of(touchers[None], on[None])[0] >= bound:
             continue
-        for first in firsts:
-            guess = first.copy()
+        for initial in guesses:
+            guess = initial.copy()
             # Every effect of a contact of particle 1 can also be achieved by particle 2 on the
             # opposite side.
             guess[: cycles * (d - 1) : d - 1] += pi * query.walls.circle[2] * touchers
@@ -517,10 +517,10 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
         if shorter >= length:  # with such a push, no cycle reaches the difference
             return None
         steps.append((shorter, angle))
-    first = steps[-1]
-    if first[0] > NEAR * 2 * radius:
+    earliest = steps[-1]
+    if earliest[0] > NEAR * 2 * radius:
         return None
-    bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
+    bottom = earliest[0] * np.array([np.cos(earliest[1]), np.sin(earliest[1])])
     approach = ChainQuery(
         query.walls,
         query.start,

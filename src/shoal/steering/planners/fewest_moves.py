@@ -77,10 +77,12 @@ class FewestMoves:
         None if they find no chain.
         """
         best = None
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = shortest_chain(query, first_found=True)
             if chain is not None:
-                best = choose(task, [best, *plan_chain(task, first, chain, query)], by_moves=True)
+                best = choose(
+                    task, [best, *plan_chain(task, initial_moves, chain, query)], by_moves=True
+                )
         if best is None or misses(task, best) or not task.is_sure(best):
             best = choose(
                 task, [best, self._plan_on_dense_map(task), Shortest().plan(task)], by_moves=True
@@ -94,11 +96,11 @@ class FewestMoves:
         if task.world.free_space.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = roadmap_chain(query, maps=DENSE_MAP)
             moves = None if chain is None else task.moves_of(refine_chain(query, chain), query)
-            if moves is not None and not misses(task, np.array([*first, *moves])):
-                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
+            if moves is not None and not misses(task, np.array([*initial_moves, *moves])):
+                best = choose(task, [best, np.array([*initial_moves, *moves])], by_moves=True)
         return best
 
 
@@ -113,9 +115,9 @@ def _replace_end(task: SteeringTask, plan: Points) -> Points | None:
             begun = total - count
             if task.late:
                 return None
-            last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
-            if last is not None:
-                finished = np.concatenate([plan[:begun], last])
+            ending = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
+            if ending is not None:
+                finished = np.concatenate([plan[:begun], ending])
                 if task.reaches_goal(finished) and task.is_sure(finished):
                     return finished
     return None

@@ -54,17 +54,25 @@ class Greedy:
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
         plans: list[Points] = []
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = greedy_chain(
                 query,
                 tolerance=task.tolerance / query.walls.scale / 4,
                 cycles=(task.max_moves - 1) // 2,
             )
-            moves = None if chain is None else choose(task, plan_chain(task, first, chain, query))
+            moves = (
+                None
+                if chain is None
+                else choose(task, plan_chain(task, initial_moves, chain, query))
+            )
             slipped = moves is not None and query.friction < inf and misses(task, moves)
             if moves is None or slipped or (len(moves) > _LONG and not query.walls.round):
                 chain = exact_chain(query, roadmap=slipped)
-                few = None if chain is None else choose(task, plan_chain(task, first, chain, query))
+                few = (
+                    None
+                    if chain is None
+                    else choose(task, plan_chain(task, initial_moves, chain, query))
+                )
                 moves = moves if few is None else few
             if moves is not None:
                 plans.append(moves)

@@ -83,7 +83,7 @@ class PressingSearch:
         """Return at most ``most`` plans (float64, shape (moves, 2)) that end within the tolerance
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
-        nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
+        nodes, total, ending = self._nodes, 1, np.zeros((kernels.STEPS, 2))
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         direct = self.translation(start, goal, tolerance)
@@ -106,10 +106,10 @@ class PressingSearch:
                 self.world,
                 values,
                 self.rng,
-                last,
+                ending,
             )
             if count >= 0:
-                plans.append(np.concatenate([self._path(total - 1), last[:count]]))
+                plans.append(np.concatenate([self._path(total - 1), ending[:count]]))
                 moves = min(moves, len(plans[-1])) if shorter else moves
         return plans
 

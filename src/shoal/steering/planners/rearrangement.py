@@ -302,13 +302,13 @@ def _peel(
         level = frozenset(k for k in remaining if state[k, 1] - lowest <= 1e-12)
         particle = min(level, key=lambda k: state[k, 0])
         leftmost = float(state[:, 0].min()) - step
-        first = _Shift(walls, 0, level, leftmost - float(state[particle, 0]))
-        state = first.apply(state)
+        shift_left = _Shift(walls, 0, level, leftmost - float(state[particle, 0]))
+        state = shift_left.apply(state)
         rank = len(order) if ranks is None else ranks[particle]
         height = base + step * rank - float(state[particle, 1])
-        second = _Shift(walls, 1, frozenset([particle]), height)
-        state = second.apply(state)
-        shifts += [first, second]
+        shift_up = _Shift(walls, 1, frozenset([particle]), height)
+        state = shift_up.apply(state)
+        shifts += [shift_left, shift_up]
         order.append(particle)
         remaining.remove(particle)
     return shifts, state, order
@@ -375,11 +375,19 @@ def rearrange(
                 f"{what}: expected pairwise different positions, got two particles at one place"
             )
         ends[what] = state
-    first, last = ends["start"], ends["goal"]
-    if first.shape != last.shape:
-        raise InvalidInputError(f"goal: expected {len(first)} positions, got {len(last)}")
-    moves = _moves(workspace, first, _shifts(workspace, first, last), last, push * workspace.size)
-    missed = float(np.abs(ContactWorld(workspace).final(first, moves) - last).max())
+    start_state, goal_state = ends["start"], ends["goal"]
+    if start_state.shape != goal_state.shape:
+        raise InvalidInputError(
+            f"goal: expected {len(start_state)} positions, got {len(goal_state)}"
+        )
+    moves = _moves(
+        workspace,
+        start_state,
+        _shifts(workspace, start_state, goal_state),
+        goal_state,
+        push * workspace.size,
+    )
+    missed = float(np.abs(ContactWorld(workspace).final(start_state, moves) - goal_state).max())
     if missed > (1e-7 + push * len(moves)) * workspace.size:
         raise InvalidInputError(
             "start and goal: expected particles that touch a wall together, or apart by more than"
@@ -412,12 +420,12 @@ def _shifts(workspace: ConvexWorkspace, start: Points, goal: Points) -> list[_Sh
         own = pairs[int(rooms.argmax())]
         small = float(rooms.max()) / (20 * len(start))
         while True:
-            first, peeled, _ = _peel(own.coordinates(state), own, small, None)
+            own_peel, peeled, _ = _peel(own.coordinates(state), own, small, None)
             peeled = own.origin + peeled @ own.axes
             if walls.has_room(np.ptp(walls.coordinates(peeled), axis=0) + room):
                 break
             small /= 2
-        shifts, state = [*shifts, *first], peeled
+        shifts, state = [*shifts, *own_peel], peeled
     step = room / (20 * len(start))
     goal_peel, _, order = _peel(walls.coordinates(end), walls, step, None)
     ranks = np.argsort(order).tolist()
@@ -498,9 +506,9 @@ def is_reachable_without_friction(start: ArrayLike, goal: ArrayLike) -> bool:
     >>> is_reachable_without_friction([(0, 0), (2, 1)], [(0, 0), (3, 1)])
     False
     """
-    first = check_points(start, what="start", dimensions=2)
-    last = check_points(goal, what="goal", dimensions=2, count=len(first))
-    return all(_is_clipped(x, y) for x, y in zip(first.T, last.T, strict=True))
+    before = check_points(start, what="start", dimensions=2)
+    after = check_points(goal, what="goal", dimensions=2, count=len(before))
+    return all(_is_clipped(x, y) for x, y in zip(before.T, after.T, strict=True))
 
 
 def _is_clipped(before: Points, after: Points) -> bool:

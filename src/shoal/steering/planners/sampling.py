@@ -417,15 +417,15 @@ def free_offsets(workspace: Region, goal: Points, margin: float) -> FreeOffsets 
     reach = min(20 * margin, 0.02 * float(workspace.size))
     for component in getattr(free, "geoms", [free]):
         inner = component.buffer(-0.1 * margin, join_style="mitre")
-        last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
-        if last is not None:
+        target = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
+        if target is not None:
             shapely.prepare(component)
             oriented = shapely.orient_polygons(inner)
             bends = [
                 _reflex_corners(np.asarray(ring.coords)[:-1])
                 for ring in (oriented.exterior, *oriented.interiors)
             ]
-            return FreeOffsets(component, inner, np.vstack([last, *bends]), reach)
+            return FreeOffsets(component, inner, np.vstack([target, *bends]), reach)
     return None
 
 

@@ -157,9 +157,9 @@ class Shortest:
         plans: list[Points | None] = [Greedy().plan(task)]
         # the shortest chains may drive out all those whose plans stand disturbances
         for thorough in (True, False):
-            for first, query in task.departures():
+            for initial_moves, query in task.departures():
                 for chain in improved_chains(query, greedy_seeds(query, task), thorough=thorough):
-                    plans += plan_chain(task, first, chain, query)
+                    plans += plan_chain(task, initial_moves, chain, query)
             if task.late or any(task.is_sure(plan) for plan in plans[1:] if plan is not None):
                 break
         if task.world.free_space.dimensions == 3 and not task.late:

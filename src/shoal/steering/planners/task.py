@@ -562,9 +562,9 @@ def _amplification(task: SteeringTask, moves: Points) -> float:
 
 
 def plan_chain(
-    task: SteeringTask, first: Sequence[Points], chain: Chain, query: ChainQuery
+    task: SteeringTask, initial_moves: Sequence[Points], chain: Chain, query: ChainQuery
 ) -> list[Points]:
-    """Return the plans that make the moves ``first`` and then the moves of a chain, without useless
+    """Return the plans that make ``initial_moves`` and then the moves of a chain, without useless
     moves.
 
     If a plan has tiny moves, which only lead to the distance from walls that the clearance asks
@@ -581,7 +581,7 @@ def plan_chain(
         close = replace(query, margin=near.chain_query().margin)
         variants.append(near.moves_of(refine_chain(close, chain), close))
     plans = [
-        without_useless_moves(task, np.array([*first, *moves]))
+        without_useless_moves(task, np.array([*initial_moves, *moves]))
         for moves in variants
         if moves is not None
     ]
