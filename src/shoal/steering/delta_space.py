@@ -218,6 +218,8 @@ def contact_angles(
     ``after``. A contact of particle 2 has the same effect as a contact of particle 1 on the
     opposite side.
     """
+    # |c + delta| <= r for a contact c with |c| = r: its angle to -delta has a cosine of |delta| / 2r
+    # or more
     arcs = [
         (_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1)))
         for delta in (before, after)

@@ -84,9 +84,7 @@ def equality(left: Sequence[Expression], right: Sequence[Expression]) -> list[Ex
 
 
 def solver_settings(clarabel: Any) -> Any:
-    """Return the settings of Clarabel: silent, on one thread, and without a presolve, which would
-    leave constraints without multipliers.
-    """
+    """Return the settings of Clarabel: silent, on one thread, and for the program as it is stated."""
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.presolve_enable = False, False
     settings.chordal_decomposition_enable, settings.max_threads = False, 1

@@ -645,5 +645,4 @@ def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
     for camera noise, for planners.
     """
     spawned = np.random.SeedSequence(seed).spawn(4)
-    # four children, four generators
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]

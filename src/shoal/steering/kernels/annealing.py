@@ -146,6 +146,8 @@ def moves_left(state, task, noise, world, move):
         apart += (state[1, i] - state[0, i] - goal[1, i] + goal[0, i]) ** 2
         move[i] = (goal[0, i] + goal[1, i] - state[0, i] - state[1, i]) / 2
         square += move[i] ** 2
+    # each particle ends half of the wrong difference from its goal; a normal error in the plane is
+    # shorter than m with the probability 1 - exp(-m² / (2 deviation²))
     margin = tolerance - np.sqrt(apart) / 2
     arrives = 0.0
     if margin > 0:

@@ -159,6 +159,7 @@ def first_contact(point, velocity, walls, sliding):
             candidate = max(dot(normals[wall], point) - offsets[wall], 0.0) / -speed
             if candidate < share:
                 share, met = candidate, wall
+    # |point + share velocity - centre| = radius is a share² + 2 b share + c = 0
     a = velocity[0] ** 2 + velocity[1] ** 2
     if circle[2] > 0 and a > 0 and sliding != normals.shape[0]:
         x, y = point[0] - circle[0], point[1] - circle[1]

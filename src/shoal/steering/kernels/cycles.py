@@ -543,6 +543,7 @@ def radius_after_turn(radius, side, step, most, ends, turns, cone):
         low, high = reaction_angles(place, ends, turns, cone)
         tilt = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
         if tilt > 0:
+            # law of sines in the triangle of 0, Δ and Δ after the turn
             after = max(
                 after, most if tilt + step >= np.pi else place * np.sin(tilt) / np.sin(tilt + step)
             )

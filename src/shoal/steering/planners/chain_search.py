@@ -234,6 +234,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
     length ``size`` and angle 0.
     """
     inner = radius - margin
+    # the contacts from which the difference ends inside: law of cosines for radius, size and inner
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
     tilted = contact + cone * np.linspace(-1, 1, TILTS)

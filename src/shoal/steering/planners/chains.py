@@ -127,6 +127,7 @@ def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> N
     """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
+    # to the mirror image of the goal in the wall: (high + low)² = (high - low)² + 4 high low
     flat = np.sqrt(np.sum((start - goal) ** 2, axis=1)[:, None] + 4 * high * low)
     round_ = [
         length_over_circle(s, g, walls.circle[2]) if walls.round else inf

@@ -519,6 +519,7 @@ class Replanning:
         self.deviation = max(
             float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.workspace.size
         )
+        # probability that a normal error in the plane is shorter than a share of the tolerance
         near, far = (
             1 - np.exp(-0.5 * (share * task.tolerance / self.deviation) ** 2)
             for share in (1.0, 1.2)
