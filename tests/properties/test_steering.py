@@ -53,7 +53,7 @@ def test_particles_stay_inside_and_held_ones_stay(space, places, moves, friction
     state = np.array([inside(space, *place) for place in places])
     for move in moves:
         before = state.copy()
-        held = world.held(state, move)
+        held = world.are_held(state, move)
         state = world.step(state, move)
         assert space.contains(state).all()
         if friction == np.inf:

@@ -13,7 +13,7 @@ from tests.soak import often
 from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
-from shoal.steering.contact.friction import friction_limit, turn_on_the_way
+from shoal.steering.contact.friction import friction_limit, largest_turn
 from shoal.steering.kernels.cycles import CycleModel, fewest_cycles, find_cycle
 from shoal.steering.planners.chain_search import backward_nodes
 from shoal.steering.workspaces.walls import normalize_walls
@@ -193,10 +193,10 @@ def test_turns_while_shrinking_are_those_of_small_steps():
         way = np.arccos(size / (2 * radius)) + cone
         turn += 1e-5 * np.sin(way) / size
         size -= 1e-5 * np.cos(way)
-    assert turn_on_the_way(0.9, size, radius, cone) == pytest.approx(turn, rel=1e-3)
-    assert turn_on_the_way(0.9, 0.3, radius, cone) == np.inf
-    assert turn_on_the_way(0.9, 0.6, radius, 0.0) == pytest.approx(
-        turn_on_the_way(0.9, 0.6, radius, 1e-5), rel=1e-3
+    assert largest_turn(0.9, size, radius, cone) == pytest.approx(turn, rel=1e-3)
+    assert largest_turn(0.9, 0.3, radius, cone) == np.inf
+    assert largest_turn(0.9, 0.6, radius, 0.0) == pytest.approx(
+        largest_turn(0.9, 0.6, radius, 1e-5), rel=1e-3
     )
 
 

@@ -26,7 +26,7 @@ from shoal.steering import (
 )
 from shoal.steering.kernels.chain import ChainKind, chain_length, new_work, objective
 from shoal.steering.planners.chain_search import nearest_cycles, roadmap_chain, shortest_chain
-from shoal.steering.planners.chains import ChainQuery, way_over_circle
+from shoal.steering.planners.chains import ChainQuery, length_over_circle
 from shoal.steering.planners.fewest_moves import shooting_plan
 from shoal.steering.planners.shortest import Shortest, planar_task, with_vertical_moves
 from shoal.steering.workspaces.walls import normalize_walls
@@ -425,5 +425,5 @@ def test_no_way_over_a_circle_is_shorter():
             for width in 10.0 ** -np.arange(8):
                 contacts = 0.5 * np.exp(1j * (foot + np.linspace(-4, 4, 401) * width))
                 best = min(best, float(np.min(np.abs(contacts - s) + np.abs(contacts - g))))
-        found = way_over_circle(np.array([s.real, s.imag]), np.array([g.real, g.imag]), 0.5)
+        found = length_over_circle(np.array([s.real, s.imag]), np.array([g.real, g.imag]), 0.5)
         assert abs(s - g) - 1e-12 <= found <= best + 1e-9

@@ -89,7 +89,7 @@ def test_as_exact_fractions_say(name):
             if max(abs(move[0]), abs(move[1])) < 1e-6:
                 continue
             vector = np.array(move, dtype=float)
-            held += int(world.held(state, vector).sum())
+            held += int(world.are_held(state, vector).sum())
             points, state = slow.step(rings, points, move), world.step(state, vector)
             np.testing.assert_allclose(state, np.array(points, dtype=float), atol=2e-9 * 8, rtol=0)
             assert world.workspace.contains(state).all()
@@ -142,7 +142,7 @@ def test_convex_ones_as_the_convex_world(corners):
         np.testing.assert_allclose(here.play(start, moves), there.play(start, moves), atol=1e-8)
         last = here.play(start, moves)[-1]
         for move in moves:
-            np.testing.assert_array_equal(here.held(last, move), there.held(last, move))
+            np.testing.assert_array_equal(here.are_held(last, move), there.are_held(last, move))
 
 
 def test_no_way_through_thin_walls_and_corners():
@@ -173,7 +173,7 @@ def test_reflex_corner_lets_go():
         ((1, 0), False),
         ((0, 1), False),
     ]:
-        assert world.held(corner, move).all() != moved
+        assert world.are_held(corner, move).all() != moved
         assert (world.step(corner, move)[0] != 1).any() == moved
 
 

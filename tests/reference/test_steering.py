@@ -72,7 +72,7 @@ def test_steps_are_those_of_the_plain_simulation(kind):
                 move = rng.choice([-1, 1]) * (
                     space.normals[0] if rng.random() < 0.5 else space.normals[0][::-1] * [1, -1]
                 )
-            held = world.held(points, move)
+            held = world.are_held(points, move)
             assert held.tolist() == [
                 contact.is_held(walls, point, move, space.size) for point in plain
             ]

@@ -25,7 +25,7 @@ from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import (
     ConvexWorkspace,
     Points,
-    clipped,
+    clip_polygon,
     disk,
     hull,
     signed_area,
@@ -218,6 +218,8 @@ def contact_angles(
     ``after``. A contact of particle 2 has the same effect as a contact of particle 1 on the
     opposite side.
     """
+    # |c + delta| <= r for a contact c with |c| = r: its angle to -delta has a cosine of |delta| / 2r
+    # or more
     arcs = [
         (_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1)))
         for delta in (before, after)
@@ -228,8 +230,8 @@ def contact_angles(
         arcs.append((_angle(after - before), pi / 2))
     center, half = arcs[0]
     low, high = -half, half
-    for other, width in arcs[1:]:
-        turn = (other - center + pi) % (2 * pi) - pi
+    for angle, width in arcs[1:]:
+        turn = (angle - center + pi) % (2 * pi) - pi
         low, high = max(low, turn - width), min(high, turn + width)
     # An arc is at most half a turn, so two arcs intersect in one piece, which the shorter turn
     # finds.
@@ -271,7 +273,9 @@ def _polygon_pieces(workspace: ConvexWorkspace, before: Points) -> list[Points]:
             depth = sign * float(workspace.normals[wall] @ before)
             if depth <= 0 or high[wall] < low[wall]:
                 continue
-            slab = clipped(corners, workspace.normals[wall], float(workspace.offsets[wall]) + depth)
+            slab = clip_polygon(
+                corners, workspace.normals[wall], float(workspace.offsets[wall]) + depth
+            )
             contacts = [
                 corners[wall] + share * (ends[wall] - corners[wall])
                 for share in (low[wall], high[wall])
@@ -294,8 +298,8 @@ def _disk_pieces(
         depth = -float(before @ contact) / radius
         chord = float(np.arccos(np.clip(1 - depth / radius, -1, 1)))
         around = np.linspace(angle - chord, angle + chord, corners)
-        piece = radius * unit_vectors(around) - contact
-        pieces.append(piece)
+        outline = radius * unit_vectors(around) - contact
+        pieces.append(outline)
     return pieces
 
 
@@ -354,10 +358,10 @@ class DiskReach:
         """Return for each position difference, shape (..., 2), whether the particles can reach it;
         bool, shape (...).
         """
-        given = np.asarray(differences, dtype=np.float64)
-        angles = np.abs(angles_of(given))
+        points = np.asarray(differences, dtype=np.float64)
+        angles = np.abs(angles_of(points))
         return np.asarray(
-            np.hypot(given[..., 0], given[..., 1])
+            np.hypot(points[..., 0], points[..., 1])
             <= np.interp(angles, _ahead(len(self.radii)), self.radii)
         )
 
@@ -426,11 +430,11 @@ def disk_reach(
     contacts = np.linspace(-half, half, directions)
     depths = distance / size * np.cos(contacts)
     sets: list[DiskReach] = []
-    for done in range(2, moves + 1, 2):
+    for count in range(2, moves + 1, 2):
         if sets:
             contacts = np.linspace(-pi, pi, directions)
             depths = _deepest(ahead, sets[-1].radii / size, contacts)
-        sets.append(DiskReach(radius, distance, done, size * _furthest(ahead, contacts, depths)))
+        sets.append(DiskReach(radius, distance, count, size * _furthest(ahead, contacts, depths)))
     return sets
 
 
@@ -456,10 +460,12 @@ def _furthest(
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
     reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
     # The longest extent is often between two contacts, where chord and depth limit it equally.
-    left = slope - allowed
-    crossed = (left[:, :-1] * left[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
+    excess = slope - allowed
+    crossed = (
+        (excess[:, :-1] * excess[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(crossed, left[:, :-1] / (left[:, :-1] - left[:, 1:]), 0.0)
+        share = np.where(crossed, excess[:, :-1] / (excess[:, :-1] - excess[:, 1:]), 0.0)
     between = np.where(crossed, slope[:, :-1] + share * (slope[:, 1:] - slope[:, :-1]), 0.0)
     return np.asarray(np.maximum(reached.max(axis=1), between.max(axis=1)))
 
@@ -517,10 +523,10 @@ class PolygonReach:
         at sample points of the walls. Between two neighbouring sample points, the method uses the
         smaller of the two depths. The method `reaches` is exact for any number of moves.
         """
-        given = np.asarray(differences, dtype=np.float64)
-        lengths = np.hypot(given[..., 0], given[..., 1])
+        points = np.asarray(differences, dtype=np.float64)
+        lengths = np.hypot(points[..., 0], points[..., 1])
         with np.errstate(invalid="ignore"):
-            ahead = np.where(lengths[..., None] > 0, given / lengths[..., None], (1.0, 0.0))
+            ahead = np.where(lengths[..., None] > 0, points / lengths[..., None], (1.0, 0.0))
         radii = self._extents(ahead.reshape(-1, 2))[0].reshape(lengths.shape)
         return np.asarray(lengths <= radii + _CLOSE * self.workspace.size)
 
@@ -592,12 +598,14 @@ class PolygonReach:
         later = following[change]
         points = radii[:, None] * rays
         before, after = points[change], points[later]
-        one = self._extents_of(rays[later], pieces[change])[:, None] * rays[later]
-        other = self._extents_of(rays[change], pieces[later])[:, None] * rays[change]
+        own_later = self._extents_of(rays[later], pieces[change])[:, None] * rays[later]
+        other_earlier = self._extents_of(rays[change], pieces[later])[:, None] * rays[change]
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = _across(other - before, after - other) / _across(one - before, after - other)
+            share = _across(other_earlier - before, after - other_earlier) / _across(
+                own_later - before, after - other_earlier
+            )
         share = np.clip(np.nan_to_num(share), 0.0, 1.0)
-        crossing = before + share[:, None] * (one - before)
+        crossing = before + share[:, None] * (own_later - before)
         length = np.hypot(*crossing.T)
         away = length > _CLOSE * self.workspace.size
         middle = rays[change] + rays[later]
@@ -683,9 +691,9 @@ class PolygonReach:
 
 def _rays(*angles: NDArray[np.float64]) -> Points:
     """Return the unit vectors of all angles and of π, in ascending order and without doubles."""
-    whole = np.concatenate(angles)
-    whole = np.append(np.unique(whole[np.abs(whole) < pi - SAME]), pi)
-    return unit_vectors(whole[np.diff(whole, prepend=-pi) > SAME])
+    ordered = np.concatenate(angles)
+    ordered = np.append(np.unique(ordered[np.abs(ordered) < pi - SAME]), pi)
+    return unit_vectors(ordered[np.diff(ordered, prepend=-pi) > SAME])
 
 
 def _corners(points: Points) -> Points:
@@ -754,9 +762,9 @@ def polygon_reach(
         fits = workspace.contains(points + sign * start) & (depth > _CLOSE * workspace.size)
         depths[row] = np.where(fits, depth, -1.0)
     sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
-    for done in range(4, moves + 1, 2):
+    for count in range(4, moves + 1, 2):
         deeper = sets[-1].deepen()
-        sets.append(PolygonReach(workspace, start, done, points, walls, deeper))
+        sets.append(PolygonReach(workspace, start, count, points, walls, deeper))
     return sets
 
 

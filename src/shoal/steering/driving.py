@@ -58,7 +58,7 @@ FEW = 3  # moves of a plan that is carried out without a search for a shorter on
 CAREFUL = 2.0  # standard deviations of a move that a careful input allows for
 SLIPPERY = 3.0  # friction below which moves to walls are careful
 STRIDE = 0.2  # relative to the size: longest move along a path
-WAYS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
+PATH_MARGINS = (0.02, 0.01, 1e-3)  # relative to the size: distance of paths from walls
 PATIENCE = 40  # moves without progress until the drive ends
 SLOW_GAIN = 0.75  # below which the gain is told
 STILL = 3  # moves of which no particle makes a fifth, until the drive ends
@@ -234,13 +234,13 @@ def steer_rig(
     <Status.ARRIVED: 'arrived'>
     """
     seed = check_integer(seed, what="seed", least=0)
-    problem = _checked(problem, rig)
+    problem = _check_drive(problem, rig)
     if problem.n_particles != 2:
         raise InvalidInputError(f"a drive: expected two particles, got {problem.n_particles}")
     return _run(_Loop(problem, rig, seed, None, on_move), log)
 
 
-def _checked(problem: SteeringProblem, rig: Any) -> SteeringProblem:
+def _check_drive(problem: SteeringProblem, rig: Any) -> SteeringProblem:
     """Return the problem with its tolerance, if a rig can be driven by it."""
     for name in ("look", "send"):
         if not callable(getattr(rig, name, None)):
@@ -304,7 +304,7 @@ def follow(
     InvalidInputError, SteeringDriveError, OutputError
         As for `steer_rig`, and for way-points outside the workspace.
     """
-    problem = _checked(problem, rig)
+    problem = _check_drive(problem, rig)
     check_integer(particle, what="particle", least=1, most=problem.n_particles)
     points = check_points(waypoints, what="waypoints", dimensions=2)
     if not len(points):
@@ -348,9 +348,9 @@ class _Session(ABC):
         self.count = problem.n_particles
         self.rng = np.random.default_rng([seed, 6])
         least = problem.friction_at_least
-        told = problem.given & {"friction", "friction_at_least"}
+        stated = problem.given & {"friction", "friction_at_least"}
         self.friction = FrictionEstimate(
-            problem.friction if least is None else least, LESS if told else UNKNOWN
+            problem.friction if least is None else least, LESS if stated else UNKNOWN
         )
         self.gains, self.faults, self.deviation = GainEstimate(self.count), FaultEstimate(), 0.0
         self.goal = np.ascontiguousarray(problem.endpoints(seed)[1])
@@ -383,10 +383,10 @@ class _Session(ABC):
         if self.gains.moves and slow.max() < SLOW_GAIN and status is not Status.ALARM:
             reason += f"; the particles move only by {slow.mean():.2g} of the inputs"
         if self.friction.slips:
-            given = self.problem.given & {"friction", "friction_at_least"}
+            is_stated = self.problem.given & {"friction", "friction_at_least"}
             stated = (
                 f"the stated friction was at least {self.friction.stated:g}"
-                if given and self.friction.stated < inf
+                if is_stated and self.friction.stated < inf
                 else "no friction was stated, which means that nothing slips"
             )
             reason += (
@@ -400,8 +400,8 @@ class _Session(ABC):
                 f" was at least {self.friction.stated:g}"
             )
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
-        told = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]
-        median, low, high = (None if value > 1e8 else value for value in told)
+        quantiles = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]
+        median, low, high = (None if value > 1e8 else value for value in quantiles)
         result = SteeringDrive(
             self.problem,
             status,
@@ -430,8 +430,8 @@ class _Session(ABC):
         looks = [self._look(None) for _ in range(LOOKS)]
         first = looks[0]
         if not isinstance(self.problem.start, str):
-            first = _in_order(first, self.problem.start)
-        looks = [_in_order(points, first) for points in looks]
+            first = _match(first, self.problem.start)
+        looks = [_match(points, first) for points in looks]
         self.deviation = max(float(np.std(looks, axis=0).mean()) * 1.2, self.problem.measurement)
         if np.ptp(looks, axis=0).max() == 0.0:  # the same picture, which tells nothing
             self.deviation = self.problem.measurement or SAME * self.size
@@ -466,29 +466,29 @@ class _Session(ABC):
                     f" {points.shape}"
                 )
             if len(points) == self.count:
-                return points if expected is None else self._told_apart(points, expected)
+                return points if expected is None else self._identify(points, expected)
             if len(points) > self.count and expected is not None:  # the others are ghosts
-                return _in_order(points, expected)
+                return _match(points, expected)
         raise _Ended(
             Status.ALARM,
             f"{AGAIN} looks in a row did not show {self.count} particles; the last showed {len(points)}",
         )
 
-    def _told_apart(self, points: Points, expected: Points) -> Points:
+    def _identify(self, points: Points, expected: Points) -> Points:
         """Return the points in the order of the particles.
 
         That is the order of the rig, which may know the particles from each other, unless another
         order explains the look clearly better. Where it does not, as after two particles have been
         at one place, the order is in doubt.
         """
-        orders = [points, _in_order(points, expected), points[::-1]]
-        kept, other, reverse = (
+        orders = [points, _match(points, expected), points[::-1]]
+        unchanged, matched, swapped = (
             float(np.linalg.norm(order - expected, axis=1).max()) for order in orders
         )
         apart = ALIKE * self.size + 6 * self.deviation
-        if kept > 3 * other + apart:
+        if unchanged > 3 * matched + apart:
             return orders[1]
-        if self.count == 2 and reverse <= 3 * kept + apart:
+        if self.count == 2 and swapped <= 3 * unchanged + apart:
             self.doubtful = len(self.inputs)
         return points
 
@@ -559,7 +559,7 @@ class _Session(ABC):
         if self.on_move is not None:
             self.on_move(len(self.inputs), self.error)
         if self.still >= STILL:
-            same = all(np.array_equal(seen, one) for one in self.seen[-STILL:])
+            same = all(np.array_equal(seen, look) for look in self.seen[-STILL:])
             why = (
                 "and all looks show exactly the same: the camera is frozen, or"
                 if same
@@ -634,14 +634,16 @@ class _Loop(_Session):
             proof = self._why_unreachable()
             if proof is not None:
                 raise _Ended(Status.UNREACHABLE, f"{text}: {proof}")
-        missing = float(np.hypot(*kernels.missing(self.state, self.goal, self._pressing(1.0))))
+        missing = float(
+            np.hypot(*kernels.missing_change(self.state, self.goal, self._pressing(1.0)))
+        )
         missing += 0.1 * self.error
         if missing < 0.95 * self.least_missing:
             self.least_missing, self.progress = missing, moves
         if self.chosen is not None:
             # by one table, because what was learnt since may have made the way longer
-            left = np.array([self.chosen.moves_left(seen, self.goal) for seen in self.seen])
-            self.progress = max(self.progress, int(np.argmax(left <= left.min() + 0.5)))
+            moves_left = np.array([self.chosen.moves_left(seen, self.goal) for seen in self.seen])
+            self.progress = max(self.progress, int(np.argmax(moves_left <= moves_left.min() + 0.5)))
         if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
             if self.planless:
                 why = (
@@ -697,7 +699,7 @@ class _Loop(_Session):
         levels: list[tuple[float, PressingSearch]] = []
         for share in LEVELS:
             friction = self.friction.quantile(share)
-            if any(friction == other for other, _ in levels):
+            if any(friction == level for level, _ in levels):
                 continue
             pressing = self._pressing(min(tan(atan(friction) * 0.97), STEEPEST))
             search = PressingSearch(self.world, pressing, self.rng, self._tables)
@@ -718,13 +720,13 @@ class _Loop(_Session):
         for rounds in (FAST, SLOW):
             for _, search in levels:
                 self.chosen = search
-                rest = self._rest(search.pressing) if self.leads else None
-                if rest is not None and len(rest) <= FEW:
-                    return rest
-                left = search.moves_left(state, self.goal)
-                if left >= kernels.MOST_LEFT - 1:
+                continuation = self._continuation(search.pressing) if self.leads else None
+                if continuation is not None and len(continuation) <= FEW:
+                    return continuation
+                moves_left = search.moves_left(state, self.goal)
+                if moves_left >= kernels.MOST_LEFT - 1:
                     continue
-                if rounds == FAST and left > LONG and not isinstance(self.space, Region):
+                if rounds == FAST and moves_left > LONG and not isinstance(self.space, Region):
                     moves = self._manoeuvre(search)
                     if len(moves):
                         return moves
@@ -734,16 +736,20 @@ class _Loop(_Session):
                     tolerance=0.6 * self.problem.tolerance,
                     moves=min(self.problem.max_moves - len(self.inputs), 40),
                     rounds=rounds,
-                    wanted=WANTED,
+                    most=WANTED,
                     shorter=True,
                 )
                 if plans:
                     best = self._surest(search, plans)
-                    self._near_by(len(best))
+                    self._note_progress(len(best))
                     self.leads = True
-                    return best if rest is None or len(best) < len(rest) - 1 else rest
-                if rest is not None:
-                    return rest
+                    return (
+                        best
+                        if continuation is None or len(best) < len(continuation) - 1
+                        else continuation
+                    )
+                if continuation is not None:
+                    return continuation
                 moves = self._manoeuvre(search)
                 if len(moves):
                     return moves
@@ -751,13 +757,13 @@ class _Loop(_Session):
 
     def _manoeuvre(self, search: PressingSearch) -> Points:
         """Return the moves of the manoeuvre after which the fewest moves are left."""
-        kept = None if self.leads else self._remaining(search.pressing)[0]
-        moves, left = search.best_manoeuvre(
-            self.state, self.goal, self.problem.tolerance, self._scenarios(search), kept
+        begun = None if self.leads else self._replay_steps(search.pressing)[0]
+        moves, moves_left = search.best_manoeuvre(
+            self.state, self.goal, self.problem.tolerance, self._scenarios(search), begun
         )
         if len(moves):
             self.leads = False
-            self._near_by(left)
+            self._note_progress(moves_left)
         return moves
 
     def _scenarios(self, search: PressingSearch) -> tuple[Points, Points, Points]:
@@ -768,50 +774,50 @@ class _Loop(_Session):
         frictions = rng.choice(self.friction.values, SCENARIOS, p=self.friction.shares)
         return turns, self.gains.draw(SCENARIOS, rng), frictions
 
-    def _near_by(self, left: float) -> None:
+    def _note_progress(self, moves_left: float) -> None:
         """Remember how few moves were left at least."""
-        if left < self.shortest - 0.5:
-            self.shortest, self.progress = left, len(self.inputs)
+        if moves_left < self.shortest - 0.5:
+            self.shortest, self.progress = moves_left, len(self.inputs)
 
-    def _rest(self, pressing: Any) -> Points | None:
+    def _continuation(self, pressing: Any) -> Points | None:
         """Return the rest of the last plan from here, or None if it no longer leads to the goals."""
         if not self.steps:
             return None
-        moves, state = self._remaining(pressing)
-        missed = float(np.linalg.norm(state - self.goal, axis=1).max())
-        return moves if missed <= 0.8 * self.problem.tolerance else None
+        moves, state = self._replay_steps(pressing)
+        error = float(np.linalg.norm(state - self.goal, axis=1).max())
+        return moves if error <= 0.8 * self.problem.tolerance else None
 
-    def _remaining(self, pressing: Any) -> tuple[Points, Points]:
+    def _replay_steps(self, pressing: Any) -> tuple[Points, Points]:
         """Return the moves of the steps that are left, from here, and where they lead."""
         state, moves = self.state, []
         world = kernels.with_friction(self.kernel_world, pressing.friction)
-        last = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
+        last_press = max((k for k, step in enumerate(self.steps) if step.kind == PRESS), default=-1)
         spare, vector = np.empty(2), np.empty(2)
         for k, step in enumerate(self.steps):
             final = self.leads and k == len(self.steps) - 1
-            move = self._move_of(step, state, self.leads and k == last, final)
+            move = self._move_of(step, state, self.leads and k == last_press, final)
             kernels.send_both(state, *move.tolist(), self.gains.mean, world, vector, spare)
             moves.append(move)
         return np.array(moves).reshape(-1, 2), state
 
-    def _move_of(self, step: _Step, state: Points, last_press: bool, last: bool) -> Points:
+    def _move_of(self, step: _Step, state: Points, last_press: bool, final: bool) -> Points:
         """Return the input that leads from a state to the target of a step."""
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
-        if step.kind == MOVE and last:
+        if step.kind == MOVE and final:
             return np.array(kernels.to_goal(state, self.goal, self._pressing(1.0)))
         if step.kind == MOVE:
-            way, gain = step.target - state.mean(axis=0), gains.mean()
+            displacement, gain = step.target - state.mean(axis=0), gains.mean()
         elif step.kind == TOUCH:
-            way, gain = step.target - state[step.held], gains[step.held]
+            displacement, gain = step.target - state[step.held], gains[step.held]
         elif step.kind == PRESS:
             sign = 1.0 if step.held == 0 else -1.0
             change = step.target - (state[1] - state[0])
             if last_press:
-                change = np.array(kernels.missing(state, self.goal, self._pressing(1.0)))
-            way, gain = sign * change, gains[1 - step.held]
+                change = np.array(kernels.missing_change(state, self.goal, self._pressing(1.0)))
+            displacement, gain = sign * change, gains[1 - step.held]
         else:
             return step.target
-        sent = complex(*way) / gain
+        sent = complex(*displacement) / gain
         return np.array([sent.real, sent.imag])
 
     def _steps_of(self, plan: Points) -> list[_Step]:
@@ -825,13 +831,13 @@ class _Loop(_Session):
                 state, *move.tolist(), self.gains.mean, self.kernel_world, vector, spare
             )
             free = gains * complex(*move)
-            made = np.linalg.norm(state - before, axis=1) / np.maximum(np.abs(free), 1e-300)
-            held = int(np.argmin(made))
-            if made[held] > 1 - 1e-6:
+            fractions = np.linalg.norm(state - before, axis=1) / np.maximum(np.abs(free), 1e-300)
+            held = int(np.argmin(fractions))
+            if fractions[held] > 1 - 1e-6:
                 steps.append(_Step(MOVE, 0, state.mean(axis=0)))
-            elif made[1 - held] < 1 - 1e-6:  # a wall stops the other particle, too
+            elif fractions[1 - held] < 1 - 1e-6:  # a wall stops the other particle, too
                 steps.append(_Step(RAW, held, np.array(move)))
-            elif made[held] < 1e-3:
+            elif fractions[held] < 1e-3:
                 steps.append(_Step(PRESS, held, state[1] - state[0]))
             else:
                 aim = before[held] + np.array([free[held].real, free[held].imag])
@@ -856,7 +862,7 @@ class _Loop(_Session):
         turns = np.tile([1.0, 0.0], (1, kernels.STEPS, 1))
         return turns, self.gains.mean[None].copy(), np.array([float(search.pressing.friction)])
 
-    def _careful(self, move: Points) -> Points:
+    def _limit_move(self, move: Points) -> Points:
         """Return a shorter input where the error of a long one could not be taken back.
 
         Before the gains are known, no particle shall touch a wall.
@@ -869,31 +875,33 @@ class _Loop(_Session):
         before, after = self.state, self.state
         self._predict(after, move)
         free = np.hypot(*self.gains.mean.T) * float(np.hypot(*move))
-        made = np.linalg.norm(after - before, axis=1) / np.maximum(free, 1e-300)
-        held = int(np.argmin(made))
+        fractions = np.linalg.norm(after - before, axis=1) / np.maximum(free, 1e-300)
+        held = int(np.argmin(fractions))
         if self.gains.deviation > UNSURE:
-            return self._untouched(move)
+            return self._free_move(move)
         share = (
             CAREFUL * float(np.hypot(ANGLE, GAIN)) * max(self.gains.deviation / GAIN, 1.0) ** 0.5
         )
         length = float(free.max())
-        if made[1 - held] < 1 - 1e-6 or made[held] > 1 - 1e-6:
+        if fractions[1 - held] < 1 - 1e-6 or fractions[held] > 1 - 1e-6:
             return move  # a translation, or both meet walls
         if share * length < 0.5 * self.problem.tolerance:
             return move
-        if made[held] < 1e-3:
+        if fractions[held] < 1e-3:
             return np.asarray(move * max(1 - 1.5 * share, 0.5))
         if self.friction.quantile(0.8) < SLIPPERY:
-            return np.asarray(move * max(made[held] - 1.5 * share, 0.3 * made[held]))
+            return np.asarray(move * max(fractions[held] - 1.5 * share, 0.3 * fractions[held]))
         return move
 
-    def _untouched(self, move: Points) -> Points:
+    def _free_move(self, move: Points) -> Points:
         """Return an input that shows the gains, because both particles are free all the while."""
         low, high = self.space.bounds
         inward = (np.asarray(low) + high) / 2 - self.state.mean(axis=0)
-        for way in (move, inward):
-            share = kernels.free(self.state, *way.tolist(), self._pressing(1.0), self.kernel_world)
-            short = np.asarray(way * 0.7 * share)  # a gain may be larger than assumed
+        for direction in (move, inward):
+            share = kernels.free_share(
+                self.state, *direction.tolist(), self._pressing(1.0), self.kernel_world
+            )
+            short = np.asarray(direction * 0.7 * share)  # a gain may be larger than assumed
             if float(np.hypot(*short)) > 0.05 * self.size:
                 return short
         return move
@@ -906,7 +914,7 @@ class _Loop(_Session):
         if plan is not None and len(plan):
             self.planless = 0
             self.steps = self._steps_of(plan)
-            move = self._careful(plan[0])
+            move = self._limit_move(plan[0])
             if move is plan[0] or np.array_equal(move, plan[0]):
                 del self.steps[0]  # else the next input goes on to the same target
             return move
@@ -943,10 +951,10 @@ class _Path(_Session):
         return result
 
     def _next_move(self) -> Points:
-        here, tolerance = self.seen[-1][self.particle], self.problem.tolerance
+        position, tolerance = self.seen[-1][self.particle], self.problem.tolerance
         if self.inputs:
-            self.deviation_most = max(self.deviation_most, _distance(here, *self._leg))
-        while self.corners and float(np.linalg.norm(self.corners[0] - here)) <= tolerance:
+            self.deviation_most = max(self.deviation_most, _distance(position, *self._leg))
+        while self.corners and float(np.linalg.norm(self.corners[0] - position)) <= tolerance:
             del self.corners[0]
             if not self.corners:
                 self.reached += 1
@@ -965,36 +973,40 @@ class _Path(_Session):
                 f" {len(self.waypoints)} way-points",
             )
         if not self.corners:
-            self.corners = self._way(here, self.waypoints[self.reached])
-            self._leg = (here, self.corners[0])
+            self.corners = self._shortest_path(position, self.waypoints[self.reached])
+            self._leg = (position, self.corners[0])
         elif not np.array_equal(self._leg[1], self.corners[0]):
             self._leg = (self._leg[1], self.corners[0])
-        way = self.corners[0] - here
-        length = float(np.hypot(*way))
-        way = way * min(1.0, STRIDE * self.size / length)
+        displacement = self.corners[0] - position
+        length = float(np.hypot(*displacement))
+        displacement = displacement * min(1.0, STRIDE * self.size / length)
         re, im = self.gains.mean[self.particle]
-        x, y = way / (re * re + im * im)
+        x, y = displacement / (re * re + im * im)
         return np.array([re * x + im * y, re * y - im * x])
 
-    def _way(self, here: Points, there: Points) -> list[Points]:
+    def _shortest_path(self, position: Points, waypoint: Points) -> list[Points]:
         """Return the corners of the shortest path to a way-point."""
         if not isinstance(self.space, Region):
-            return [there]
-        task = SteeringTask(self.world, here[None], there[None], self.problem.tolerance)
-        for margin in WAYS:
-            free = free_offsets(self.space, there[None], margin * self.size)
-            path = None if free is None else free.path(here - there, task)
+            return [waypoint]
+        task = SteeringTask(self.world, position[None], waypoint[None], self.problem.tolerance)
+        for margin in PATH_MARGINS:
+            free = free_offsets(self.space, waypoint[None], margin * self.size)
+            path = None if free is None else free.path(position - waypoint, task)
             if path is not None:
-                corners = [corner + there for corner in path]
+                corners = [corner + waypoint for corner in path]
                 return [
-                    *(one for one in corners if float(np.hypot(*(one - here))) > 1e-3 * self.size),
-                    there,
+                    *(
+                        corner
+                        for corner in corners
+                        if float(np.hypot(*(corner - position))) > 1e-3 * self.size
+                    ),
+                    waypoint,
                 ]
-        x, y = there.tolist()
+        x, y = waypoint.tolist()
         raise _Ended(Status.UNREACHABLE, f"no free path leads to the way-point ({x:g}, {y:g})")
 
 
-def _in_order(points: Points, expected: Points) -> Points:
+def _match(points: Points, expected: Points) -> Points:
     """Return as many of the points as expected, each the nearest to where it is expected."""
     from scipy.optimize import linear_sum_assignment
 
@@ -1018,7 +1030,7 @@ def _foot(space: Any, point: Points) -> Points:
 
 def _distance(point: Points, begin: Points, end: Points) -> float:
     """Return the distance of a point from a straight line between two points."""
-    way, gone = end - begin, point - begin
-    square = float(way @ way)
-    share = min(max(float(gone @ way) / square, 0.0), 1.0) if square > 0 else 0.0
-    return float(np.linalg.norm(gone - share * way))
+    along, offset = end - begin, point - begin
+    square = float(along @ along)
+    share = min(max(float(offset @ along) / square, 0.0), 1.0) if square > 0 else 0.0
+    return float(np.linalg.norm(offset - share * along))

@@ -308,7 +308,7 @@ class SteeringEpisode(Episode):
         problem = self.problem
         if problem.place_is_file():
             problem = problem.replaced(workspace=problem.place)
-        made = {
+        stored = {
             "kind": self.part,
             "problem": problem.to_dict(),
             "status": str(self.status),
@@ -317,7 +317,7 @@ class SteeringEpisode(Episode):
             "order": self.order.tolist(),
             "versions": dict(self.versions),
         }
-        data = {name: made[name] if name in made else getattr(self, name) for name in _STORED}
+        data = {name: stored[name] if name in stored else getattr(self, name) for name in _STORED}
         write_json(target, data, indent=None)
 
     @classmethod
@@ -363,23 +363,23 @@ class SteeringEpisode(Episode):
 
 
 def _array(
-    given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()
+    numbers: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()
 ) -> NDArray[np.float64]:
-    """Return the numbers in ``given`` as an array of the shape ``shape``, in which None stands for
+    """Return ``numbers`` as an array of the shape ``shape``, in which None stands for
     any length.
     """
     try:
-        array = np.array(given, dtype=np.float64)
+        array = np.array(numbers, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         array = np.zeros(0)
     if empty and array.size == 0 and array.ndim == 1:
         array = array.reshape(empty)
     fits = array.ndim == len(shape) and all(
-        wanted in (None, real) for wanted, real in zip(shape, array.shape, strict=True)
+        expected in (None, real) for expected, real in zip(shape, array.shape, strict=True)
     )
     if not fits or not (np.abs(array) <= FARTHEST).all():
-        wanted = " x ".join("any" if length is None else str(length) for length in shape)
+        expected = " x ".join("any" if length is None else str(length) for length in shape)
         raise InvalidInputError(
-            f"{what}: expected {wanted} finite numbers, got an array of shape {array.shape}"
+            f"{what}: expected {expected} finite numbers, got an array of shape {array.shape}"
         )
     return array

@@ -182,25 +182,25 @@ def _faults() -> list[tuple[str, NDArray[np.float64]]]:
     parts of an input, float64, shape (2, 2, 2).
     """
     mirrored = "the picture or the field is mirrored: {} are exchanged"
-    turned = "the picture or the field is turned by 90 degrees: the axes are swapped, one inverted"
+    rotated = "the picture or the field is turned by 90 degrees: the axes are swapped, one inverted"
     changes = [
         (mirrored.format("left and right"), [[-1, 0], [0, 1]]),
         (mirrored.format("up and down"), [[1, 0], [0, -1]]),
         ("the picture or the field is turned by 180 degrees", [[-1, 0], [0, -1]]),
         ("the axes are swapped (x and y exchanged)", [[0, 1], [1, 0]]),
         ("the axes are swapped (x and y exchanged) and mirrored", [[0, -1], [-1, 0]]),
-        (turned, [[0, -1], [1, 0]]),
-        (turned, [[0, 1], [-1, 0]]),
+        (rotated, [[0, -1], [1, 0]]),
+        (rotated, [[0, 1], [-1, 0]]),
     ]
-    found = [(text, np.array([matrix, matrix], dtype=np.float64)) for text, matrix in changes]
-    both = np.tile(np.eye(2), (2, 1, 1))
+    faults = [(text, np.array([matrix, matrix], dtype=np.float64)) for text, matrix in changes]
+    identity = np.tile(np.eye(2), (2, 1, 1))
     for axis in range(2):
         for sides, which in (((0,), "+"), ((1,), "-"), ((0, 1), "±")):
-            dead = both.copy()
+            dead = identity.copy()
             dead[list(sides), axis, axis] = 0.0
             text = f"no particle follows inputs along {which}{'xy'[axis]}: a coil does nothing"
-            found.append((text, dead))
-    return found
+            faults.append((text, dead))
+    return faults
 
 
 FAULTS = _faults()
@@ -277,9 +277,9 @@ def _off(
     least = np.inf
     for friction in WALLS:
         walls, total = kernels.with_friction(world, friction), 0.0
-        for point, gain, there in zip(before, gains, seen, strict=True):
+        for point, gain, observed in zip(before, gains, seen, strict=True):
             end = point.copy()
             kernels.send_to(end, float(sent[0]), float(sent[1]), gain, walls, vector, spare)
-            total += min(float(((end - there) ** 2).sum()) / (2 * variance), CLIP)
+            total += min(float(((end - observed) ** 2).sum()) / (2 * variance), CLIP)
         least = min(least, total)
     return least

@@ -29,32 +29,32 @@ FINEST = 1e-8  # relative to the size: contacts are not more accurate
 RANDOM = "random"
 
 
-def _check_workspace(given: Any) -> Any:
-    if isinstance(given, os.PathLike):
-        return os.fspath(given)
-    if isinstance(given, dict):
-        return workspace_of(given, where="workspace")
-    if not isinstance(given, str) and not hasattr(given, "check_inside"):
+def _check_workspace(value: Any) -> Any:
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, dict):
+        return workspace_of(value, where="workspace")
+    if not isinstance(value, str) and not hasattr(value, "check_inside"):
         raise InvalidInputError(
             "workspace: expected a name, a path, a workspace or its JSON form, got"
-            f" {shortened(given)}"
+            f" {shortened(value)}"
         )
-    return given
+    return value
 
 
-def _dump_workspace(given: Any) -> Any:
-    return given if isinstance(given, str) else describe(given)
+def _dump_workspace(value: Any) -> Any:
+    return value if isinstance(value, str) else describe(value)
 
 
 def _check_places(what: str) -> Any:
-    def check(given: Any) -> Points | str:
-        if isinstance(given, str) and given == RANDOM:
+    def check(value: Any) -> Points | str:
+        if isinstance(value, str) and value == RANDOM:
             return RANDOM
         try:
-            spatial = np.ndim(given) == 2 and np.shape(given)[1] == 3
+            spatial = np.ndim(value) == 2 and np.shape(value)[1] == 3
         except ValueError:  # points of different lengths
             spatial = False
-        points = check_points(given, what=what, dimensions=3 if spatial else 2).copy()
+        points = check_points(value, what=what, dimensions=3 if spatial else 2).copy()
         if len(points) < 2:
             raise InvalidInputError(f"{what}: expected 2 points or more, got {len(points)}")
         return points
@@ -79,35 +79,35 @@ def _parse_places(text: str) -> Any:
         ) from None
 
 
-def _dump_places(given: Any) -> Any:
-    return given if isinstance(given, str) else given.tolist()
+def _dump_places(value: Any) -> Any:
+    return value if isinstance(value, str) else value.tolist()
 
 
-def _check_planner(given: Any) -> Any:
-    if given == "auto":
-        return given
-    if isinstance(given, str) and ":" in given and given.partition(":")[0] not in PLANNERS:
-        return given  # objects in third-party modules are not imported yet
-    make_planner(given)
-    return given
+def _check_planner(value: Any) -> Any:
+    if value == "auto":
+        return value
+    if isinstance(value, str) and ":" in value and value.partition(":")[0] not in PLANNERS:
+        return value  # objects in third-party modules are not imported yet
+    make_planner(value)
+    return value
 
 
-def _dump_planner(given: Any) -> str:
-    if isinstance(given, str):
-        return given
+def _dump_planner(value: Any) -> str:
+    if isinstance(value, str):
+        return value
     return (
-        str(given.name)
-        if given.name in PLANNERS
-        else f"{type(given).__module__}:{type(given).__qualname__}"
+        str(value.name)
+        if value.name in PLANNERS
+        else f"{type(value).__module__}:{type(value).__qualname__}"
     )
 
 
-def _check_friction(given: Any) -> float:
-    return inf if given is None else check_number(given, what="friction", least=0, finite=False)
+def _check_friction(value: Any) -> float:
+    return inf if value is None else check_number(value, what="friction", least=0, finite=False)
 
 
-def _dump_friction(given: float) -> float | None:
-    return None if given == inf else given
+def _dump_friction(value: float) -> float | None:
+    return None if value == inf else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -476,14 +476,14 @@ class SteeringProblem(Problem):
         """
         rng = np.random.default_rng([check_integer(seed, what="seed", least=0), 1])
         start, goal = (
-            self._drawn(rng) if isinstance(points, str) else points.copy()
+            self._draw_points(rng) if isinstance(points, str) else points.copy()
             for points in (self.start, self.goal)
         )
         if self.goal_x is not None:
             goal[self.varied - 1, :2] = self.goal_x, self.goal_y
         return start, goal
 
-    def _drawn(self, rng: np.random.Generator) -> Points:
+    def _draw_points(self, rng: np.random.Generator) -> Points:
         """Return one random point of the workspace for each particle; particles with a radius do
         not overlap at these points.
         """
@@ -508,14 +508,11 @@ def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
     """Raise an error if particles with different goals start at the same point, because no shared
     move separates such particles.
     """
-    for one in range(len(start)):
-        for other in range(one):
-            if (
-                np.array_equal(start[one], start[other])
-                and np.abs(goal[one] - goal[other]).max() > tolerance
-            ):
+    for i in range(len(start)):
+        for j in range(i):
+            if np.array_equal(start[i], start[j]) and np.abs(goal[i] - goal[j]).max() > tolerance:
                 raise InvalidInputError(
                     "start: expected particles at different points, got"
-                    f" {tuple(start[one].tolist())} for particles {other + 1} and {one + 1}, which"
+                    f" {tuple(start[i].tolist())} for particles {j + 1} and {i + 1}, which"
                     " a shared input never separates"
                 )

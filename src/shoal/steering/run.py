@@ -17,7 +17,7 @@ from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.planners.clearance import plan_with_clearance
-from shoal.steering.planners.pressing import holding_share, lowest
+from shoal.steering.planners.pressing import holding_share, with_least_friction
 from shoal.steering.planners.task import (
     SteeringTask,
     path_length,
@@ -74,8 +74,8 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
         else [tuple(range(len(start)))]
     )
     attempts = []
-    for left in range(len(orders), 0, -1):
-        order = orders[-left]
+    for remaining in range(len(orders), 0, -1):
+        order = orders[-remaining]
         task = SteeringTask(
             problem.world(gain=0.0),
             start,
@@ -89,9 +89,9 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
         )
         if problem.time is not None:  # the remaining planning time is shared
             now = working_time()
-            task = replace(task, deadline=now + (begun + problem.time - now) / left)
+            task = replace(task, deadline=now + (begun + problem.time - now) / remaining)
         attempts.append(_attempt(problem, planner, task, order))
-    bounds = [one.lower_bound for one in attempts if one.lower_bound is not None]
+    bounds = [attempt.lower_bound for attempt in attempts if attempt.lower_bound is not None]
     best = _best_of(
         attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves"
     )
@@ -140,11 +140,11 @@ def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _
     the best by number of moves and length. If no attempt reaches the goals, the best attempt ends
     nearest to them.
     """
-    arrived = [one for one in attempts if one.error <= tolerance]
+    arrived = [attempt for attempt in attempts if attempt.error <= tolerance]
     if not arrived:
-        return min(attempts, key=lambda one: one.error)
-    arrived = [one for one in arrived if one.status == Status.SOLVED] or arrived
-    sizes = [(len(one.inputs), path_length(one.inputs)) for one in arrived]
+        return min(attempts, key=lambda attempt: attempt.error)
+    arrived = [attempt for attempt in arrived if attempt.status == Status.SOLVED] or arrived
+    sizes = [(len(attempt.inputs), path_length(attempt.inputs)) for attempt in arrived]
     return arrived[worthwhile(sizes, by_moves=by_moves)]
 
 
@@ -165,7 +165,7 @@ def _attempt(
         else None
     )
     if why_never is None and simple:
-        why_never = why_unreachable(lowest(task))
+        why_never = why_unreachable(with_least_friction(task))
     if why_never is None and hasattr(planner, "control"):
         apparatus = Apparatus(problem, start, seed=task.seed)
         inputs, states = planner.control(task, apparatus)
@@ -174,8 +174,8 @@ def _attempt(
         inputs = planner.plan(task)
     elif why_never is None and task.error(start) > task.tolerance:
         inputs = plan_with_clearance(task, planner)
-    found = 0 if inputs is None else len(inputs)
-    if inputs is None or (found > task.max_moves and states is None):
+    count = 0 if inputs is None else len(inputs)
+    if inputs is None or (count > task.max_moves and states is None):
         inputs = np.zeros((0, problem.place.dimensions))
     if states is None:
         states = replay(problem, inputs, seed=task.seed)
@@ -220,7 +220,7 @@ def _attempt(
     elif simple and (why_near := why_approachable(task)) is not None:
         status, reason = Status.APPROACHABLE, f"{why_near}; this plan comes within {error:.3g}"
     else:
-        status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
+        status, reason = Status.LIMIT, _why_not(problem, count, inputs, error)
     reason += f"; {remark}" if remark else ""
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
     bounded = bounded and task.bounds is None
@@ -229,10 +229,10 @@ def _attempt(
     )
 
 
-def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
+def _why_not(problem: SteeringProblem, count: int, inputs: Points, error: float) -> str:
     """Return the reason why the moves of the planner do not solve the problem."""
-    if found > problem.max_moves:
-        return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
+    if count > problem.max_moves:
+        return f"the plan that was found takes {count} moves, more than {problem.max_moves}"
     if not len(inputs):
         return "no plan was found"
     too_far = f"farther than the tolerance of {problem.tolerance:g}"

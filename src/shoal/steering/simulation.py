@@ -109,12 +109,13 @@ def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
     worst = float(np.linalg.norm(exact - end, axis=1).max()) / (TOUCH * problem.place.size)
     for particle, axis in np.ndindex(start.shape):
         for side in (-step, step):
-            moved = start.copy()
-            moved[particle, axis] += side
-            if problem.place.contains(moved).all():
+            displaced = start.copy()
+            displaced[particle, axis] += side
+            if problem.place.contains(displaced).all():
                 worst = max(
                     worst,
-                    float(np.linalg.norm(world.play(moved, moves)[-1] - end, axis=1).max()) / step,
+                    float(np.linalg.norm(world.play(displaced, moves)[-1] - end, axis=1).max())
+                    / step,
                 )
     return float(worst)
 

@@ -98,8 +98,8 @@ def is_case(pattern, contacts, count, runs):
                 if isinstance(item, HoldGap):
                     # beside a run that has all contacts of its particle up to the gap
                     again = part and (
-                        (before and before.whole[1] and part[0][0] == before.particle)
-                        or (after and after.whole[0] and part[-1][0] == after.particle)
+                        (before and before.maximal[1] and part[0][0] == before.particle)
+                        or (after and after.maximal[0] and part[-1][0] == after.particle)
                     )
                     reached |= {end} if _is_gap(item, part, count) and not again else set()
                 elif _is_hold(item, part, count):
@@ -157,13 +157,13 @@ def test_cases_of_plans(name):
         while stack:
             node = stack.pop()
             assert node.bound is None or node.bound.value <= length * (1 + 1e-9)
-            if node.how is None:
+            if node.branching is None:
                 ends += 1
                 continue
             cases = [
-                part for part in node.parts if is_case(part.pattern, contacts, count, walls.runs)
+                part for part in node.children if is_case(part.pattern, contacts, count, walls.runs)
             ]
-            assert cases, (node.pattern, node.how, contacts)
+            assert cases, (node.pattern, node.branching, contacts)
             stack += cases
         assert ends
         assert tree.lower <= length * (1 + 1e-9)

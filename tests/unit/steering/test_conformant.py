@@ -143,7 +143,7 @@ search = PressingSearch(
     RegionWorld(yard, friction=1.0), pressing_of(bounds, 1.0), np.random.default_rng(1)
 )
 start, goal = np.array([[0.2, 0.3], [0.3, 0.8]]), np.array([[0.3, 0.3], [0.35, 0.6]])
-plans = search.plans(start, goal, tolerance=0.01, moves=20, rounds=400, wanted=1)
+plans = search.plans(start, goal, tolerance=0.01, moves=20, rounds=400, most=1)
 scenarios = bounds.scenarios(4, 3, np.random.default_rng(2))
 moves = np.array([[-0.4, 0.1], [0.2, -0.5], [0.6, 0.3]])
 print([plan.round(9).tolist() for plan in plans])

@@ -23,7 +23,7 @@ from shoal.steering import (
 from shoal.steering.contact.world import RegionWorld
 from shoal.steering.planners import annealing, sampling
 from shoal.steering.planners.sampling import Sampling
-from shoal.steering.planners.sampling import _sees as sees
+from shoal.steering.planners.sampling import _are_visible as sees
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 YARD = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]])
@@ -179,7 +179,7 @@ def test_edges_that_are_left_out_would_not_have_been_met():
         state = np.concatenate([spots[room.contains(spots)], *room.rings])
         once = state.copy()
         for move in chance.normal(size=(40, 2)) * room.size * chance.random((40, 1)) ** 3:
-            np.testing.assert_array_equal(world.moved(state, move), other.moved(once, move))
+            np.testing.assert_array_equal(world.advance(state, move), other.advance(once, move))
 
 
 def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
@@ -187,7 +187,9 @@ def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
     looked at.
     """
     asked = []
-    monkeypatch.setattr(sampling, "_sees", lambda *given: asked.append(given) or sees(*given))
+    monkeypatch.setattr(
+        sampling, "_are_visible", lambda *given: asked.append(given) or sees(*given)
+    )
     start, goal = np.array([(-0.5, 0.3), (-0.5, 0.1)]), np.array([(0.5, 0.1), (0.5, -0.1)])
     task = SteeringTask(RegionWorld(STAR), start, goal, 1e-6)
     way = next(sampling.Translations(task).around(start[0] - goal[0]))

@@ -94,7 +94,7 @@ def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
         contact, after = first_contact(place, start, toucher, rng)
         goal = rng.uniform(low, high)
         move = goal - after[1 - toucher]
-        if not place.contains(goal) or not world.held(after, move)[toucher]:
+        if not place.contains(goal) or not world.are_held(after, move)[toucher]:
             continue
         end = world.play(start, [contact - start[toucher], move])[-1]
         played += 1
@@ -117,13 +117,13 @@ def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
     ]
 
 
-def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
+def _pair_claims(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
     """Return the claim that no random pair of moves leaves the computed set, the largest angle
     ``widest``, and all trials.
     """
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
-    found = claim(
+    outside_claim = claim(
         f"share of {played:g} random pairs of moves that end outside of the set",
         "0",
         outside / played,
@@ -131,22 +131,22 @@ def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
         why="the set is that of all pairs; one outside refutes it",
     )
     return (
-        found,
+        outside_claim,
         max(trial["widest"] for trial in trials),
         trials_table(trials, ["trial", "played", "outside"]),
     )
 
 
 def _pieces(place: ConvexWorkspace, start: Points) -> list[Polygon]:
-    return [Polygon(piece) for piece in two_move_pieces(place, start[1] - start[0])]
+    return [Polygon(corners) for corners in two_move_pieces(place, start[1] - start[0])]
 
 
-def _distinct(pieces: list[Polygon]) -> list[Polygon]:
-    kept: list[Polygon] = []
-    for piece in pieces:
-        if all(piece.symmetric_difference(other).area > 1e-9 for other in kept):
-            kept.append(piece)
-    return kept
+def _distinct(polygons: list[Polygon]) -> list[Polygon]:
+    distinct: list[Polygon] = []
+    for shape in polygons:
+        if all(shape.symmetric_difference(earlier).area > 1e-9 for earlier in distinct):
+            distinct.append(shape)
+    return distinct
 
 
 def draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
@@ -206,23 +206,23 @@ def draw_difference_space(axes: Axes, place: ConvexWorkspace, start: Points, tit
     """
     draw_workspace(axes, place.differences)
     axes.set_axis_off()
-    for piece in two_move_pieces(place, start[1] - start[0]):
+    for corners in two_move_pieces(place, start[1] - start[0]):
         axes.fill(
-            *piece.T,
+            *corners.T,
             facecolor="#9ecae1" if place.round else "#4292c6",
             alpha=1 if place.round else 0.25,
             lw=0,
             zorder=1,
         )
         if not place.round:
-            axes.fill(*piece.T, facecolor="none", edgecolor="#2171b5", lw=0.8, zorder=2)
+            axes.fill(*corners.T, facecolor="none", edgecolor="#2171b5", lw=0.8, zorder=2)
     axes.plot(*(start[1] - start[0]), "s", color=INK, ms=7, zorder=4)
     set_title(axes, title)
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     place, start = STARTS["square"]
-    played, _, table = _played(store, sweeps[0])
+    played, _, table = _pair_claims(store, sweeps[0])
     pieces = _pieces(place, start)
     claims = (
         claim(
@@ -252,7 +252,7 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     place, start = STARTS["five sides"]
-    played, _, table = _played(store, sweeps[0])
+    played, _, table = _pair_claims(store, sweeps[0])
     pieces = _pieces(place, start)
     claims = (
         claim(
@@ -286,7 +286,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     place, start = STARTS["disk"]
-    played, widest, table = _played(store, sweeps[0])
+    played, widest, table = _pair_claims(store, sweeps[0])
     before, r = start[1] - start[0], place.radius
     half = pi / 2 - float(np.arcsin(np.hypot(*before) / (2 * r)))
     angles = (pi - half, pi - half / 4)

@@ -155,11 +155,11 @@ def swap_antipodes(
         who, contact = _contact(state, cycle.low / radius, radius, toucher)
         moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]
         state = np.stack([contact, contact + delta] if who == 0 else [contact - delta, contact])
-        left = query.goal - state
+        offsets = query.goal - state
         lengths.append(
-            float(np.linalg.norm(moves, axis=1).sum() + np.linalg.norm(left.mean(axis=0)))
+            float(np.linalg.norm(moves, axis=1).sum() + np.linalg.norm(offsets.mean(axis=0)))
         )
-        errors.append(float(np.linalg.norm(left[1] - left[0]) / 2))
+        errors.append(float(np.linalg.norm(offsets[1] - offsets[0]) / 2))
     return AntipodeSwap(
         toucher, query.start, query.goal, np.array(moves), np.array(lengths), np.array(errors)
     )
@@ -220,14 +220,14 @@ def disk_fractions(
     >>> (100 * disk_fractions([0.1], moves=6).fractions).round(1).tolist()
     [[6.3, 30.1, 55.8]]
     """
-    given = np.atleast_1d(np.asarray(distances, dtype=np.float64))
-    if not given.size:
+    values = np.atleast_1d(np.asarray(distances, dtype=np.float64))
+    if not values.size:
         raise InvalidInputError("distances: expected at least one distance, got none")
     table = [
         [reach.fraction() for reach in disk_reach(float(d), moves=moves, directions=directions)]
-        for d in given
+        for d in values
     ]
-    return DiskFractions(given, 2 * np.arange(1, moves // 2 + 1), np.array(table))
+    return DiskFractions(values, 2 * np.arange(1, moves // 2 + 1), np.array(table))
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
@@ -543,24 +543,24 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
         raise InvalidInputError("goal maps: expected rows of equal length with at least one panel")
     panels = [panel for row in rows for panel in row]
     scales = {
-        what: _Scale([sweep for sweep, shown in panels if shown == what], what)
-        for what in dict.fromkeys(w for _, w in panels)
+        quantity: _Scale([sweep for sweep, shown in panels if shown == quantity], quantity)
+        for quantity in dict.fromkeys(quantity for _, quantity in panels)
     }
     columns = len(rows[0])
     figure = padded_figure(3.2 * columns + 0.9, 3.05 * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
-    for axes, (sweep, what) in zip(grid.ravel(), panels, strict=True):
-        scales[what].draw(axes, sweep)
+    for axes, (sweep, quantity) in zip(grid.ravel(), panels, strict=True):
+        scales[quantity].draw(axes, sweep)
     for axes in grid[-1]:
         axes.set_xlabel(f"x of the goal of particle {panels[0][0].varied}", color=INK, fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("y of that goal", color=INK, fontsize=9)
-    shown = np.array([[what for _, what in row] for row in rows])
+    shown = np.array([[quantity for _, quantity in row] for row in rows])
     by_row = bool((shown == shown[:, :1]).all())
-    for group, what in zip(
+    for group, quantity in zip(
         grid if by_row else grid.T, shown[:, 0] if by_row else shown[0], strict=True
     ):
-        _draw_bar(figure, [*group], scales[str(what)])
+        _draw_bar(figure, [*group], scales[str(quantity)])
     figure.legend(
         handles=_goal_key(panels[0][0]),
         loc="outside lower center",
@@ -581,7 +581,7 @@ def _draw_bar(figure: Figure, on: list[Axes], scale: _Scale) -> None:
         aspect=18,
         ticks=scale.ticks,
     )
-    bar.set_label({"moves": "moves", "length": "length of the plan"}[scale.what], color=INK)
+    bar.set_label({"moves": "moves", "length": "length of the plan"}[scale.quantity], color=INK)
     bar.outline.set_visible(False)
     bar.minorticks_off()
     bar.ax.tick_params(length=0, labelcolor=INK, labelsize=8)
@@ -590,17 +590,17 @@ def _draw_bar(figure: Figure, on: list[Axes], scale: _Scale) -> None:
 class _Scale:
     """The common colour scale of all panels that show the same quantity."""
 
-    def __init__(self, sweeps: Sequence[GoalSweep], what: str) -> None:
-        if what not in {"moves", "length"}:
-            raise InvalidInputError(f'goal maps: expected "moves" or "length", got {what!r}')
+    def __init__(self, sweeps: Sequence[GoalSweep], quantity: str) -> None:
+        if quantity not in {"moves", "length"}:
+            raise InvalidInputError(f'goal maps: expected "moves" or "length", got {quantity!r}')
         from matplotlib import colormaps
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import BoundaryNorm, Normalize
 
-        self.what = what
+        self.quantity = quantity
         values = np.concatenate([self.values(sweep).ravel() for sweep in sweeps])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if what == "moves":
+        if quantity == "moves":
             edges = np.arange(np.floor(low), high + 2) - 0.5
             self.norm: Normalize = BoundaryNorm(edges, 256)
             self.ticks: list[float] | None = [float(tick) for tick in edges[:-1] + 0.5]
@@ -608,14 +608,14 @@ class _Scale:
         else:
             self.norm, self.ticks = Normalize(0, high), None
             self.levels = np.arange(0.25, high, 0.25)
-        self.colours = colormaps["viridis_r" if what == "length" else "cividis_r"]
+        self.colours = colormaps["viridis_r" if quantity == "length" else "cividis_r"]
         self.image = ScalarMappable(self.norm, self.colours)
 
     def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
         """Return the values of a sweep that the scale shows: the numbers of moves, or the lengths
         of the plans.
         """
-        return sweep.moves if self.what == "moves" else sweep.lengths
+        return sweep.moves if self.quantity == "moves" else sweep.lengths
 
     def draw(self, axes: Axes, sweep: GoalSweep) -> None:
         """Draw one panel of a figure: the map of costs, contour lines for lengths, the starts and
@@ -643,7 +643,7 @@ class _Scale:
         )
         image.set_clip_path(border)
         axes.set(xlim=limits[0], ylim=limits[1])
-        if self.what == "length":
+        if self.quantity == "length":
             axes.contour(
                 sweep.x,
                 sweep.y,
@@ -661,7 +661,7 @@ class _Scale:
             *problem.goal[fixed], "o", mfc="white", mec=PARTICLES[fixed], mew=2, ms=7, zorder=5
         )
         either = ", interchangeable" if problem.interchangeable else ""
-        set_title(axes, f"{self.what} ≤ {np.nanmax(values):.3g}{either}")
+        set_title(axes, f"{self.quantity} ≤ {np.nanmax(values):.3g}{either}")
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -221,7 +221,7 @@ def _tube_moves(rng: np.random.Generator, count: int) -> tuple[int, int, float]:
         if (
             not tube.contains(after[1 - toucher])
             or not tube.contains(goal)
-            or not world.held(after, move)[toucher]
+            or not world.are_held(after, move)[toucher]
         ):
             continue
         end = world.play(start, [contact - start[toucher], move])[-1]
@@ -267,7 +267,7 @@ def _fig10(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     table = Table(
         "plan",
         ["move", "x", "y", "z"],
-        [[k + 1, *np.round(one, 4).tolist()] for k, one in enumerate(episode.inputs)],
+        [[k + 1, *np.round(move, 4).tolist()] for k, move in enumerate(episode.inputs)],
     )
     sentence = "The prism ends where the tube ends, as the other particle stays inside."
     return Outcome(figure, claims, sentence, (table,), f"positions are ours; {NO_DATA}")

@@ -72,7 +72,7 @@ def random_positions(rng: Generator, workspace: ConvexWorkspace, count: int) -> 
     return np.array(points)
 
 
-def _planned(workspace: ConvexWorkspace, start: Points, goal: Points) -> dict[str, float]:
+def _plan_case(workspace: ConvexWorkspace, start: Points, goal: Points) -> dict[str, float]:
     """Return whether a plan is found, its moves, and how far from the goals it ends, in sizes."""
     try:
         moves = rearrange(workspace, start, goal)
@@ -93,7 +93,7 @@ def rearrangement(*, seed: int, case: int) -> dict[str, float]:
     workspace, rng = WORKSPACES[name], np.random.default_rng(seed)
     start, goal = (random_positions(rng, workspace, count) for _ in range(2))
     room = min(room_to_rearrange(workspace, points) for points in (start, goal)) > 0
-    return {"room": room, **_planned(workspace, start, goal)}
+    return {"room": room, **_plan_case(workspace, start, goal)}
 
 
 @measuring("planned", "moves", "error")
@@ -105,7 +105,7 @@ def near_corners(*, seed: int, sides: int, near: float) -> dict[str, float]:
     middle = workspace.vertices.mean(axis=0)
     shares = 1 - near * rng.uniform(0.9, 1.1, (sides, 1))
     goal = middle + shares * (workspace.vertices - middle)
-    return _planned(workspace, random_positions(rng, workspace, sides), goal)
+    return _plan_case(workspace, random_positions(rng, workspace, sides), goal)
 
 
 @measuring("merged", "clipped", "grown", "goal")
@@ -118,11 +118,11 @@ def limits(*, seed: int) -> dict[str, float]:
     start = random_positions(rng, square, 3)
     moves = rng.normal(scale=0.4, size=(40, 2))
     together = np.array([start[0], start[0], start[1]])
-    held = ContactWorld(square).play(together, moves)[-1]
+    stuck = ContactWorld(square).play(together, moves)[-1]
     slid = ContactWorld(square, friction=0.0).play(start, moves)
     apart = np.abs(slid[:, :, None] - slid[:, None])  # (moves + 1, 3, 3, 2)
     return {
-        "merged": float(np.abs(held[0] - held[1]).max()),
+        "merged": float(np.abs(stuck[0] - stuck[1]).max()),
         "clipped": all(is_reachable_without_friction(start, state) for state in slid),
         "grown": float(np.diff(apart, axis=0).max()),
         "goal": is_reachable_without_friction(start, random_positions(rng, square, 3)),
@@ -143,7 +143,7 @@ def _many(store: Store, sweeps: list[Sweep], _settings: Settings) -> Outcome:
     trials, random, corners = (trials_of(store, sweep) for sweep in sweeps)
     own = {case: [t for t in trials if t["case"] == k] for k, case in enumerate(CASES)}
     planned = [t for t in trials + corners if t["planned"]]
-    share = {case: float(np.mean([t["planned"] for t in found])) for case, found in own.items()}
+    share = {case: float(np.mean([t["planned"] for t in group])) for case, group in own.items()}
     full = [case for case in CASES if case[0] in {"square", "parallelogram"}]
     claims = (
         claim(
@@ -220,8 +220,8 @@ def _many(store: Store, sweeps: list[Sweep], _settings: Settings) -> Outcome:
             "goals near all corners",
             ["sides and particles", "distance from the corners", "with a plan", *columns[4:]],
             [
-                [sides, near, float(np.mean([t["planned"] for t in found])), *_spread(found)]
-                for (sides, near), found in ends.items()
+                [sides, near, float(np.mean([t["planned"] for t in group])), *_spread(group)]
+                for (sides, near), group in ends.items()
             ],
         ),
         trials_table(trials, ["case", "room", "planned", "moves", "error"]),
@@ -234,15 +234,15 @@ def _many(store: Store, sweeps: list[Sweep], _settings: Settings) -> Outcome:
         " positions, but takes ever more moves, or fails, if each corner is the goal of a particle."
         " Open are such goals, and disks. The plans show that a way exists, not a short one."
     )
-    return Outcome(_drawn(rows), claims, sentence, tables)
+    return Outcome(_draw_chart(rows), claims, sentence, tables)
 
 
-def _spread(found: list[dict[str, Any]]) -> tuple[int, int, int] | tuple[str, str, str]:
-    moves = [t["moves"] for t in found if t["planned"]]
+def _spread(trials: list[dict[str, Any]]) -> tuple[int, int, int] | tuple[str, str, str]:
+    moves = [t["moves"] for t in trials if t["planned"]]
     return (min(moves), int(np.median(moves)), max(moves)) if moves else ("", "", "")
 
 
-def _drawn(rows: list[list[Any]]) -> Any:
+def _draw_chart(rows: list[list[Any]]) -> Any:
     """Draw one plan of three particles, and the moves of the plans of all cases."""
     from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
 

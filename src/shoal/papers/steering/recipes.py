@@ -117,7 +117,7 @@ def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
     """Return the claims for the fractions that paper W prints, in percent, for one initial
     distance.
     """
-    (found,) = (row for row in table if row["distance"] == distance)
+    (entry,) = (row for row in table if row["distance"] == distance)
     claims = []
     for moves, text in PRINTED_FRACTIONS[distance].items():
         step = 10.0 ** -len(text.partition(".")[2])
@@ -125,7 +125,7 @@ def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
             claim(
                 f"% reached in {moves} moves from {distance:g} diameters",
                 text,
-                100 * found[f"share_{moves}"],
+                100 * entry[f"share_{moves}"],
                 within=(float(text) - step / 2, float(text) + step),
                 why="rounded or cut off; the paper's method underestimates",
             )
@@ -161,18 +161,18 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     for trial in trials_of(store, sweeps[0]):
         counts[trial["sides"]].append(trial["moves_to_fill"] or 10)
 
-    def filled(sides: int, moves: int, *, source: str = "") -> Claim:
+    def filled_share(sides: int, moves: int, *, source: str = "") -> Claim:
         share = float(np.mean([needed <= moves for needed in counts[sides]]))
-        what = (
+        text = (
             f"{sides} sides{source}: share of {len(counts[sides])} starts from which {moves} moves"
             " fill the space"
         )
-        return claim(what, "all", share, within=(1, 1), why="one start refutes it")
+        return claim(text, "all", share, within=(1, 1), why="one start refutes it")
 
     claims = (
-        filled(3, 4),
-        filled(4, 4, source=', "at most five moves" with the last translation'),
-        *(filled(n, 6) for n in SIDES[1:]),
+        filled_share(3, 4),
+        filled_share(4, 4, source=', "at most five moves" with the last translation'),
+        *(filled_share(n, 6) for n in SIDES[1:]),
     )
     rows = [[n, *(sum(m == moves for m in counts[n]) for moves in (*MOVES, 10))] for n in SIDES]
     sentence = (
@@ -218,7 +218,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     at, most = largest_two_move_fraction()
     claims = [
-        *(one for distance in (0.1, 0.001) for one in _shares(trials, distance)),
+        *(share_claim for distance in (0.1, 0.001) for share_claim in _shares(trials, distance)),
         claim(
             "most that two moves reach",
             "0.373",
@@ -299,38 +299,38 @@ def _alike(values: NDArray[np.float64]) -> float:
 
 
 def _fig14(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    made = [goal_sweep(store, sweep) for sweep in sweeps]
+    maps = [goal_sweep(store, sweep) for sweep in sweeps]
     names = [f"goal of particle 1 at {goal}" for goal in DISK_GOALS]
-    goals_inside = sum(int(np.isfinite(sweep.moves).sum()) for sweep in made)
+    goals_inside = sum(int(np.isfinite(sweep.moves).sum()) for sweep in maps)
     claims = (
         claim(
             "goal in the middle: share of goals with the moves of their mirror images",
             "symmetric",
-            _alike(made[0].moves),
+            _alike(maps[0].moves),
             within=(1, 1),
         ),
         claim(
             "goal in the middle: share with the same length",
             "symmetric",
-            _alike(made[0].lengths),
+            _alike(maps[0].lengths),
             within=(1, 1),
         ),
         claim(
             "goal off the middle: share with the same length",
             "not symmetric",
-            _alike(made[1].lengths),
+            _alike(maps[1].lengths),
             within=(0, 0.99),
         ),
-        claim("goals without a plan", "0", sum(sweep.unsolved for sweep in made), within=(0, 0)),
+        claim("goals without a plan", "0", sum(sweep.unsolved for sweep in maps), within=(0, 0)),
     )
-    figure = goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in made])
+    figure = goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in maps])
     sentence = (
         f"Of {goals_inside} goals inside. Plans are those of algorithm 1 with the corrected sets."
         " Of an arc of contacts that serve equally ours takes the first one, not that of the"
         " mirror image, so lengths are not symmetric though moves are."
     )
     return Outcome(
-        figure, claims, sentence, (goal_table(names, made), goal_data(names, made)), NO_DATA
+        figure, claims, sentence, (goal_table(names, maps), goal_data(names, maps)), NO_DATA
     )
 
 
@@ -409,15 +409,15 @@ def _fig16_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    made = [goal_sweep(store, sweep) for sweep in sweeps]
-    alone, either = made[: len(SQUARE_CASES)], made[len(SQUARE_CASES) :]
+    maps = [goal_sweep(store, sweep) for sweep in sweeps]
+    alone, either = maps[: len(SQUARE_CASES)], maps[len(SQUARE_CASES) :]
     rows, claims, saved = [], [], []
-    for k, (one, other, printed) in enumerate(
+    for k, (fixed, interchangeable, printed) in enumerate(
         zip(alone, either, (33, 60, 30), strict=True), start=1
     ):
-        longest = [float(np.nanmax(sweep.lengths)) for sweep in (one, other)]
+        longest = [float(np.nanmax(sweep.lengths)) for sweep in (fixed, interchangeable)]
         less = 100 * (1 - longest[1] / longest[0])
-        rows.append([k, f"{longest[0]:.3f}", f"{longest[1]:.3f}", int(np.nanmax(one.moves))])
+        rows.append([k, f"{longest[0]:.3f}", f"{longest[1]:.3f}", int(np.nanmax(fixed.moves))])
         claims.append(
             claim(
                 f"case {k}: % by which the longest plan gets shorter",
@@ -426,7 +426,7 @@ def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
                 unlike="the cases are not printed; these are ours",
             )
         )
-        saved.append((one.lengths - other.lengths)[np.isfinite(one.lengths)])
+        saved.append((fixed.lengths - interchangeable.lengths)[np.isfinite(fixed.lengths)])
     gain = np.concatenate(saved)
     claims += [
         claim(
@@ -455,7 +455,7 @@ def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         ]
     )
     shown = Table("longest plans", ["case", "longest", "interchangeable", "most moves"], rows)
-    return Outcome(figure, tuple(claims), "", (shown, goal_data(names, made)), NO_DATA)
+    return Outcome(figure, tuple(claims), "", (shown, goal_data(names, maps)), NO_DATA)
 
 
 RECIPES = (

@@ -194,8 +194,8 @@ def _draw_reflection(axes: Axes, goal: Points) -> None:
     states = ContactWorld(SQUARE).play(START, crossing_moves(START, goal, toucher, contact))
     draw_workspace(axes, SQUARE)
     for particle, colour in enumerate(PARTICLES[:2]):
-        for here, there in pairwise(states[:, particle]):
-            arrow_between(axes, here, there, colour)
+        for begin, end in pairwise(states[:, particle]):
+            arrow_between(axes, begin, end, colour)
         axes.plot(
             *START[particle], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}"
         )
@@ -426,15 +426,19 @@ def _swap_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    swaps, others, found = (trials_of(store, sweep) for sweep in sweeps)
+    swaps, random_problems, long_problems = (trials_of(store, sweep) for sweep in sweeps)
     lengths = {
         name: np.array([trial["length"] for trial in swaps if trial["planner"] == name])
         for name in ("greedy", "shortest")
     }
-    solved = [trial for trial in others if trial["length"] is not None]
+    solved = [trial for trial in random_problems if trial["length"] is not None]
     most = max(
         trial["moves"]
-        for trial in [*solved, *found, *(swap for swap in swaps if swap["planner"] == "greedy")]
+        for trial in [
+            *solved,
+            *long_problems,
+            *(swap for swap in swaps if swap["planner"] == "greedy"),
+        ]
     )
     claims = (
         claim(
@@ -448,7 +452,7 @@ def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             f"longest plan of algorithm 1 for {len(solved)} random problems, all swaps and a"
             " problem that a search found",
             f"{WORST:.3f} at most",
-            max(*(t["length"] for t in [*solved, *found]), lengths["greedy"].max()),
+            max(*(t["length"] for t in [*solved, *long_problems]), lengths["greedy"].max()),
             within=(-inf, WORST),
             why="one longer plan refutes it",
         ),
@@ -485,7 +489,7 @@ def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     ]
     table = Table("swaps", ["planner", "distance from the walls", "length", "moves"], rows)
     data = trials_table(
-        others, ["trial", "length", "moves"], title="random problems by algorithm 1"
+        random_problems, ["trial", "length", "moves"], title="random problems by algorithm 1"
     )
     return Outcome(
         figure,

@@ -156,34 +156,37 @@ def certify(
     # with more particles, there is no proof
     orders: Sequence[tuple[int, ...]] = [(0, 1), (1, 0)] if problem.interchangeable else [(0, 1)]
     by_moves = getattr(problem.chosen_planner, "prefers", "length") == "moves"
-    begun = told = clock()
+    begun = reported = clock()
     if episode and has_proof(problem) and not by_moves:
-        episode = _planned_wider(episode, orders, FOR_WIDER * seconds, clock)
+        episode = _plan_wider(episode, orders, FOR_WIDER * seconds, clock)
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
     least_moves = int(_is_away(problem, start, goal))
     searches, more = (
         _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
     )
-    other = episode.lower_bound or 0.0
+    bound_of_planner = episode.lower_bound or 0.0
     if not searches:
-        bounds = {"shortest": other, "shortest paths": geodesic_bound(problem, start, goal)}
+        bounds = {
+            "shortest": bound_of_planner,
+            "shortest paths": geodesic_bound(problem, start, goal),
+        }
         return _with_bound(episode, bounds, None, least_moves)
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
     while (now := clock()) - begun < for_length:
-        search = min(searches, key=lambda one: one.lower)
+        search = min(searches, key=lambda search: search.lower)
         least = search.lower
-        if least * (1 + _ENOUGH) >= min(one.upper for one in searches):
+        if least * (1 + _ENOUGH) >= min(search.upper for search in searches):
             break
         search.step(clock)
-        if progress is not None and now - told > 1:
-            told = now
+        if progress is not None and now - reported > 1:
+            reported = now
             progress(now - begun, least)
-    bound = max(min(one.lower for one in searches) * (1 - _SLACK), 0.0)
+    bound = max(min(search.lower for search in searches) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
-        **_stated(problem, start, goal),
+        **_statement(problem, start, goal),
         **more,
         "limit": limit,
         "unit": searches[0].relaxation.scale,
@@ -201,8 +204,8 @@ def certify(
         )
         if proofs:
             stated = [
-                {"order": [k + 1 for k in order], "proof": one}
-                for order, one in zip(orders, proofs, strict=True)
+                {"order": [k + 1 for k in order], "proof": moves_proof}
+                for order, moves_proof in zip(orders, proofs, strict=True)
             ]
             proof["moves"] = {"lower_bound": least_moves, "proofs": stated}
     if not (checked := check_certificate(proof)):
@@ -211,12 +214,14 @@ def certify(
         )
     order, search = min(zip(orders, searches, strict=True), key=lambda pair: pair[1].upper)
     if place.kind == "polygon" and not by_moves:
-        episode = _shortened(episode, order, search.shortest)
+        episode = _shorten(episode, order, search.shortest)
     if place.kind == "prism" and not by_moves and search.upper * (1 + CERTIFIED) < episode.length:
-        episode = improved(episode, order, search.shortest or ())
+        episode = plan_with_holds(episode, order, search.shortest or ())
     if place.kind == "region" and not by_moves and episode.length > bound * (1 + _ENOUGH):
-        episode = _planned_again(episode, orders, begun + seconds, clock)
-    return _with_bound(episode, {"certificate": bound, "shortest": other}, proof, least_moves)
+        episode = _plan_again(episode, orders, begun + seconds, clock)
+    return _with_bound(
+        episode, {"certificate": bound, "shortest": bound_of_planner}, proof, least_moves
+    )
 
 
 def _with_bound(
@@ -232,7 +237,7 @@ def _with_bound(
     ShoalError
         If a bound is above the length of the plan, which refutes the bound.
     """
-    name = max(bounds, key=lambda one: bounds[one])
+    name = max(bounds, key=lambda source: bounds[source])
     least = bounds[name]
     # bounds of planners are for plans to the goals themselves
     allowed = 4 * episode.problem.tolerance + _REFUTED * episode.length
@@ -276,7 +281,7 @@ def has_proof(problem: SteeringProblem) -> bool:
     """Return whether the bounds of such problems have proof trees.
 
     A region has none if its obstacles touch each other or the outline, or if there are too many
-    ways around them.
+    routes around them.
     """
     place = problem.place
     return (
@@ -307,8 +312,10 @@ def _searches(
     cells = cells_of_place(place, start[:, -1], limit)
     if cells is None or not limit:
         return [], {}
-    found = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
-    return found if all(one.possible for one in found) else [], cells.stated
+    searches_by_routes = [RouteSearch(cells, start, goal, tolerance, limit) for goal in goals]
+    return searches_by_routes if all(
+        search.possible for search in searches_by_routes
+    ) else [], cells.stated
 
 
 def _least_moves(
@@ -327,17 +334,17 @@ def _least_moves(
     programs = [MovePrograms(corners, start, goal, problem.tolerance) for goal in goals]
     least, proofs = 0, list[Any]()
     while least < min(most, MOST_MOVES):
-        found = []
-        for one in programs:
-            proof = prove_more_moves(one, least, len(corners), late)
+        more_proofs = []
+        for program in programs:
+            proof = prove_more_moves(program, least, len(corners), late)
             if proof is None:
                 return least, proofs
-            found.append(proof)
-        least, proofs = least + 1, found
+            more_proofs.append(proof)
+        least, proofs = least + 1, more_proofs
     return least, proofs
 
 
-def _stated(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
+def _statement(problem: SteeringProblem, start: Points, goal: Points) -> dict[str, Any]:
     """Return the problem as a certificate states it."""
     place = problem.place
     if place.round:
@@ -370,13 +377,13 @@ def check_certificate_of(
             "certificates are for two points, without sliding, noise, uneven field and stated"
             " errors",
         )
-    for name, value in _stated(problem, start, goal).items():
+    for name, value in _statement(problem, start, goal).items():
         if certificate.get(name) != value:
             return Verification(False, f"the certificate is for another problem: see {name}")
     return check_certificate(certificate)
 
 
-def _shortened(
+def _shorten(
     episode: SteeringEpisode, order: tuple[int, ...], tree: PatternTree
 ) -> SteeringEpisode:
     """Return an episode with the shortest plan of a tree, if this is shorter than ``episode``."""
@@ -388,10 +395,12 @@ def _shortened(
     holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
     if not holds:  # a translation, which is shorter only by the tolerance of the goals
         return episode
-    return improved(episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds])
+    return plan_with_holds(
+        episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds]
+    )
 
 
-def improved(
+def plan_with_holds(
     episode: SteeringEpisode, order: tuple[int, ...], holds: Sequence[tuple[int, int]]
 ) -> SteeringEpisode:
     """Return an episode with a plan of the given holds, if it is shorter and as sure as the plan of
@@ -402,7 +411,7 @@ def improved(
 
     task = _task(episode, order, episode.seed)
     plans = []
-    for first, query in task.departures():
+    for initial_moves, query in task.departures():
         for repeats in (1, 2):  # a hold whose contact slides is several
             walls = np.repeat([wall for wall, _ in holds], repeats)
             touchers = np.repeat([particle for _, particle in holds], repeats)
@@ -410,11 +419,11 @@ def improved(
             length = query.optimize(unknowns, touchers, walls, enough=1e-9)
             if length < inf:
                 chain = refine_chain(query, Chain(touchers, walls, unknowns, length))
-                plans += plan_chain(task, first, chain, query)
+                plans += plan_chain(task, initial_moves, chain, query)
     return _with_shortest(episode, task, order, plans)
 
 
-def _planned_wider(
+def _plan_wider(
     episode: SteeringEpisode,
     orders: Sequence[tuple[int, ...]],
     seconds: float,
@@ -436,15 +445,15 @@ def _planned_wider(
         task = replace(_task(episode, order, episode.seed), deadline=deadline, clock=clock)
         plans = [
             plan
-            for first, query in task.departures()
+            for initial_moves, query in task.departures()
             for chain in improved_chains(query, greedy_seeds(query, task), wide=True)
-            for plan in plan_chain(task, first, chain, query)
+            for plan in plan_chain(task, initial_moves, chain, query)
         ]
         episode = _with_shortest(episode, task, order, plans)
     return episode
 
 
-def _planned_again(
+def _plan_again(
     episode: SteeringEpisode,
     orders: Sequence[tuple[int, ...]],
     deadline: float,
@@ -504,7 +513,7 @@ def _with_shortest(
     best = min(sure, key=path_length, default=None)
     if best is None or path_length(best) >= episode.length or len(best) > problem.max_moves:
         return episode
-    if not worthwhile([(len(one), path_length(one)) for one in (episode.inputs, best)]):
+    if not worthwhile([(len(inputs), path_length(inputs)) for inputs in (episode.inputs, best)]):
         return episode
     return replace(
         episode,

@@ -98,22 +98,22 @@ class Cells:
     stated: dict[str, Any]
     round: RoundWall | None = None
 
-    def without(self, wall: int, known: Collection[int]) -> list[int]:
+    def without(self, wall: int, excluded: Collection[int]) -> list[int]:
         """Return the walls that are together a wall without others, halves of arcs, or the wall
         itself.
         """
         parents = {} if self.round is None else self.round.parents
 
-        def above(one: int | None) -> Iterator[int]:
-            while one is not None:
-                yield one
-                one = parents.get(one)
+        def above(arc: int | None) -> Iterator[int]:
+            while arc is not None:
+                yield arc
+                arc = parents.get(arc)
 
-        if any(one in known for one in above(wall)):
+        if any(ancestor in excluded for ancestor in above(wall)):
             return []
-        if self.round is None or not any(wall in above(one) for one in known):
+        if self.round is None or not any(wall in above(other) for other in excluded):
             return [wall]
-        return [part for half in self.round.halves[wall] for part in self.without(half, known)]
+        return [arc for half in self.round.halves[wall] for arc in self.without(half, excluded)]
 
     @property
     def dimensions(self) -> int:
@@ -130,21 +130,21 @@ class Cells:
             return 0
         for cell, corners in enumerate(self.corners):
             sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-            if all(_left(a, b, point) >= -self._slack(a, b) for a, b in sides):
+            if all(_orientation(a, b, point) >= -self._slack(a, b) for a, b in sides):
                 return cell
         return None
 
-    def _slack(self, one: Points, other: Points) -> Fraction:
+    def _slack(self, begin: Points, end: Points) -> Fraction:
         """Return how far outside this edge of a cell a start may lie: nothing at a door."""
         is_door = any(
-            np.array_equal(door, (one, other)) or np.array_equal(door, (other, one))
+            np.array_equal(door, (begin, end)) or np.array_equal(door, (end, begin))
             for door in self.doors
         )
         size = float((self.high - self.low).max())
         return (
             Fraction(0)
             if is_door
-            else Fraction(_ON * size) * Fraction(np.ptp((one, other), axis=0).max())
+            else Fraction(_ON * size) * Fraction(np.ptp((begin, end), axis=0).max())
         )
 
     def may_end(self, cell: int, goal: NDArray[np.float64], tolerance: float) -> bool:
@@ -161,14 +161,14 @@ class Cells:
             for sign in signs
         ]
         return all(
-            any(_left(a, b, spot) >= 0 for spot in box)
+            any(_orientation(a, b, spot) >= 0 for spot in box)
             for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
         )
 
 
-def _left(one: Any, other: Any, point: Any) -> Fraction:
+def _orientation(begin: Any, end: Any, point: Any) -> Fraction:
     """Return twice the signed area of a triangle, exactly."""
-    (a, b), (c, d), (x, y) = ([Fraction(value) for value in spot] for spot in (one, other, point))
+    (a, b), (c, d), (x, y) = ([Fraction(value) for value in spot] for spot in (begin, end, point))
     return (c - a) * (y - b) - (d - b) * (x - a)
 
 
@@ -233,7 +233,7 @@ def _cylinder(place: ConvexWorkspace, low: float, high: float) -> Cells:
     least, most = np.append(center - radius, low), np.append(center + radius, high)
     caps, outer = _caps(least, most, np.zeros((0, 4)))
     walls = [] if place.open_ends else caps
-    first, count = len(walls), ROUND_WALLS
+    offset, count = len(walls), ROUND_WALLS
     directions = round_directions()
     halves, parents = {}, {}
     # as in a heap: the arcs 8 to 15 are the whole wall, and the arc k has the halves 2 k, 2 k + 1
@@ -241,9 +241,9 @@ def _cylinder(place: ConvexWorkspace, low: float, high: float) -> Cells:
         size = count // 2 ** (k.bit_length() - 1)
         begin = size * (k - 2 ** (k.bit_length() - 1))
         if size > 1:
-            halves[first + k - _ARCS] = first + 2 * k - _ARCS, first + 2 * k + 1 - _ARCS
+            halves[offset + k - _ARCS] = offset + 2 * k - _ARCS, offset + 2 * k + 1 - _ARCS
         if k >= 2 * _ARCS:
-            parents[first + k - _ARCS] = first + k // 2 - _ARCS
+            parents[offset + k - _ARCS] = offset + k // 2 - _ARCS
         ends = directions[[begin, (begin + size) % count]]
         axis = ends.sum(axis=0)
         away = radius * float(np.min(ends @ axis / np.hypot(*ends.T))) + axis @ center
@@ -267,9 +267,9 @@ def _region(place: Region) -> Cells | None:
     polygons = _convex_parts(place, vertices)
     if polygons is None:
         return None
-    first = np.cumsum([0, *(len(ring) for ring in place.rings)])
+    starts = np.cumsum([0, *(len(ring) for ring in place.rings)])
     edges: dict[tuple[int, int], int] = {}
-    for begin, end in pairwise(first):
+    for begin, end in pairwise(starts):
         count = end - begin
         for k in range(count):
             edges[int(begin + k), int(begin + (k + 1) % count)] = len(edges)
@@ -300,7 +300,7 @@ def _region(place: Region) -> Cells | None:
     hull, outer = [], np.zeros((0, 3))
     for a, b in zip(around, around[1:] + around[:1], strict=True):
         # a side that is not exact is left out
-        if all(_left(vertices[a], vertices[b], spot) >= 0 for spot in place.outline):
+        if all(_orientation(vertices[a], vertices[b], spot) >= 0 for spot in place.outline):
             hull.append([a, b])
             outer = np.vstack([outer, _half_planes(vertices[[a, b]])[:1]])
     low, high = place.bounds
@@ -328,7 +328,7 @@ def _touch(place: Region, vertices: Points) -> bool:
     near = (off < _ON) & (share > 0) & (share < 1)
     near &= np.any(begins != vertices, axis=2) & np.any(ends != vertices, axis=2)
     return any(
-        _left(begins[edge, 0], ends[edge, 0], vertices[corner]) == 0
+        _orientation(begins[edge, 0], ends[edge, 0], vertices[corner]) == 0
         for edge, corner in np.argwhere(near)
     )
 
@@ -355,28 +355,28 @@ def _convex_parts(place: Region, vertices: Points) -> list[list[int]] | None:
         corners = [tuple(spot) for spot in np.asarray(triangle.exterior.coords)[:-1].tolist()]
         if not all(corner in index for corner in corners):
             return None
-        part = [index[corner] for corner in corners]
-        area = _left(*vertices[part])
+        polygon = [index[corner] for corner in corners]
+        area = _orientation(*vertices[polygon])
         if area == 0:
             return None
-        parts.append(part if area > 0 else part[::-1])
+        parts.append(polygon if area > 0 else polygon[::-1])
 
-    owner = {side: k for k, part in enumerate(parts) for side in _sides(part)}
+    owner = {side: k for k, polygon in enumerate(parts) for side in _sides(polygon)}
     for a, b in list(owner):
-        one, other = owner[a, b], owner.get((b, a))
-        if other is None or a > b or one == other:
+        number, neighbor = owner[a, b], owner.get((b, a))
+        if neighbor is None or a > b or number == neighbor:
             continue
-        first, second = parts[one], parts[other]
+        first, second = parts[number], parts[neighbor]
         at, to = first.index(b), second.index(a)
-        whole = first[at:] + first[:at] + (second[to:] + second[:to])[1:-1]
-        count = len(whole)
+        union = first[at:] + first[:at] + (second[to:] + second[:to])[1:-1]
+        count = len(union)
         if all(
-            _left(*(vertices[whole[(k + step) % count]] for step in (0, 1, 2))) >= 0
+            _orientation(*(vertices[union[(k + step) % count]] for step in (0, 1, 2))) >= 0
             for k in range(count)
         ):
-            parts[one], parts[other] = whole, []
-            owner.update((side, one) for side in _sides(whole))
-    return [part for part in parts if part]
+            parts[number], parts[neighbor] = union, []
+            owner.update((side, number) for side in _sides(union))
+    return [polygon for polygon in parts if polygon]
 
 
 def _sides(polygon: list[int]) -> list[tuple[int, int]]:
@@ -385,9 +385,9 @@ def _sides(polygon: list[int]) -> list[tuple[int, int]]:
 
 @dataclass(frozen=False, eq=False)
 class Cover:
-    """The cells that one particle can reach, once for each way to reach them: a tree.
+    """The cells that one particle can reach, once for each route to them: a tree.
 
-    Two ways that differ by a turn around an obstacle are different. The first node is the cell of
+    Two routes that differ by a turn around an obstacle are different. The first node is the cell of
     the start. A door that is not followed is in ``closed``, with the multipliers that prove that
     plans through it are longer than the limit.
     """
@@ -399,21 +399,21 @@ class Cover:
 
     def doors_from_start(self, node: int) -> list[int]:
         """Return the doors between the start and a node."""
-        found = []
+        doors = []
         while node:
-            found.append(self.entries[node])
+            doors.append(self.entries[node])
             node = self.parents[node]
-        return found[::-1]
+        return doors[::-1]
 
-    def doors_between(self, one: int, other: int) -> list[int]:
+    def doors_between(self, begin: int, end: int) -> list[int]:
         """Return the doors that a particle must pass on its way from a node to another."""
-        first, second = self.doors_from_start(one), self.doors_from_start(other)
+        to_begin, to_end = self.doors_from_start(begin), self.doors_from_start(end)
         shared = 0
-        while shared < min(len(first), len(second)) and first[shared] == second[shared]:
+        while shared < min(len(to_begin), len(to_end)) and to_begin[shared] == to_end[shared]:
             shared += 1
-        return first[shared:][::-1] + second[shared:]
+        return to_begin[shared:][::-1] + to_end[shared:]
 
-    def stated(self) -> dict[str, Any]:
+    def statement(self) -> dict[str, Any]:
         """Return the tree as a certificate states it."""
         nodes = [[entry, parent] for entry, parent in zip(self.entries, self.parents, strict=True)]
         return {"cell": self.cells[0], "nodes": nodes[1:], "closed": self.closed}

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 STEP = 2**36  # multipliers are multiples of 1 / STEP
 Pair = tuple[int, int]
 Vector = tuple[dict[int, int], dict[int, int]]
-_ONE = -1  # key of the constant of an expression
+_CONSTANT = -1  # key of the constant of an expression
 
 WallArc = tuple[int, int, int]  # first wall, wall after the last, particle
 
@@ -25,7 +25,7 @@ WallArc = tuple[int, int, int]  # first wall, wall after the last, particle
 class _Hold(NamedTuple):
     """Contacts of one particle; the ranges are those of their first, last, least and most walls.
 
-    ``whole`` says for the gap before and the gap after a run whether the next contact in it is one
+    ``maximal`` says for the gap before and the gap after a run whether the next contact in it is one
     of the other particle.
     """
 
@@ -35,7 +35,7 @@ class _Hold(NamedTuple):
     least: Pair
     most: Pair
     order: int = 0
-    whole: tuple[bool, bool] = (False, False)
+    maximal: tuple[bool, bool] = (False, False)
 
 
 # An item of a pattern is a hold, or a gap: a list of its arcs, or None for all contacts.
@@ -64,7 +64,9 @@ class _FlatWalls:
             raise _WrongError("the corners go around more than once")
         self.normals = [(-y, x) for x, y in self.along]
         # all corners are at most R from a centre, and all walls at least q
-        self.middle = tuple(sum(part) // self.count for part in zip(*corners, strict=True))
+        self.middle = tuple(
+            sum(coordinates) // self.count for coordinates in zip(*corners, strict=True)
+        )
         out = [(x - self.middle[0], y - self.middle[1]) for x, y in corners]
         near = min(
             -_dot(normal, corner) // _root(_dot(normal, normal))
@@ -132,7 +134,9 @@ class _RoundWalls:
         ends = [self.directions[first % self.count], self.directions[end % self.count]]
         middle = ends[0][0] + ends[1][0], ends[0][1] + ends[1][1]
         small = end - first <= self.count // 3
-        if small and (_cross(*ends) <= 0 or any(_dot(middle, one) <= 0 for one in ends)):
+        if small and (
+            _cross(*ends) <= 0 or any(_dot(middle, direction) <= 0 for direction in ends)
+        ):
             raise _WrongError("a third of the directions goes around half of the disk")
         return middle, ends, small
 
@@ -142,7 +146,8 @@ class _RoundWalls:
         if not small:
             return (-x, -y), _root(x * x + y * y)
         return (-x, -y), max(
-            _ratio(abs(_cross((x, y), one)), isqrt(_dot(one, one))) for one in ends
+            _ratio(abs(_cross((x, y), direction)), isqrt(_dot(direction, direction)))
+            for direction in ends
         )
 
     def turn(self, first: int, end: int) -> int:
@@ -155,7 +160,9 @@ class _RoundWalls:
         holds with the lesser angle b = 90 degrees - w. t is |m| cos w, rounded up.
         """
         middle, ends, _ = self._cone(first, end)
-        return max(_ratio(_dot(middle, one), isqrt(_dot(one, one))) for one in ends)
+        return max(
+            _ratio(_dot(middle, direction), isqrt(_dot(direction, direction))) for direction in ends
+        )
 
     def arc(self, first: int, end: int) -> list[tuple[Pair, int]]:
         """As that of flat walls: with M the sum of the directions d at the ends, the contacts have
@@ -164,7 +171,10 @@ class _RoundWalls:
         middle, ends, small = self._cone(first, end)
         if not small:
             return []
-        least = min(self.radius * _dot(middle, one) // _root(_dot(one, one)) for one in ends)
+        least = min(
+            self.radius * _dot(middle, direction) // _root(_dot(direction, direction))
+            for direction in ends
+        )
         return [(middle, least)]
 
 
@@ -212,16 +222,16 @@ class _Task:
             self.walls.high[1] - self.walls.low[1],
         )
 
-    def opposite(self, first: _Hold, second: _Hold) -> bool:
+    def are_opposite(self, first: _Hold, second: _Hold) -> bool:
         """Whether the second of two holds by flat walls always finds both particles on its wall."""
         walls = self.walls
         if self.runs or isinstance(walls, _RoundWalls):
             return False
-        one, other = (walls.normals[hold.first[0] % walls.count] for hold in (first, second))
+        earlier, later = (walls.normals[hold.first[0] % walls.count] for hold in (first, second))
         sign = 1 if first.particle == second.particle else -1
-        return _cross(one, other) == 0 and sign * _dot(one, other) < 0
+        return _cross(earlier, later) == 0 and sign * _dot(earlier, later) < 0
 
-    def repeats(self, first: _Hold, second: _Hold) -> bool:
+    def are_one_hold(self, first: _Hold, second: _Hold) -> bool:
         """Whether two holds without contacts between them would be one hold."""
         if self.runs:
             return first.particle == second.particle
@@ -240,33 +250,33 @@ class _Task:
         unit = self.whole * program.share
         total = dict.fromkeys(program.costs, STEP * unit)
         for vector, norm in zip(vectors, program.norms, strict=True):
-            x, y = (_multiple(part) for part in vector)
+            x, y = (_multiple(number) for number in vector)
             if x * x + y * y > STEP * STEP:
                 raise _WrongError("the multiplier of a norm is longer than 1")
-            for factor, part in ((x, norm[0]), (y, norm[1])):
-                _add(total, part, factor * unit)
-        for index, given in leaf["slacks"]:
-            slack = _multiple(given)
+            for factor, expression in ((x, norm[0]), (y, norm[1])):
+                _add(total, expression, factor * unit)
+        for index, multiplier in leaf["slacks"]:
+            slack = _multiple(multiplier)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
             _add(total, _numbered(program.rows, index)(), -slack * program.share)
-        for index, *given in leaf["cones"]:
-            factors = [_multiple(part) for part in given]
+        for index, *multipliers in leaf["cones"]:
+            factors = [_multiple(number) for number in multipliers]
             length, vectors, scale = _numbered(program.cones, index)
             # t >= |v| and n >= |z| mean n t - z . v >= 0
             size = _root(sum(factor * factor for factor in factors))
             _add(total, length, -size * self.whole * scale)
             # fewer parts of z than of v, or more, are 0
-            for factor, part in zip(factors, vectors, strict=False):
-                _add(total, part, factor * self.whole * scale)
-        value = total.pop(_ONE, 0)
+            for factor, expression in zip(factors, vectors, strict=False):
+                _add(total, expression, factor * self.whole * scale)
+        value = total.pop(_CONSTANT, 0)
         for key, number in total.items():
             low, high = program.bounds[key]
             value += min(number * low, number * high)
         proven = Fraction(value, STEP * self.whole * unit) * self.unit
         return min(proven, Fraction(self.limit, self.whole) * self.unit)
 
-    def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
+    def children(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
         """Return the patterns into which a node must divide its own."""
         place = node["place"]
         if not (isinstance(place, int) and 0 <= place < len(pattern)):
@@ -274,7 +284,7 @@ class _Task:
         before, item, after = list(pattern[:place]), pattern[place], list(pattern[place + 1 :])
         if isinstance(item, _Hold):
             return [[*before, half, *after] for half in _halves(item, node)]
-        known = [_arc(given) for given in node["known"]]
+        excluded = [_arc(numbers) for numbers in node["known"]]
         backwards = node["side"] == "last"
         beside = after[:1] if backwards else before[-1:]
         neighbour = beside[0] if beside and isinstance(beside[0], _Hold) else None
@@ -284,30 +294,33 @@ class _Task:
             holds.append(self._hold(particle, (begin, end), item, backwards=backwards))
         covered = [
             self._mask(arc, 0) | self._mask(arc, 1)
-            for arc in [*known, *((*given[1:], given[0]) for given in node["choices"])]
+            for arc in [*excluded, *((*choice[1:], choice[0]) for choice in node["choices"])]
         ]
-        missing = self._needed(item, known, neighbour, backwards=backwards)
+        missing = self._needed(item, excluded, neighbour, backwards=backwards)
         for mask in covered:
             missing &= ~mask
         if missing:
             raise _WrongError("a contact that a gap may have is missing")
-        within: list[Item] = [known] if known else []
-        middles: list[list[Item]] = [within]
-        middles += [[item, hold, *within] if backwards else [*within, hold, item] for hold in holds]
+        near_gap: list[Item] = [excluded] if excluded else []
+        middles: list[list[Item]] = [near_gap]
+        middles += [
+            [item, hold, *near_gap] if backwards else [*near_gap, hold, item] for hold in holds
+        ]
 
-        def possible(one: Item, other: Item) -> bool:
-            if not isinstance(one, _Hold) or not isinstance(other, _Hold):
+        def possible(earlier: Item, later: Item) -> bool:
+            if not isinstance(earlier, _Hold) or not isinstance(later, _Hold):
                 return True
-            if self.opposite(one, other):
+            if self.are_opposite(earlier, later):
                 return False
             # a hold beside a gap of all contacts has all contacts up to the gap that it may have
-            return item is not None or not self.repeats(one, other)
+            return item is not None or not self.are_one_hold(earlier, later)
 
         return [
             [*before, *middle, *after]
             for middle in middles
             if all(
-                possible(one, other) for one, other in pairwise([*before[-1:], *middle, *after[:1]])
+                possible(earlier, later)
+                for earlier, later in pairwise([*before[-1:], *middle, *after[:1]])
             )
         ]
 
@@ -346,7 +359,7 @@ class _Task:
         return bits << (count * particle)
 
     def _needed(
-        self, gap: Item, known: list[WallArc], neighbour: _Hold | None, *, backwards: bool
+        self, gap: Item, excluded: list[WallArc], neighbour: _Hold | None, *, backwards: bool
     ) -> int:
         """Return the contacts with which a gap may begin (or end), as bits."""
         count = self.walls.count
@@ -355,17 +368,17 @@ class _Task:
         needed = 0
         for arc in arcs:
             needed |= self._mask(arc, 0) | self._mask(arc, 1)
-        if known or neighbour is None:
+        if excluded or neighbour is None:
             return needed
         if self.runs:
-            if neighbour.whole[not backwards]:
+            if neighbour.maximal[not backwards]:
                 needed &= ~self._mask((0, count, neighbour.particle), neighbour.particle)
             return needed
         for wall in range(count):
             for particle in (0, 1):
                 hold = self._hold(particle, (wall, wall + 1), gap, backwards=backwards)
                 pair = (hold, neighbour) if backwards else (neighbour, hold)
-                if self.opposite(*pair) or self.repeats(*pair):
+                if self.are_opposite(*pair) or self.are_one_hold(*pair):
                     needed &= ~self._mask((wall, wall + 1, particle), particle)
         return needed
 
@@ -389,24 +402,29 @@ class _Program:
         # of the law of growth, times R: sqrt(k), and g
         self.share = walls.far if task.runs else 1
         self.slope = _root(walls.ring) if task.runs else 0
-        self.grown = {_ONE: _root((other_x - x) ** 2 + (other_y - y) ** 2) * walls.far + walls.ring}
+        self.grown = {
+            _CONSTANT: _root((other_x - x) ** 2 + (other_y - y) ** 2) * walls.far + walls.ring
+        }
         self._build(pattern)
 
-    def _vector(self, low: Pair, high: Pair) -> Vector:
+    def _add_vector(self, low: Pair, high: Pair) -> Vector:
         self.bounds.extend(zip(low, high, strict=True))
         return {len(self.bounds) - 2: 1}, {len(self.bounds) - 1: 1}
 
-    def _around(self, reach: Pair) -> Vector:
-        return self._vector((-reach[0], -reach[1]), reach)
+    def _add_box(self, reach: Pair) -> Vector:
+        return self._add_vector((-reach[0], -reach[1]), reach)
 
-    def _equal(self, one: Vector, other: Vector) -> None:
+    def _equal(self, left: Vector, right: Vector) -> None:
         # times the number that all other rows contain through their normals
-        whole = self.task.whole
-        for first, second in ((one, other), (other, one)):
-            for part in _minus(first, second):
+        factor = self.task.whole
+        for u, v in ((left, right), (right, left)):
+            for expression in _minus(u, v):
                 self.rows.append(
                     partial(
-                        lambda part: {key: number * whole for key, number in part.items()}, part
+                        lambda expression: {
+                            key: number * factor for key, number in expression.items()
+                        },
+                        expression,
                     )
                 )
 
@@ -414,19 +432,19 @@ class _Program:
         """Add the row normal . vector - offset."""
 
         def row() -> dict[int, int]:
-            found = _along(normal, vector, 1)
-            found[_ONE] = found.get(_ONE, 0) - offset
-            return found
+            expression = _along(normal, vector, 1)
+            expression[_CONSTANT] = expression.get(_CONSTANT, 0) - offset
+            return expression
 
         self.rows.append(row)
 
-    def _inside(self, point: Vector) -> None:
+    def _keep_inside(self, point: Vector) -> None:
         for normal, offset in self.task.walls.sides:
             self._above(normal, point, offset)
         if self.task.walls.radius:
-            self.cones.append(({_ONE: self.task.walls.radius}, point, self.share))
+            self.cones.append(({_CONSTANT: self.task.walls.radius}, point, self.share))
 
-    def _contact(self, between: Pair) -> Vector:
+    def _add_contact(self, between: Pair) -> Vector:
         walls = self.task.walls
         first = between[0] % walls.count
         if isinstance(walls, _FlatWalls) and between[1] - between[0] == 1:
@@ -435,14 +453,14 @@ class _Program:
             for axis in (0, 1):
                 point[axis][len(self.bounds) - 1] = walls.along[first][axis]
             return point
-        point = self._vector(walls.low, walls.high)
+        point = self._add_vector(walls.low, walls.high)
         for normal, offset in walls.arc(*between):
             self._above(normal, point, offset)
         if walls.radius:
-            self.cones.append(({_ONE: walls.radius}, point, self.share))
+            self.cones.append(({_CONSTANT: walls.radius}, point, self.share))
         return point
 
-    def _at_least(self, change: Vector) -> int:
+    def _add_length(self, change: Vector) -> int:
         """Return a variable that is at least the norm of a vector and part of the length."""
         self.bounds.append((0, self.task.limit))
         length = len(self.bounds) - 1
@@ -450,7 +468,7 @@ class _Program:
         self.cones.append(({length: 1}, change, self.share))
         return length
 
-    def _travel(self, change: Vector) -> int | None:
+    def _add_translations(self, change: Vector) -> int | None:
         """Count free translations; with the law of growth, remember the sum of their lengths.
 
         Return the variable of the length, if there is one.
@@ -458,29 +476,29 @@ class _Program:
         if not self.task.runs:
             self.norms.append(change)
             return None
-        length = self._at_least(change)
+        length = self._add_length(change)
         self.grown[length] = self.share + self.slope
         return length
 
-    def _adjust(self, change: Vector) -> None:
+    def _add_adjustments(self, change: Vector) -> None:
         """Count adjustments; with the law of growth, remember the sum of their lengths."""
         if self.slope:
-            self.grown[self._at_least(change)] = self.slope
+            self.grown[self._add_length(change)] = self.slope
         else:
             self.norms.append(change)
 
-    def _touch(self, contact: Vector, item: _Hold) -> None:
+    def _begin_growth(self, contact: Vector, item: _Hold) -> None:
         """Begin the law of growth with a first contact, from the middle."""
-        walls, (one, other) = self.task.walls, self.task.start
+        walls, (p, q) = self.task.walls, self.task.start
         sign = 1 - 2 * item.particle
-        apart = sign * (other[0] - one[0]), sign * (other[1] - one[1])
-        grown = {_ONE: walls.ring}
-        for part, size in zip(contact, apart, strict=True):
-            for key, number in part.items():
-                grown[key] = grown.get(key, 0) - number * size
+        apart = sign * (q[0] - p[0]), sign * (q[1] - p[1])
+        grown = {_CONSTANT: walls.ring}
+        for expression, factor in zip(contact, apart, strict=True):
+            for key, number in expression.items():
+                grown[key] = grown.get(key, 0) - number * factor
         self.grown = grown
 
-    def _spread(self, apart: Vector) -> None:
+    def _bound_growth(self, apart: Vector) -> None:
         """Add the law of growth.
 
         All places p are in a disk of radius R around a middle, and each wall has a distance of at
@@ -501,14 +519,15 @@ class _Program:
             # |v|² <= a b as |(2 v, a - b)| <= a + b
             far = self.share
             doubled = tuple(
-                {key: 2 * far * number for key, number in part.items()} for part in apart
+                {key: 2 * far * number for key, number in expression.items()}
+                for expression in apart
             )
             least, most = dict(self.grown), dict(self.grown)
-            least[_ONE] -= 2 * far * far
-            most[_ONE] += 2 * far * far
+            least[_CONSTANT] -= 2 * far * far
+            most[_CONSTANT] += 2 * far * far
             self.cones.append((most, (*doubled, least), 1))
 
-    def _most(self, hold: _Hold) -> int:
+    def _most_adjustment(self, hold: _Hold) -> int:
         """Return the greatest sum of the adjustments of a run at a round wall, in plans within the
         limit, rounded up.
 
@@ -516,14 +535,17 @@ class _Program:
         all contacts, and from there to its goal.
         """
         task = self.task
-        (first, end), (last, over) = (
-            [self._away(between, points[hold.particle]) for points in (task.start, task.goal)]
+        (to_first, from_first), (to_last, from_last) = (
+            [self._distance(between, points[hold.particle]) for points in (task.start, task.goal)]
             for between in (hold.first, hold.last)
         )
-        path = max(first + end, first + over, last + over) - 2 * task.tolerance
+        path = (
+            max(to_first + from_first, to_first + from_last, to_last + from_last)
+            - 2 * task.tolerance
+        )
         return max(task.limit - path, 0)
 
-    def _away(self, between: Pair, point: Pair) -> int:
+    def _distance(self, between: Pair, point: Pair) -> int:
         """Return a lower bound on the distance of a point from a contact with a round wall."""
         walls = self.task.walls
         return max(
@@ -535,7 +557,7 @@ class _Program:
             ),
         )
 
-    def _stay(self, hold: _Hold, ways: Sequence[int], length: int, change: Vector) -> None:
+    def _bound_turn(self, hold: _Hold, travels: Sequence[int], length: int, change: Vector) -> None:
         """Add that the adjustments of a run turn only as far as its contacts are from an arc.
 
         Each contact is at most the travel of the run, T, from its first contact, as well as from
@@ -546,29 +568,29 @@ class _Program:
         walls = self.task.walls
         if not isinstance(walls, _RoundWalls):
             return
-        whole = hold.least[0], hold.most[1]
-        part = 2 if hold.first == hold.last else 1
+        every = hold.least[0], hold.most[1]
+        share = 2 if hold.first == hold.last else 1
         for between in dict.fromkeys((hold.first, hold.last)):
-            if between == whole or between[1] - between[0] > walls.count // 3:
+            if between == every or between[1] - between[0] > walls.count // 3:
                 continue
-            self.rows.append(partial(self._stay_row, hold, between, part, ways, length, change))
+            self.rows.append(partial(self._turn_row, hold, between, share, travels, length, change))
 
-    def _stay_row(
+    def _turn_row(
         self,
         hold: _Hold,
         between: Pair,
-        part: int,
-        ways: Sequence[int],
+        share: int,
+        travels: Sequence[int],
         length: int,
         change: Vector,
     ) -> dict[int, int]:
         walls = self.task.walls
         assert isinstance(walls, _RoundWalls)
         axis, sine = walls.axis(*between)
-        turn = _ratio(walls.turn(*between) * self._most(hold), part * walls.radius)
-        return _along(axis, change, -1) | {length: sine} | dict.fromkeys(ways, turn)
+        turn = _ratio(walls.turn(*between) * self._most_adjustment(hold), share * walls.radius)
+        return _along(axis, change, -1) | {length: sine} | dict.fromkeys(travels, turn)
 
-    def _adjusts(self, first: int, end: int, change: Vector) -> int | None:
+    def _add_hold(self, first: int, end: int, change: Vector) -> int | None:
         """Count the length of adjustments whose sum is a vector, by a hold of some walls.
 
         Return the variable of the length, or None for one flat wall.
@@ -576,10 +598,10 @@ class _Program:
         walls = self.task.walls
         axis, sine = walls.axis(first, end)
         if isinstance(walls, _FlatWalls) and end - first == 1:
-            self._adjust(change)
+            self._add_adjustments(change)
             self.rows.append(lambda: _along(axis, change, -1))
             return None
-        length = self._at_least(change)
+        length = self._add_length(change)
         if self.slope:
             self.grown[length] = self.slope
 
@@ -593,7 +615,7 @@ class _Program:
         task, norms = self.task, self.norms
         far, tolerance = (task.limit, task.limit), task.tolerance
         goals = [
-            self._vector((x - tolerance, y - tolerance), (x + tolerance, y + tolerance))
+            self._add_vector((x - tolerance, y - tolerance), (x + tolerance, y + tolerance))
             for x, y in task.goal
         ]
         places = [_constant(point) for point in task.start]
@@ -606,56 +628,70 @@ class _Program:
         for number, item in enumerate(pattern):
             final = number == len(pattern) - 1
             if not isinstance(item, _Hold):
-                free = self._around(far)
-                self._travel(free)
+                free = self._add_box(far)
+                self._add_translations(free)
                 reached = [_plus(place, free) for place in places]
                 for first, end, particle in (
                     [(0, 0, 0), (0, 0, 1)] if item is None else sorted(item)
                 ):
-                    change = self._around(far)
+                    change = self._add_box(far)
                     if item is None:
-                        self._adjust(change)
+                        self._add_adjustments(change)
                     else:
-                        self._adjusts(first, end, change)
+                        self._add_hold(first, end, change)
                     reached[1 - particle] = _plus(reached[1 - particle], change)
                 if not final:
-                    before = self._around(task.extent)
-                self._spread(_minus(goals[1], goals[0]) if final else before)
+                    before = self._add_box(task.extent)
+                self._bound_growth(_minus(goals[1], goals[0]) if final else before)
                 continue
-            first_contact, last_contact = self._contact(item.first), self._contact(item.last)
+            first_contact, last_contact = (
+                self._add_contact(item.first),
+                self._add_contact(item.last),
+            )
 
-            def other(contact: Vector, apart: Vector, sign: int = 1 - 2 * item.particle) -> Vector:
+            def partner(
+                contact: Vector, apart: Vector, sign: int = 1 - 2 * item.particle
+            ) -> Vector:
                 return _combined(contact, apart, sign)
 
             if reached is None:
                 before = _minus(places[1], places[0])
-                way = _minus(first_contact, places[item.particle])
+                travel = _minus(first_contact, places[item.particle])
                 if number:
-                    self._travel(way)
+                    self._add_translations(travel)
                 else:
-                    norms.append(way)
+                    norms.append(travel)
                     if task.runs:
-                        self._touch(_minus(first_contact, _constant(task.walls.middle)), item)
+                        self._begin_growth(
+                            _minus(first_contact, _constant(task.walls.middle)), item
+                        )
             else:
-                now = [first_contact, other(first_contact, before)]
-                for one, there in zip(reached, now[:: 1 - 2 * item.particle], strict=True):
-                    self._equal(one, there)
+                positions = [first_contact, partner(first_contact, before)]
+                for position, expected in zip(
+                    reached, positions[:: 1 - 2 * item.particle], strict=True
+                ):
+                    self._equal(position, expected)
                 reached = None
-            after = _minus(goals[1], goals[0]) if final else self._around(task.extent)
-            touched = [
+            after = _minus(goals[1], goals[0]) if final else self._add_box(task.extent)
+            contacts = [
                 first_contact,
-                *(self._contact(between) for between in _between(item)),
+                *(self._add_contact(between) for between in _between(item)),
                 last_contact,
             ]
-            ways = [self._travel(_minus(another, one)) for one, another in pairwise(touched)]
-            self._spread(after)
-            change = other(({}, {}), _minus(after, before))
-            length = self._adjusts(item.least[0], item.most[1], change)
+            travels = [
+                self._add_translations(_minus(later, earlier))
+                for earlier, later in pairwise(contacts)
+            ]
+            self._bound_growth(after)
+            change = partner(({}, {}), _minus(after, before))
+            length = self._add_hold(item.least[0], item.most[1], change)
             if length is not None:
-                self._stay(item, [way for way in ways if way is not None], length, change)
-            self._inside(other(first_contact, before))
-            self._inside(other(last_contact, after))
-            places = [last_contact, other(last_contact, after)][:: 1 - 2 * item.particle]
+                self._bound_turn(
+                    item, [variable for variable in travels if variable is not None], length, change
+                )
+            self._keep_inside(partner(first_contact, before))
+            self._keep_inside(partner(last_contact, after))
+            places = [last_contact, partner(last_contact, after)][:: 1 - 2 * item.particle]
             if final:
                 norms.append(_minus(goals[item.particle], last_contact))
         if reached is not None:
@@ -686,15 +722,15 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
     first, end = ranges[place]
     if not (isinstance(wall, int) and first < wall < end):
         raise _WrongError(f"a hold has no wall {wall} to be divided at")
-    found = []
-    for part in ((first, wall), (wall, end)):
-        ranges[place] = part
+    holds = []
+    for between in ((first, wall), (wall, end)):
+        ranges[place] = between
         low, high = ranges[2][0], ranges[3][1]
-        inner = [(max(one, low), min(other, high)) for one, other in ranges]
-        if all(one < other for one, other in inner):
+        inner = [(max(lower, low), min(upper, high)) for lower, upper in ranges]
+        if all(lower < upper for lower, upper in inner):
             first_, last, least, most = inner
-            found.append(_Hold(hold.particle, first_, last, least, most, hold.order, hold.whole))
-    return found
+            holds.append(_Hold(hold.particle, first_, last, least, most, hold.order, hold.maximal))
+    return holds
 
 
 _PIECES = 256  # of the least distance, in the law of growth
@@ -716,48 +752,48 @@ def _growth(task: _Task) -> Fraction:
     walls, slack = task.walls, 3 * task.tolerance
     if not walls.radius:
         raise _WrongError("the law of growth is for disks")
-    ends = [(two[0] - one[0], two[1] - one[1]) for one, two in (task.start, task.goal)]
+    ends = [(q[0] - p[0], q[1] - p[1]) for p, q in (task.start, task.goal)]
     start, goal = (isqrt(_dot(end, end)) for end in ends)
     apart = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
     straight = isqrt(_dot(apart, apart)) - slack
     if straight <= 0:
         raise _WrongError("the law of growth is not for a translation")
-    one, low = 1 << _BITS, max(goal - slack, 0)
-    turn = _angle(_dot(*ends) * one, start * goal)[0] if start and goal else 0
+    scale, low = 1 << _BITS, max(goal - slack, 0)
+    turn = _angle(_dot(*ends) * scale, start * goal)[0] if start and goal else 0
     most, least = min(start, goal + slack) + 1, None  # no plan has a greater d
-    for piece in range(_PIECES):
-        inner = most * piece // _PIECES - slack
-        outer = most * (piece + 1) // _PIECES + 1
-        way = straight
+    for number in range(_PIECES):
+        inner = most * number // _PIECES - slack
+        outer = most * (number + 1) // _PIECES + 1
+        path = straight
         if 0 < inner < min(start, goal):
-            between = turn - sum(_angle(inner * one, end)[1] for end in (start, goal))
+            between = turn - sum(_angle(inner * scale, end)[1] for end in (start, goal))
             if between > 0:
                 tangents = sum(isqrt(end * end - inner * inner) for end in (start, goal))
-                way = max(way, tangents + inner * between // one - slack)
-        way += max(low * low // (2 * walls.radius) - outer, 0)
-        least = way if least is None else min(least, way)
+                path = max(path, tangents + inner * between // scale - slack)
+        path += max(low * low // (2 * walls.radius) - outer, 0)
+        least = path if least is None else min(least, path)
     assert least is not None
     return Fraction(least, task.whole) * task.unit
 
 
-def _angle(part: int, whole: int) -> Pair:
+def _angle(numerator: int, denominator: int) -> Pair:
     """Return the angle with the cosine part / whole / 2**_BITS, rounded down and up; times 2**_BITS.
 
     The chord c of an angle is sqrt(2 - 2 cos), that of half of it sqrt(2 - sqrt(4 - c²)). A small
     angle a is between its chord 2 sin(a / 2) and c (1 + c² / 20).
     """
-    one = 1 << _BITS
-    found = []
-    for cosine, up in ((-(-part // whole), 0), (part // whole, 1)):
-        square = 2 * one - 2 * max(min(cosine, one), -one)  # of the chord
+    scale = 1 << _BITS
+    angles = []
+    for cosine, up in ((-(-numerator // denominator), 0), (numerator // denominator, 1)):
+        square = 2 * scale - 2 * max(min(cosine, scale), -scale)  # of the chord
         for _ in range(_HALVES):
-            inner = (4 * one - square) * one
-            square = 2 * one - (isqrt(inner) if up else _root(inner))
-        chord = _root(square * one) if up else isqrt(square * one)
+            inner = (4 * scale - square) * scale
+            square = 2 * scale - (isqrt(inner) if up else _root(inner))
+        chord = _root(square * scale) if up else isqrt(square * scale)
         if up:
-            chord += chord * square // (20 * one) + 1
-        found.append(chord << _HALVES)
-    return found[0], found[1]
+            chord += chord * square // (20 * scale) + 1
+        angles.append(chord << _HALVES)
+    return angles[0], angles[1]
 
 
 def _leaves(
@@ -765,7 +801,7 @@ def _leaves(
 ) -> Iterator[tuple[list[Any], Mapping[str, Any]]]:
     """Yield the leaves of a proof with their patterns, and check that no case is missing.
 
-    The task has the method ``parts``.
+    The task has the method ``children``.
     """
     stack: list[list[Any]] = [[None]]  # all plans
     for number, node in enumerate(proof):
@@ -777,7 +813,7 @@ def _leaves(
         if "norms" in node:
             yield pattern, node
         else:
-            stack += task.parts(pattern, node)[::-1]
+            stack += task.children(pattern, node)[::-1]
     if stack:
         raise _WrongError(f"{len(stack)} cases are missing")
 
@@ -791,16 +827,16 @@ def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
         yield task.value(pattern, leaf)
 
 
-def _multiple(given: float) -> int:
-    if not isfinite(given) or floor(given * STEP) != given * STEP:
-        raise _WrongError(f"a multiplier is no multiple of 2**-36: {given!r}")
-    return int(given * STEP)
+def _multiple(number: float) -> int:
+    if not isfinite(number) or floor(number * STEP) != number * STEP:
+        raise _WrongError(f"a multiplier is no multiple of 2**-36: {number!r}")
+    return int(number * STEP)
 
 
-def _arc(given: Sequence[int]) -> WallArc:
-    first, end, particle = given
-    if not all(isinstance(x, int) for x in given) or particle not in (0, 1) or first >= end:
-        raise _WrongError(f"no arc is {list(given)}")
+def _arc(numbers: Sequence[int]) -> WallArc:
+    first, end, particle = numbers
+    if not all(isinstance(x, int) for x in numbers) or particle not in (0, 1) or first >= end:
+        raise _WrongError(f"no arc is {list(numbers)}")
     return first, end, particle
 
 
@@ -813,7 +849,7 @@ def _numbered(values: Sequence[Any], index: Any) -> Any:
 def _turns(vectors: Sequence[Pair]) -> int:
     """How often vectors turn around: changes from down to up."""
     ups = [y > 0 or (y == 0 and x > 0) for x, y in vectors]
-    return sum(one and not before for before, one in zip([ups[-1], *ups], ups, strict=False))
+    return sum(up and not before for before, up in zip([ups[-1], *ups], ups, strict=False))
 
 
 def _root(square: int) -> int:
@@ -822,42 +858,42 @@ def _root(square: int) -> int:
     return root + (root * root < square)
 
 
-def _ratio(one: int, other: int) -> int:
+def _ratio(numerator: int, denominator: int) -> int:
     """Return a ratio of whole numbers, rounded up."""
-    return -(-one // other)
+    return -(-numerator // denominator)
 
 
-def _add(total: dict[int, Any], part: Mapping[int, Any], factor: int) -> None:
-    for key, number in part.items():
+def _add(total: dict[int, Any], expression: Mapping[int, Any], factor: int) -> None:
+    for key, number in expression.items():
         total[key] = total.get(key, 0) + factor * number
 
 
-def _cross(one: Pair, other: Pair) -> int:
-    return one[0] * other[1] - one[1] * other[0]
+def _cross(u: Pair, v: Pair) -> int:
+    return u[0] * v[1] - u[1] * v[0]
 
 
-def _dot(one: Pair, other: Pair) -> int:
-    return one[0] * other[0] + one[1] * other[1]
+def _dot(u: Pair, v: Pair) -> int:
+    return u[0] * v[0] + u[1] * v[1]
 
 
 def _constant(point: Pair) -> Vector:
-    return {_ONE: point[0]}, {_ONE: point[1]}
+    return {_CONSTANT: point[0]}, {_CONSTANT: point[1]}
 
 
-def _combined(one: Vector, other: Vector, sign: int) -> Vector:
+def _combined(u: Vector, v: Vector, sign: int) -> Vector:
     first, second = (
         {key: a.get(key, 0) + sign * b.get(key, 0) for key in a.keys() | b.keys()}
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(u, v, strict=True)
     )
     return first, second
 
 
-def _plus(one: Vector, other: Vector) -> Vector:
-    return _combined(one, other, 1)
+def _plus(u: Vector, v: Vector) -> Vector:
+    return _combined(u, v, 1)
 
 
-def _minus(one: Vector, other: Vector) -> Vector:
-    return _combined(one, other, -1)
+def _minus(u: Vector, v: Vector) -> Vector:
+    return _combined(u, v, -1)
 
 
 def _along(normal: Pair, vector: Vector, sign: int) -> dict[int, int]:

@@ -24,7 +24,7 @@ from shoal.steering.certificates.check import (
 )
 
 _FREE, _UNKNOWN = -1, -2
-_ONE = -1  # key of the constant of an expression
+_CONSTANT = -1  # key of the constant of an expression
 _MOST = 100  # moves
 _CLEAR = 10**9  # a contradiction is at least 1 / _CLEAR of its multipliers, in the unit
 
@@ -63,13 +63,13 @@ class _Moves:
         rows, bounds = self._program(moves)
         total: dict[int, int] = {}
         size = 0
-        for index, given in leaf["slacks"]:
-            slack = _multiple(given)
+        for index, multiplier in leaf["slacks"]:
+            slack = _multiple(multiplier)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
             _add(total, _numbered(rows, index), -slack)
             size += slack
-        value = total.pop(_ONE, 0)
+        value = total.pop(_CONSTANT, 0)
         for key, number in total.items():
             low, high = bounds[key]
             value += min(number * low, number * high)
@@ -85,14 +85,14 @@ class _Moves:
         """
         bounds: list[Pair] = []
         rows: list[dict[int, int]] = []
-        walls, whole = self.walls, self.whole
+        walls, scale = self.walls, self.whole
 
         def vector(low: Pair, high: Pair) -> Vector:
             bounds.extend(zip(low, high, strict=True))
             return {len(bounds) - 2: 1}, {len(bounds) - 1: 1}
 
-        def scaled(part: Mapping[int, int], factor: int) -> dict[int, int]:
-            return {key: number * factor for key, number in part.items()}
+        def scaled(expression: Mapping[int, int], factor: int) -> dict[int, int]:
+            return {key: number * factor for key, number in expression.items()}
 
         far = self.tolerance
         goals = [vector((x - far, y - far), (x + far, y + far)) for x, y in self.goal]
@@ -100,82 +100,85 @@ class _Moves:
         extent = walls.high[0] - walls.low[0], walls.high[1] - walls.low[1]
         least = -extent[0], -extent[1]
         for stops, sector in moves:
-            whole_move = vector(least, extent)
-            turned = [whole_move]
+            displacement = vector(least, extent)
+            directed = [displacement]
             for particle, wall in enumerate(stops):
-                moved, lost = whole_move, None
+                translation, loss = displacement, None
                 if wall != _FREE:
-                    lost = vector(least, extent)
-                    moved = _minus(whole_move, lost)
-                    turned += [lost, moved]
-                places[particle] = _plus(places[particle], moved)
+                    loss = vector(least, extent)
+                    translation = _minus(displacement, loss)
+                    directed += [loss, translation]
+                places[particle] = _plus(places[particle], translation)
                 inside = []
                 for normal, offset in walls.sides:
                     row = _along(normal, places[particle], 1)
-                    row[_ONE] = row.get(_ONE, 0) - offset
+                    row[_CONSTANT] = row.get(_CONSTANT, 0) - offset
                     inside.append(row)
                 rows += inside
-                if wall >= 0 and lost is not None:
+                if wall >= 0 and loss is not None:
                     rows.append(scaled(inside[wall], -1))
-                    rows += [_along(walls.normals[wall], one, -1) for one in (lost, moved)]
+                    rows += [
+                        _along(walls.normals[wall], lost_or_moved, -1)
+                        for lost_or_moved in (loss, translation)
+                    ]
             if sector is not None:
                 (a, b), (c, d) = sector
-                for one in turned:
+                for along in directed:
                     for normal in ((-b, a), (d, -c)):
-                        rows.append(scaled(_along(normal, one, 1), whole))
+                        rows.append(scaled(_along(normal, along, 1), scale))
         for place, goal in zip(places, goals, strict=True):
             for difference in (_minus(place, goal), _minus(goal, place)):
-                rows += [scaled(part, whole) for part in difference]
+                rows += [scaled(expression, scale) for expression in difference]
         return rows, bounds
 
-    def parts(self, moves: Sequence[Move], node: Mapping[str, Any]) -> list[list[Move]]:
+    def children(self, moves: Sequence[Move], node: Mapping[str, Any]) -> list[list[Move]]:
         """Return the cases into which a node divides its own."""
         number = node["move"]
         if not (isinstance(number, int) and 0 <= number < len(moves)):
             raise _WrongError(f"there is no move {number}")
         stops, sector = moves[number]
-        parts: list[Move] = []
+        children: list[Move] = []
         if "particle" in node:
             particle = node["particle"]
             if particle not in (0, 1) or stops[particle] != _UNKNOWN:
                 raise _WrongError("the wall that stops a particle is known already")
             for wall in range(_FREE, self.walls.count):
-                both = (wall, stops[1]) if particle == 0 else (stops[0], wall)
-                parts.append((both, sector))
+                divided = (wall, stops[1]) if particle == 0 else (stops[0], wall)
+                children.append((divided, sector))
         elif sector is None:
             around = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)]
-            parts += [(stops, (around[k], around[k + 1])) for k in range(4)]
+            children += [(stops, (around[k], around[k + 1])) for k in range(4)]
         else:
-            one, other = sector
-            middle = one[0] + other[0], one[1] + other[1]
-            parts += [(stops, (one, middle)), (stops, (middle, other))]
-        return [[*moves[:number], part, *moves[number + 1 :]] for part in parts]
+            begin, end = sector
+            middle = begin[0] + end[0], begin[1] + end[1]
+            children += [(stops, (begin, middle)), (stops, (middle, end))]
+        return [[*moves[:number], case, *moves[number + 1 :]] for case in children]
 
 
 def proven_moves(certificate: Mapping[str, Any]) -> int:
     """Return the number of moves that a certificate proves to be the least, after the check."""
     least, proofs = certificate["moves"]["lower_bound"], certificate["moves"]["proofs"]
-    orders = [part["order"] for part in proofs]
+    orders = [entry["order"] for entry in proofs]
     needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
     if not isinstance(least, int) or sorted(orders) != needed:
         raise _WrongError("expected a number of moves, and a proof for each order")
     if not 1 <= least <= _MOST:
         raise _WrongError(f"expected at least 1 and at most {_MOST} moves, got {least}")
-    for part in proofs:
-        task = _Moves(certificate, part["order"])
+    for entry in proofs:
+        task = _Moves(certificate, entry["order"])
         # A plan with fewer moves has more with moves of length 0.
         unknown: Move = ((_UNKNOWN, _UNKNOWN), None)
         stack = [[unknown] * (least - 1)]
-        for number, node in enumerate(part["proof"]):
+        for number, node in enumerate(entry["proof"]):
             if not stack:
                 raise _WrongError("the proof goes on after its last case")
-            if len(stack) > len(part["proof"]) - number:
+            if len(stack) > len(entry["proof"]) - number:
                 break
             moves = stack.pop()
             if "slacks" in node:
                 task.check(moves, node)
             else:
-                stack += task.parts(moves, node)[::-1]
+                stack += task.children(moves, node)[::-1]
         if stack:
             raise _WrongError(f"{len(stack)} cases are missing")
     return least

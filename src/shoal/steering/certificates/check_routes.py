@@ -25,7 +25,7 @@ Spot = tuple[int, ...]
 Row = dict[int, int]
 Place = list[Row]  # one expression for each coordinate
 Space = tuple[Spot, int]  # inward normal and offset
-_ONE = -1  # key of the constant of an expression
+_CONSTANT = -1  # key of the constant of an expression
 _MOST_CORNERS = 2000  # of a region
 _MOST_CELLS = 1000  # of a cover
 _ARCS = 8  # into which the round wall of a cylinder is divided first
@@ -51,7 +51,10 @@ class _Cells:
         solid, disk = "height" in certificate, "radius" in certificate
         rings = certificate["rings"] if not solid else [certificate["corners"]] if not disk else []
         tops = [certificate[name] for name in ("height", "radius") if name in certificate]
-        around = [[Fraction(x) for x in one] for one in (certificate["directions"] if disk else [])]
+        around = [
+            [Fraction(x) for x in direction]
+            for direction in (certificate["directions"] if disk else [])
+        ]
         middle = [certificate["center"]] if disk else []
         sizes = [certificate["tolerance"], certificate["limit"], *tops]
         spots = [
@@ -64,7 +67,7 @@ class _Cells:
         self.dimensions = len(origin)
         if min(numbers[: len(sizes)]) < 0 or self.dimensions != (3 if solid else 2):
             raise _WrongError("a size or the number of coordinates is wrong")
-        along = [x for one in around for x in one]
+        along = [x for direction in around for x in direction]
         self.whole = lcm(*(x.denominator for x in [*numbers, *origin, *along]))
         self.unit = unit
 
@@ -102,7 +105,9 @@ class _Cells:
             if disk:
                 self.axis, self.radius = scaled(middle[0])[:2], int(numbers[3] * self.whole)
                 self._cylinder(
-                    [tuple(int(x * self.whole) for x in one) for one in around], floor, height
+                    [tuple(int(x * self.whole) for x in direction) for direction in around],
+                    floor,
+                    height,
                 )
             else:
                 self._prism(floor, height)
@@ -113,9 +118,11 @@ class _Cells:
     def _prism(self, floor: int, height: int) -> None:
         corners = self.rings[0]
         sides = _convex_sides(corners)
-        self.outer = [((*normal, 0), offset) for normal, offset in (_space(*one) for one in sides)]
+        self.outer = [
+            ((*normal, 0), offset) for normal, offset in (_half_plane(*side) for side in sides)
+        ]
         for (a, b), (normal, _) in zip(sides, self.outer, strict=True):
-            axes = [(*_from(a, b), 0), (0, 0, height)]
+            axes = [(*_displacement(a, b), 0), (0, 0, height)]
             self.walls.append(_Wall((*a, floor), axes, [normal], []))
         lows, highs = ([f(x) for x in zip(*corners, strict=True)] for f in (min, max))
         self.low: Spot = (*lows, floor)
@@ -126,14 +133,14 @@ class _Cells:
         wall, and the arc k has the halves 2 k and 2 k + 1.
         """
         count, radius = len(directions), self.radius
-        turns = [_left((0, 0), a, b) for a, b in pairwise([*directions, directions[0]])]
+        turns = [_orientation((0, 0), a, b) for a, b in pairwise([*directions, directions[0]])]
         ups = [y > 0 or (y == 0 and x > 0) for x, y in directions]
         if (
             radius <= 0
             or count < _ARCS
             or count & (count - 1)
             or min(turns) <= 0
-            or sum(one and not before for before, one in pairwise([ups[-1], *ups])) != 1
+            or sum(up and not before for before, up in pairwise([ups[-1], *ups])) != 1
         ):
             raise _WrongError("the directions do not go around the cylinder once")
         self.outer = []
@@ -144,11 +151,11 @@ class _Cells:
             size = count // level
             first = directions[size * (k - level)]
             last = directions[size * (k - level + 1) % count]
-            if _left((0, 0), first, last) <= 0:
+            if _orientation((0, 0), first, last) <= 0:
                 raise _WrongError("an arc goes around half of the cylinder")
             normals: list[Spot] = [(-first[0], -first[1], 0), (-last[0], -last[1], 0)]
             axis = first[0] + last[0], first[1] + last[1]
-            away = min(radius * _dot(axis, one) // _root(_dot(one, one)) for one in (first, last))
+            away = min(radius * _dot(axis, end) // _root(_dot(end, end)) for end in (first, last))
             chord = ((*axis, 0), away + _dot(axis, self.axis))
             self.walls.append(_Wall(self.low, [], normals, [chord]))
 
@@ -172,20 +179,20 @@ class _Cells:
         self.walls_of = [list(range(len(self.walls)))]
         self.doors_of: list[list[int]] = [[]]
 
-    def without(self, wall: int, known: set[int]) -> list[int]:
+    def without(self, wall: int, excluded: set[int]) -> list[int]:
         """Return the walls that are together a wall without others: halves of arcs, or the wall."""
-        line = [wall]
-        while line[-1] in self.parents:
-            line.append(self.parents[line[-1]])
-        if not known.isdisjoint(line):
+        ancestors = [wall]
+        while ancestors[-1] in self.parents:
+            ancestors.append(self.parents[ancestors[-1]])
+        if not excluded.isdisjoint(ancestors):
             return []
         below, level = False, [wall]
         while level and not below:
-            level = [half for one in level for half in self.halves.get(one, ())]
-            below = not known.isdisjoint(level)
+            level = [half for arc in level for half in self.halves.get(arc, ())]
+            below = not excluded.isdisjoint(level)
         if not below:
             return [wall]
-        return [part for half in self.halves[wall] for part in self.without(half, known)]
+        return [arc for half in self.halves[wall] for arc in self.without(half, excluded)]
 
     def _region(self, cells: Sequence[Sequence[int]], hull: Sequence[Sequence[int]]) -> None:
         spots = [spot for ring in self.rings for spot in ring]
@@ -199,49 +206,49 @@ class _Cells:
             raise _WrongError("the rings touch each other")
         for a, b in edges:
             for spot in spots:
-                if _between(a, b, spot) and spot not in (a, b) and _left(a, b, spot) == 0:
+                if _is_between(a, b, spot) and spot not in (a, b) and _orientation(a, b, spot) == 0:
                     raise _WrongError("the rings touch each other")
         polygons = [[spots[k] for k in cell] for cell in cells]
         sides = [_convex_sides(polygon) for polygon in polygons]
         # The sides of the cells that are not edges cancel each other, so that the sum of the cells
         # has the boundary of the region, and is the region.
-        once = Counter(side for several in sides for side in several)
-        if any(once[a, b] != 1 for a, b in edges) or any(
-            once[b, a] != count or count != 1
-            for (a, b), count in once.items()
+        multiplicities = Counter(side for boundary in sides for side in boundary)
+        if any(multiplicities[a, b] != 1 for a, b in edges) or any(
+            multiplicities[b, a] != count or count != 1
+            for (a, b), count in multiplicities.items()
             if (a, b) not in walls
         ):
             raise _WrongError("the cells do not divide the region")
         numbers: dict[frozenset[Spot], int] = {}
         for a, b in edges:
-            self.walls.append(_Wall(a, [_from(a, b)], [_space(a, b)[0]], []))
+            self.walls.append(_Wall(a, [_displacement(a, b)], [_half_plane(a, b)[0]], []))
         self.walls_of, self.doors_of, self.insides = [], [], []
-        for several in sides:
-            self.walls_of.append([walls[side] for side in several if side in walls])
+        for boundary in sides:
+            self.walls_of.append([walls[side] for side in boundary if side in walls])
             self.doors_of.append([])
-            for a, b in several:
+            for a, b in boundary:
                 if (a, b) not in walls:
                     # from the corner of the lower index to the other
                     if frozenset((a, b)) not in numbers:
                         numbers[frozenset((a, b))] = len(self.doors)
                         self.doors.append((a, b) if spots.index(a) < spots.index(b) else (b, a))
                     self.doors_of[-1].append(numbers[frozenset((a, b))])
-            self.sides_of.append([(a, b, (a, b) not in walls) for a, b in several])
-            self.insides.append([_space(a, b) for a, b in several])
+            self.sides_of.append([(a, b, (a, b) not in walls) for a, b in boundary])
+            self.insides.append([_half_plane(a, b) for a, b in boundary])
         lows, highs = ([f(x) for x in zip(*self.rings[0], strict=True)] for f in (min, max))
         self.extent = (highs[0] - lows[0], highs[1] - lows[1])
         self.outer = []
-        for one, other in hull:
-            a, b = spots[one], spots[other]
-            if any(_left(a, b, spot) < 0 for spot in self.rings[0]):
+        for begin, end in hull:
+            a, b = spots[begin], spots[end]
+            if any(_orientation(a, b, spot) < 0 for spot in self.rings[0]):
                 raise _WrongError("the outline is not inside its hull")
-            self.outer.append(_space(a, b))
+            self.outer.append(_half_plane(a, b))
 
     def check_start(self, cell: int, spot: Spot) -> None:
         """Refuse a cell that does not contain a start."""
         for a, b, is_door in self.sides_of[cell] if self.sides_of else ():
-            slack = 0 if is_door else _ON * self.whole * max(abs(x) for x in _from(a, b))
-            if _left(a, b, spot) < -slack:
+            slack = 0 if is_door else _ON * self.whole * max(abs(x) for x in _displacement(a, b))
+            if _orientation(a, b, spot) < -slack:
                 raise _WrongError("a start is not in the cell that is stated")
 
     def may_end(self, cell: int, goal: Spot) -> bool:
@@ -250,7 +257,9 @@ class _Cells:
             return True
         far = self.tolerance
         box = [(goal[0] + x, goal[1] + y) for x, y in product((-far, far), repeat=2)]
-        return all(any(_left(a, b, spot) >= 0 for spot in box) for a, b, _ in self.sides_of[cell])
+        return all(
+            any(_orientation(a, b, spot) >= 0 for spot in box) for a, b, _ in self.sides_of[cell]
+        )
 
     def behind(self, cell: int, door: int) -> int:
         """Return the cell on the other side of a door."""
@@ -260,7 +269,7 @@ class _Cells:
 
 
 class _Cover:
-    """The cells that a particle can reach, once for each way to reach them."""
+    """The cells that a particle can reach, once for each route to them."""
 
     def __init__(self, task: _RouteTask, particle: int, stated: Mapping[str, Any]) -> None:
         cells = task.cells
@@ -271,36 +280,38 @@ class _Cover:
         cells.check_start(self.cells[0], cells.start[particle])
         if len(stated["nodes"]) > _MOST_CELLS:
             raise _WrongError(f"expected a cover of at most {_MOST_CELLS} cells")
-        done = set()
+        stated_doors = set()
         for door, parent in stated["nodes"]:
             if not 0 <= parent < len(self.cells):
                 raise _WrongError("a cell is reached from none")
-            done.add((parent, door))
+            stated_doors.add((parent, door))
             self.cells.append(cells.behind(self.cells[parent], door))
             self.words.append([*self.words[parent], door])
         for leaf in stated["closed"]:
             through = [*self.words[leaf["node"]], leaf["door"]]
-            if task.proven([None], leaf, (particle, through)) < task.most:
+            if task.proven_bound([None], leaf, (particle, through)) < task.most:
                 raise _WrongError("a door is closed, but plans through it can be short")
-            done.add((leaf["node"], leaf["door"]))
+            stated_doors.add((leaf["node"], leaf["door"]))
         needed = {
             (node, door)
             for node, cell in enumerate(self.cells)
             for door in cells.doors_of[cell]
             if self.words[node][-1:] != [door]
         }
-        if done != needed or len(stated["nodes"]) + len(stated["closed"]) != len(done):
+        if stated_doors != needed or len(stated["nodes"]) + len(stated["closed"]) != len(
+            stated_doors
+        ):
             raise _WrongError("a cover has other cells than those that a particle can reach")
         self.places = [
             (node, wall) for node, cell in enumerate(self.cells) for wall in cells.walls_of[cell]
         ]
 
-    def between(self, one: int, other: int) -> list[int]:
+    def between(self, begin: int, end: int) -> list[int]:
         """Return the doors that a particle must pass on its way from a cell to another."""
-        first, second = self.words[one], self.words[other]
-        same = [a == b for a, b in zip(first, second, strict=False)]
+        to_begin, to_end = self.words[begin], self.words[end]
+        same = [a == b for a, b in zip(to_begin, to_end, strict=False)]
         shared = [*same, False].index(False)
-        return first[shared:][::-1] + second[shared:]
+        return to_begin[shared:][::-1] + to_end[shared:]
 
 
 class _RouteTask:
@@ -315,19 +326,19 @@ class _RouteTask:
 
     def explore(self, covers: Sequence[Mapping[str, Any]]) -> None:
         """Check the covers of both particles."""
-        found = [_Cover(self, particle, cover) for particle, cover in enumerate(covers)]
-        if len(found) != 2:
-            raise _WrongError(f"expected 2 covers, got {len(found)}")
-        self.covers = found
+        stated = [_Cover(self, particle, cover) for particle, cover in enumerate(covers)]
+        if len(stated) != 2:
+            raise _WrongError(f"expected 2 covers, got {len(stated)}")
+        self.covers = stated
         self.every = [
             (place, particle)
-            for particle, cover in enumerate(found)
+            for particle, cover in enumerate(stated)
             for place in range(len(cover.places))
             if place not in self.cells.parents
         ]
         self.allowed = {
             (place, particle)
-            for particle, cover in enumerate(found)
+            for particle, cover in enumerate(stated)
             for place in range(len(cover.places))
         }
 
@@ -352,14 +363,12 @@ class _RouteTask:
             return False
         if self.cells.sides_of:
             return True
-        one, other = (wall.normals[0] for wall in walls)
+        u, v = (wall.normals[0] for wall in walls)
         sign = 1 if first[1] == second[1] else -1
-        parallel = all(
-            one[j] * other[k] == one[k] * other[j] for j in range(len(one)) for k in range(j)
-        )
-        return not parallel or sign * sum(a * b for a, b in zip(one, other, strict=True)) > 0
+        parallel = all(u[j] * v[k] == u[k] * v[j] for j in range(len(u)) for k in range(j))
+        return not parallel or sign * sum(a * b for a, b in zip(u, v, strict=True)) > 0
 
-    def parts(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
+    def children(self, pattern: Sequence[Item], node: Mapping[str, Any]) -> list[list[Item]]:
         """Return the patterns into which a node must divide its own."""
         place = node["place"]
         if not (isinstance(place, int) and 0 <= place < len(pattern)):
@@ -368,79 +377,79 @@ class _RouteTask:
         before, after = list(pattern[:place]), list(pattern[place + 1 :])
         if isinstance(item, tuple):
             if self.cells.radius:
-                return self._halved(before, item, after)
-            return self._sited(pattern, place, item, node)
-        known = [(wall, particle) for wall, particle in node["known"]]
-        if not set(known) <= self.allowed:
+                return self._halve(before, item, after)
+            return self._site(pattern, place, item, node)
+        excluded = [(wall, particle) for wall, particle in node["known"]]
+        if not set(excluded) <= self.allowed:
             raise _WrongError("a gap has an unknown hold")
         backwards = node["side"] == "last"
-        excluded: list[Hold] = list(known)
+        removed: list[Hold] = list(excluded)
         beside = after[:1] if backwards else before[-1:]
-        if not known and self.cells.radius and beside and isinstance(beside[0], tuple):
+        if not excluded and self.cells.radius and beside and isinstance(beside[0], tuple):
             # the hold beside the gap has all contacts up to the gap that it can have
-            excluded = [beside[0]]
-        within: list[Item] = [list[Hold](known)] if known else []
-        middles: list[list[Item]] = [within]
+            removed = [beside[0]]
+        near_gap: list[Item] = [list[Hold](excluded)] if excluded else []
+        middles: list[list[Item]] = [near_gap]
         middles += [
-            [item, hold, *within] if backwards else [*within, hold, item]
-            for one in (self.every if item is None else sorted(item))
-            for hold in self._without(one, excluded)
+            [item, hold, *near_gap] if backwards else [*near_gap, hold, item]
+            for whole_hold in (self.every if item is None else sorted(item))
+            for hold in self._without(whole_hold, removed)
         ]
         return [
             [*before, *middle, *after]
             for middle in middles
             if all(
-                not isinstance(one, tuple)
-                or not isinstance(other, tuple)
-                or self.follows(one, other)
-                for one, other in pairwise([*before[-1:], *middle, *after[:1]])
+                not isinstance(earlier, tuple)
+                or not isinstance(later, tuple)
+                or self.follows(earlier, later)
+                for earlier, later in pairwise([*before[-1:], *middle, *after[:1]])
             )
         ]
 
-    def _without(self, hold: Hold, known: Sequence[Hold]) -> list[Hold]:
+    def _without(self, hold: Hold, excluded: Sequence[Hold]) -> list[Hold]:
         """Return the holds that are together a hold without others."""
         wall, particle = hold
-        walls = {one[0] for one in known if one[1] == particle}
-        return [(part, particle) for part in self.cells.without(wall, walls)]
+        walls = {other_hold[0] for other_hold in excluded if other_hold[1] == particle}
+        return [(arc, particle) for arc in self.cells.without(wall, walls)]
 
-    def _halved(self, before: list[Item], hold: Hold, after: list[Item]) -> list[list[Item]]:
+    def _halve(self, before: list[Item], hold: Hold, after: list[Item]) -> list[list[Item]]:
         """Return the patterns into which a hold by an arc divides: with contacts of one half only,
         or with some of both, of which the first two that differ are known, or the last two.
         """
         if hold[0] not in self.cells.halves:
             raise _WrongError("a hold has no halves")
-        one, other = ((half, hold[1]) for half in self.cells.halves[hold[0]])
-        both = [one, other]
-        found: list[list[Item]] = [[*before, half, *after] for half in both]
-        for pair in (both, both[::-1]):
+        begin_half, end_half = ((half, hold[1]) for half in self.cells.halves[hold[0]])
+        halves = [begin_half, end_half]
+        patterns: list[list[Item]] = [[*before, half, *after] for half in halves]
+        for pair in (halves, halves[::-1]):
             if not after or isinstance(after[0], tuple):
-                found.append([*before, *pair, list[Hold](both), *after])
+                patterns.append([*before, *pair, list[Hold](halves), *after])
             elif not before or isinstance(before[-1], tuple):
-                found.append([*before, list[Hold](both), *pair, *after])
+                patterns.append([*before, list[Hold](halves), *pair, *after])
             else:
                 gap = after[0]
-                wider = None if gap is None else sorted({*gap, *both})
-                found.append([*before, *pair, wider, *after[1:]])
-        return found
+                wider = None if gap is None else sorted({*gap, *halves})
+                patterns.append([*before, *pair, wider, *after[1:]])
+        return patterns
 
-    def _sited(
+    def _site(
         self, pattern: Sequence[Item], place: int, hold: Hold, node: Mapping[str, Any]
     ) -> list[list[Item]]:
         wall, particle, *sites = (*hold, -1, -1)[:4]
         which = ("first", "last").index(node["contact"])
         if sites[which] != -1:
             raise _WrongError("a cell is known already")
-        found: list[list[Item]] = []
+        patterns: list[list[Item]] = []
         for cell in range(len(self.covers[1 - particle].cells)):
             sites[which] = cell
-            found.append([*pattern[:place], (wall, particle, *sites), *pattern[place + 1 :]])
-        return found
+            patterns.append([*pattern[:place], (wall, particle, *sites), *pattern[place + 1 :]])
+        return patterns
 
     def value(self, pattern: Sequence[Item], leaf: Mapping[str, Any]) -> Fraction:
         """Return the bound that a leaf proves, at most the limit."""
-        return min(self.proven(pattern, leaf), self.most)
+        return min(self.proven_bound(pattern, leaf), self.most)
 
-    def proven(
+    def proven_bound(
         self,
         pattern: Sequence[Item],
         leaf: Mapping[str, Any],
@@ -459,35 +468,35 @@ class _RouteTask:
                 caps[k] -= weight
             for k in steps:
                 caps[k] += weight
-        whole = self.cells.whole
+        scale = self.cells.whole
         total: Row = {}
         for vector, norm, cap in zip(vectors, norms, caps, strict=True):
-            parts = [_multiple(part) for part in vector]
-            if cap < 0 or sum(part * part for part in parts) > cap * cap:
+            parts = [_multiple(coordinate) for coordinate in vector]
+            if cap < 0 or sum(coordinate * coordinate for coordinate in parts) > cap * cap:
                 raise _WrongError("the multiplier of a norm is too long")
-            for factor, part in zip(parts, norm, strict=True):
-                for key, number in part.items():
-                    total[key] = total.get(key, 0) + factor * number * whole
-        for index, given in leaf["slacks"]:
-            slack = _multiple(given)
+            for factor, expression in zip(parts, norm, strict=True):
+                for key, number in expression.items():
+                    total[key] = total.get(key, 0) + factor * number * scale
+        for index, multiplier in leaf["slacks"]:
+            slack = _multiple(multiplier)
             if slack < 0:
                 raise _WrongError("the multiplier of a constraint is negative")
             for key, number in _numbered(rows, index).items():
                 total[key] = total.get(key, 0) - slack * number
-        for index, *given in leaf["rounds"]:
+        for index, *multipliers in leaf["rounds"]:
             # r >= |v| and n >= |z| mean n r - z . v >= 0
-            factors = [_multiple(part) for part in given]
-            total[_ONE] = total.get(_ONE, 0) - _root(_dot(factors, factors)) * (
-                self.cells.radius * whole
+            factors = [_multiple(x) for x in multipliers]
+            total[_CONSTANT] = total.get(_CONSTANT, 0) - _root(_dot(factors, factors)) * (
+                self.cells.radius * scale
             )
-            for factor, part in zip(factors, _numbered(rounds, index), strict=True):
-                for key, number in part.items():
-                    total[key] = total.get(key, 0) + factor * number * whole
-        value = total.pop(_ONE, 0)
+            for factor, expression in zip(factors, _numbered(rounds, index), strict=True):
+                for key, number in expression.items():
+                    total[key] = total.get(key, 0) + factor * number * scale
+        value = total.pop(_CONSTANT, 0)
         for key, number in total.items():
             low, high = bounds[key]
             value += min(number * low, number * high)
-        return Fraction(value, STEP * whole * whole) * self.cells.unit
+        return Fraction(value, STEP * scale * scale) * self.cells.unit
 
 
 _Legs = list[tuple[list[int], list[int]]]
@@ -500,7 +509,7 @@ def _program(
     legs, the bounds of the variables, and the places, from the axis, inside a round wall.
     """
     cells = task.cells
-    whole, size = cells.whole, cells.dimensions
+    scale, size = cells.whole, cells.dimensions
     bounds: list[tuple[int, int]] = []
     norms: list[Place] = []
     rows: list[Row] = []
@@ -523,17 +532,17 @@ def _program(
         return place
 
     def equal(pairs: Sequence[tuple[Place, Place]]) -> None:
-        for one, other in pairs:
-            for first, second in ((one, other), (other, one)):
+        for left, right in pairs:
+            for u, v in ((left, right), (right, left)):
                 rows.extend(
-                    {key: number * whole for key, number in part.items()}
-                    for part in _sum(first, second, -1)
+                    {key: number * scale for key, number in expression.items()}
+                    for expression in _sum(u, v, -1)
                 )
 
     def within(place: Place, spaces: Sequence[Space]) -> None:
         for normal, offset in spaces:
             row = _along(normal, place, 1)
-            row[_ONE] = row.get(_ONE, 0) - offset
+            row[_CONSTANT] = row.get(_CONSTANT, 0) - offset
             rows.append(row)
 
     def inside(place: Place) -> None:
@@ -541,12 +550,12 @@ def _program(
             rounds.append(_sum(place[:2], _constant(cells.axis), -1))
 
     def adjust(change: Place, wall: _Wall, *particles: int) -> None:
-        parts = [around(far) for _ in wall.normals[1:]]
-        for part in parts:
-            change = _sum(change, part, -1)
-        for one, normal in zip([change, *parts], wall.normals, strict=True):
-            move(one, *particles)
-            rows.append(_along(normal, one, -1))
+        changes = [around(far) for _ in wall.normals[1:]]
+        for summand in changes:
+            change = _sum(change, summand, -1)
+        for summand, normal in zip([change, *changes], wall.normals, strict=True):
+            move(summand, *particles)
+            rows.append(_along(normal, summand, -1))
 
     rounds: list[Place] = []
     far = [cells.limit] * size
@@ -557,7 +566,7 @@ def _program(
     places = [_constant(spot) for spot in cells.start]
     nodes, last_places = [0, 0], list(places)
     inputs: list[list[int]] = [[], []]
-    ways: list[tuple[list[int], list[int], Place, Place]] = []
+    routes: list[tuple[list[int], list[int], Place, Place]] = []
 
     def move(norm: Place, *particles: int) -> None:
         for particle in particles:
@@ -566,7 +575,7 @@ def _program(
 
     def arrive(particle: int, place: Place, doors: list[int]) -> None:
         if doors:
-            ways.append((list(inputs[particle]), doors, last_places[particle], place))
+            routes.append((list(inputs[particle]), doors, last_places[particle], place))
 
     def visit(particle: int, place: Place, site: int) -> None:
         if site >= 0:
@@ -608,8 +617,8 @@ def _program(
             before = _sum(places[1], places[0], -1)
             move(_sum(first, places[particle], -1), 0, 1)
         else:
-            other = _sum(first, before, sign)
-            now = [first, other] if particle == 0 else [other, first]
+            partner = _sum(first, before, sign)
+            now = [first, partner] if particle == 0 else [partner, first]
             equal(list(zip(reached, now, strict=True)))
             reached = None
         arrive(particle, first, task.covers[particle].between(nodes[particle], node))
@@ -623,9 +632,9 @@ def _program(
             within(_sum(contact, apart, sign), cells.outer)
             inside(contact)
             inside(_sum(contact, apart, sign))
-        other = _sum(last, after, sign)
-        places = [last, other] if particle == 0 else [other, last]
-        visit(1 - particle, other, sites[1])
+        partner = _sum(last, after, sign)
+        places = [last, partner] if particle == 0 else [partner, last]
+        visit(1 - particle, partner, sites[1])
         if final:
             move(_sum(goals[particle], last, -1), 0, 1)
     if reached is not None:
@@ -637,9 +646,9 @@ def _program(
             doors = cover.between(nodes[particle], task.ends[particle])
             arrive(particle, goals[particle], doors)
     count, legs = len(norms), []
-    for moving, doors, here, there in ways:
-        crossed = [on(a, [_from(a, b)]) for a, b in (cells.doors[door] for door in doors)]
-        steps = [_sum(after, place, -1) for place, after in pairwise([here, *crossed, there])]
+    for moving, doors, origin, target in routes:
+        crossed = [on(a, [_displacement(a, b)]) for a, b in (cells.doors[door] for door in doors)]
+        steps = [_sum(after, place, -1) for place, after in pairwise([origin, *crossed, target])]
         legs.append((moving, list(range(len(norms), len(norms) + len(steps)))))
         norms += steps
     return norms, count, rows, legs, bounds, rounds
@@ -654,61 +663,61 @@ def route_values(certificate: Mapping[str, Any], tree: Mapping[str, Any]) -> Ite
     proof = tree["proof"]
     task.explore(proof["covers"])
     yield task.most
-    ways = [tuple(way["ends"]) for way in proof["ways"]]
-    if sorted(ways) != sorted(task.needed_ends()):
+    pairs = [tuple(case["ends"]) for case in proof["ways"]]
+    if sorted(pairs) != sorted(task.needed_ends()):
         raise _WrongError("expected a proof for each cell in which a particle can end")
-    for ends, way in zip(ways, proof["ways"], strict=True):
+    for ends, case in zip(pairs, proof["ways"], strict=True):
         task.ends = ends
-        for pattern, leaf in _leaves(task, way["proof"]):
+        for pattern, leaf in _leaves(task, case["proof"]):
             yield task.value(pattern, leaf)
 
 
 def _constant(spot: Spot) -> Place:
-    return [{_ONE: x} for x in spot]
+    return [{_CONSTANT: x} for x in spot]
 
 
-def _sum(one: Place, other: Place, sign: int) -> Place:
+def _sum(u: Place, v: Place, sign: int) -> Place:
     return [
         {key: a.get(key, 0) + sign * b.get(key, 0) for key in a.keys() | b.keys()}
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(u, v, strict=True)
     ]
 
 
 def _along(normal: Spot, place: Place, sign: int) -> Row:
     row: Row = {}
-    for factor, part in zip(normal, place, strict=True):
-        for key, number in part.items():
+    for factor, expression in zip(normal, place, strict=True):
+        for key, number in expression.items():
             row[key] = row.get(key, 0) + sign * factor * number
     return row
 
 
-def _dot(one: Sequence[int], other: Sequence[int]) -> int:
-    return sum(a * b for a, b in zip(one, other, strict=True))
+def _dot(u: Sequence[int], v: Sequence[int]) -> int:
+    return sum(a * b for a, b in zip(u, v, strict=True))
 
 
-def _from(one: Spot, other: Spot) -> Spot:
-    return tuple(b - a for a, b in zip(one, other, strict=True))
+def _displacement(begin: Spot, end: Spot) -> Spot:
+    return tuple(b - a for a, b in zip(begin, end, strict=True))
 
 
-def _left(one: Spot, other: Spot, spot: Spot) -> int:
-    return (other[0] - one[0]) * (spot[1] - one[1]) - (other[1] - one[1]) * (spot[0] - one[0])
+def _orientation(begin: Spot, end: Spot, spot: Spot) -> int:
+    return (end[0] - begin[0]) * (spot[1] - begin[1]) - (end[1] - begin[1]) * (spot[0] - begin[0])
 
 
-def _between(one: Spot, other: Spot, spot: Spot) -> bool:
-    return all(min(a, b) <= x <= max(a, b) for a, b, x in zip(one, other, spot, strict=True))
+def _is_between(begin: Spot, end: Spot, spot: Spot) -> bool:
+    return all(min(a, b) <= x <= max(a, b) for a, b, x in zip(begin, end, spot, strict=True))
 
 
-def _space(one: Spot, other: Spot) -> Space:
-    x, y = _from(one, other)
-    return (-y, x), -y * one[0] + x * one[1]
+def _half_plane(begin: Spot, end: Spot) -> Space:
+    x, y = _displacement(begin, end)
+    return (-y, x), -y * begin[0] + x * begin[1]
 
 
 def _convex_sides(corners: Sequence[Spot]) -> list[tuple[Spot, Spot]]:
     """Return the sides of a counter-clockwise polygon, and refuse one that is not convex."""
     sides = list(zip(corners, [*corners[1:], corners[0]], strict=True))
-    along = [_from(a, b) for a, b in sides]
+    along = [_displacement(a, b) for a, b in sides]
     ups = [y > 0 or (y == 0 and x > 0) for x, y in along]
-    turns = sum(one and not before for before, one in pairwise([ups[-1], *ups]))
+    turns = sum(up and not before for before, up in pairwise([ups[-1], *ups]))
     bends = [a[0] * b[1] - a[1] * b[0] for a, b in pairwise([along[-1], *along])]
     straight = all(
         bend != 0 or a[0] * b[0] + a[1] * b[1] > 0

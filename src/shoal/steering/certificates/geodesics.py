@@ -37,14 +37,14 @@ def geodesic_bound(problem: SteeringProblem, start: Points, goal: Points) -> flo
     if problem.interchangeable and len(start) > _MOST:
         return max(float(paths.min(axis=1).max()) - problem.tolerance, 0.0)
     pairs = _pair_bounds(problem, start, goal) if isinstance(space, ConvexWorkspace) else None
-    found = []
-    for o in orders:
-        least = _bound(problem, start, goal[list(o)], paths[range(len(o)), o])
+    bounds = []
+    for order in orders:
+        least = _bound(problem, start, goal[list(order)], paths[range(len(order)), order])
         if pairs is not None:
-            for one, other in combinations(range(len(o)), 2):
-                least = max(least, pairs(one, other, o[one], o[other]))
-        found.append(least)
-    return max(min(found), 0.0)
+            for i, j in combinations(range(len(order)), 2):
+                least = max(least, pairs(i, j, order[i], order[j]))
+        bounds.append(least)
+    return max(min(bounds), 0.0)
 
 
 def _pair_bounds(
@@ -58,8 +58,8 @@ def _pair_bounds(
     world = problem.world(gain=0.0)
 
     @cache
-    def bound(one: int, other: int, first: int, second: int) -> float:
-        ends = start[[one, other]], goal[[first, second]]
+    def bound(i: int, j: int, goal_i: int, goal_j: int) -> float:
+        ends = start[[i, j]], goal[[goal_i, goal_j]]
         return SteeringTask(world, *ends, problem.tolerance, problem.max_moves, 0).lower_bound()
 
     return bound
@@ -71,10 +71,10 @@ def _bound(
     least = float(paths.max()) - problem.tolerance
     if problem.friction < inf:  # a particle that slides moves, and changes the difference
         return least
-    for one, other in combinations(range(len(start)), 2):
-        apart = float(np.linalg.norm((goal[other] - goal[one]) - (start[other] - start[one])))
-        both = float(paths[one] + paths[other]) + apart
-        least = max(least, both / 2 - 2 * problem.tolerance)
+    for i, j in combinations(range(len(start)), 2):
+        apart = float(np.linalg.norm((goal[j] - goal[i]) - (start[j] - start[i])))
+        total = float(paths[i] + paths[j]) + apart
+        least = max(least, total / 2 - 2 * problem.tolerance)
     return least
 
 
@@ -92,15 +92,15 @@ def geodesics(space: Any, start: Points, goal: Points) -> NDArray[np.float64]:
     shape = space.shape.buffer(_GROWN * space.size, join_style="mitre")
     shapely.prepare(shape)
     nodes = np.concatenate([start, goal, *space.rings])
-    one, other = np.triu_indices(len(nodes), 1)
-    lines = shapely.linestrings(np.stack([nodes[one], nodes[other]], axis=1))
-    seen = shapely.covers(shape, lines)
+    tails, heads = np.triu_indices(len(nodes), 1)
+    lines = shapely.linestrings(np.stack([nodes[tails], nodes[heads]], axis=1))
+    visible = shapely.covers(shape, lines)
     graph = np.full((len(nodes), len(nodes)), inf)
-    lengths = np.linalg.norm(nodes[one] - nodes[other], axis=1)
-    graph[one[seen], other[seen]] = lengths[seen]
+    lengths = np.linalg.norm(nodes[tails] - nodes[heads], axis=1)
+    graph[tails[visible], heads[visible]] = lengths[visible]
     graph = np.minimum(graph, graph.T)
     # zero is no edge for SciPy: points at one place are an immeasurable distance apart
     graph[(graph == 0)] = 1e-300
     graph[~np.isfinite(graph)] = 0
-    found = dijkstra(graph, indices=range(len(start)))[:, len(start) : len(start) + len(goal)]
-    return np.asarray(np.maximum(np.where(np.isfinite(found), found, 0.0), straight))
+    distances = dijkstra(graph, indices=range(len(start)))[:, len(start) : len(start) + len(goal)]
+    return np.asarray(np.maximum(np.where(np.isfinite(distances), distances, 0.0), straight))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import import_extra
+from shoal.steering.certificates.programs import Variables, equality, solver_settings
 from shoal.steering.certificates.relaxation import STEP
 
 FREE, UNKNOWN = -1, -2  # of a particle in a move; otherwise the wall that stops it
@@ -64,9 +65,7 @@ class MovePrograms:
         self._start, self._goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self._tolerance = tolerance / self.scale
         self._extent = np.ptp(self._corners, axis=0)
-        self._settings = settings = self._clarabel.DefaultSettings()
-        settings.verbose, settings.presolve_enable = False, False
-        settings.chordal_decomposition_enable, settings.max_threads = False, 1
+        self._settings = solver_settings(self._clarabel)
 
     def contradiction(self, moves: tuple[Move, ...]) -> NDArray[np.float64] | None:
         """Return multipliers of the constraints that no plan with such moves can meet, or None if
@@ -102,45 +101,38 @@ class MovePrograms:
     def _program(
         self, moves: tuple[Move, ...]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        far = 4 + sum(2 + 2 * sum(wall != FREE for wall in move.walls) for move in moves)
-        low, high, used = np.zeros(far), np.zeros(far), 0
-
-        def vector(least: NDArray[np.float64], most: NDArray[np.float64]) -> NDArray[np.float64]:
-            nonlocal used
-            new = np.zeros((2, far + 1))
-            new[0, used] = new[1, used + 1] = 1
-            low[used : used + 2], high[used : used + 2] = least, most
-            used += 2
-            return new
-
-        goals = [vector(one - self._tolerance, one + self._tolerance) for one in self._goal]
-        places = [np.zeros((2, far + 1)) for _ in range(2)]
-        for place, spot in zip(places, self._start, strict=True):
-            place[:, -1] = spot
+        variables = Variables(
+            4 + sum(2 + 2 * sum(wall != FREE for wall in move.walls) for move in moves), 2
+        )
+        vector = variables.vector
+        goals = [vector(spot - self._tolerance, spot + self._tolerance) for spot in self._goal]
+        places = [variables.constant(spot) for spot in self._start]
         rows = []
         for move in moves:
-            whole = vector(-self._extent, self._extent)
-            turned = [whole]
+            displacement = vector(-self._extent, self._extent)
+            directed = [displacement]
             for particle, wall in enumerate(move.walls):
-                moved = whole
+                translation = displacement
                 if wall != FREE:
-                    lost = vector(-self._extent, self._extent)
-                    moved = whole - lost
-                    turned += [lost, moved]
-                places[particle] = places[particle] + moved
+                    loss = vector(-self._extent, self._extent)
+                    translation = displacement - loss
+                    directed += [loss, translation]
+                places[particle] = places[particle] + translation
                 inside = self._normals @ places[particle]
                 inside[:, -1] -= self._offsets
                 rows.append(inside)
                 if wall >= 0:
                     normal = self._normals[wall : wall + 1]
-                    rows += [-inside[wall : wall + 1], -(normal @ lost), -(normal @ moved)]
+                    rows += [-inside[wall : wall + 1], -(normal @ loss), -(normal @ translation)]
             if move.sector is not None:
                 (a, b), (c, d) = move.sector
-                for one in turned:
-                    rows += [(a * one[1] - b * one[0])[None], (d * one[0] - c * one[1])[None]]
-        for place, goal in zip(places, goals, strict=True):
-            rows += [place - goal, goal - place]
-        return np.concatenate(rows), low, high
+                for along in directed:
+                    rows += [
+                        (a * along[1] - b * along[0])[None],
+                        (d * along[0] - c * along[1])[None],
+                    ]
+        rows += equality(places, goals)
+        return np.concatenate(rows), variables.low, variables.high
 
 
 def prove_more_moves(
@@ -152,7 +144,7 @@ def prove_more_moves(
     The nodes of the proof come before their parts. The walls of the last move are divided first,
     because a particle that is stopped there must have its goal at this wall.
     """
-    found: list[dict[str, Any]] = []
+    nodes: list[dict[str, Any]] = []
     stack = [(Move(),) * count]
     while stack:
         if late():
@@ -160,27 +152,27 @@ def prove_more_moves(
         moves = stack.pop()
         slacks = programs.contradiction(moves)
         if slacks is not None:
-            found.append({"slacks": [[int(k), float(slacks[k])] for k in np.flatnonzero(slacks)]})
+            nodes.append({"slacks": [[int(k), float(slacks[k])] for k in np.flatnonzero(slacks)]})
             continue
         unknown = [(k, p) for k in range(count) for p in (0, 1) if moves[k].walls[p] == UNKNOWN]
         if unknown:
             number, particle = unknown[-1]
-            found.append({"move": number, "particle": particle})
+            nodes.append({"move": number, "particle": particle})
             move = moves[number]
-            parts = []
+            cases = []
             for wall in range(FREE, walls):
-                both = list(move.walls)
-                both[particle] = wall
-                parts.append(move._replace(walls=(both[0], both[1])))
+                stops = list(move.walls)
+                stops[particle] = wall
+                cases.append(move._replace(walls=(stops[0], stops[1])))
         else:
             holding = [k for k in range(count) if moves[k].walls != (FREE, FREE)]
             number = max(holding, key=lambda k: -_length(moves[k]), default=-1)
             if number < 0 or _length(moves[number]) > _NARROW:
                 return None
-            found.append({"move": number})
-            parts = [moves[number]._replace(sector=half) for half in _halves(moves[number].sector)]
-        stack += [(*moves[:number], part, *moves[number + 1 :]) for part in parts[::-1]]
-    return found
+            nodes.append({"move": number})
+            cases = [moves[number]._replace(sector=half) for half in _halves(moves[number].sector)]
+        stack += [(*moves[:number], case, *moves[number + 1 :]) for case in cases[::-1]]
+    return nodes
 
 
 def _halves(
@@ -196,4 +188,6 @@ def _halves(
 
 def _length(move: Move) -> float:
     """Return the length of the directions of a sector, which grows as the sector becomes narrow."""
-    return 0.0 if move.sector is None else max(max(map(abs, one)) for one in move.sector)
+    return (
+        0.0 if move.sector is None else max(max(map(abs, direction)) for direction in move.sector)
+    )

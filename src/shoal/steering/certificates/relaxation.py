@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
+from shoal.steering.certificates.programs import Variables, equality, solver_settings
 from shoal.steering.workspaces.convex import ConvexWorkspace
 
 Floats = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Hold(NamedTuple):
     and ``most`` of the walls with the lowest and the highest number. ``order`` is 1 if the contact
     with the lowest number comes before that with the highest, -1 if after it, 0 if unknown.
 
-    ``whole`` says for both sides whether the run has all contacts of its particle up to the gap
+    ``maximal`` says for both sides whether the run has all contacts of its particle up to the gap
     there, so that the first contact of this gap is one of the other particle.
     """
 
@@ -60,14 +61,14 @@ class Hold(NamedTuple):
     least: Range
     most: Range
     order: int = 0
-    whole: tuple[bool, bool] = (False, False)
+    maximal: tuple[bool, bool] = (False, False)
 
     def range(self, name: str) -> Range:
         """Return the range of a contact by its name."""
-        found: Range = getattr(self, name)
-        return found
+        walls: Range = getattr(self, name)
+        return walls
 
-    def way(self) -> list[str]:
+    def certain_contacts(self) -> list[str]:
         """Return the contacts that the run certainly has, in their order."""
         if self.order:
             return ["first", *("least", "most")[:: self.order], "last"]
@@ -155,7 +156,7 @@ class Program:
     contacts: list[tuple[int, dict[str, Floats]]]
     gaps: list[tuple[int, list[int], list[int]]]
 
-    def worth(self, vectors: Floats, slacks: Floats, turns: Floats) -> float:
+    def dual_bound(self, vectors: Floats, slacks: Floats, turns: Floats) -> float:
         """Return the lower bound that multipliers prove, or minus infinity."""
         total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
         total[:-1] += self.costs
@@ -164,8 +165,10 @@ class Program:
             sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
             total -= sizes @ self.cones[:, 0]
             total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
-        rest = total[:-1]
-        value = float(total[-1] + np.minimum(rest * self.low, rest * self.high).sum())
+        reduced_costs = total[:-1]
+        value = float(
+            total[-1] + np.minimum(reduced_costs * self.low, reduced_costs * self.high).sum()
+        )
         return value if np.isfinite(value) else -inf
 
 
@@ -202,7 +205,7 @@ class Walls(Protocol):
         """Return an inward direction m of an arc, and s: each adjustment u has m @ u <= s |u|."""
         ...
 
-    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
+    def turn_bounds(self, hold: Hold) -> list[tuple[Range, float]]:
         """Return arcs of a round wall, each with a number t: with the axis m and s of the arc, an
         adjustment u of a run with the travel T has m @ u <= (s + t T) |u|.
         """
@@ -235,8 +238,8 @@ class Walls(Protocol):
             first = (between[0] + between[1]) // 2 - self.count // 2
             every = arcs[0][:2] if len(arcs) == 1 else (first, first + self.count)
         begins, ends = (every, between) if right else (between, every)
-        whole = (right, not right) if self.runs else (False, False)
-        return Hold(particle, begins, ends, every, every, 0, whole)
+        maximal = (right, not right) if self.runs else (False, False)
+        return Hold(particle, begins, ends, every, every, 0, maximal)
 
     def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
         """Return the inward unit normal of the wall of an arc nearest a point, and the distance."""
@@ -329,16 +332,16 @@ class _RoundWalls(Walls):
         x, y = ends.T
         return axis, float(np.max(np.abs(axis[0] * y - axis[1] * x) / np.hypot(x, y)))
 
-    def stays(self, hold: Hold) -> list[tuple[Range, float]]:
-        found = []
+    def turn_bounds(self, hold: Hold) -> list[tuple[Range, float]]:
+        bounds = []
         for between in dict.fromkeys((hold.first, hold.last)):
             if between != hold.arc[:2] and between[1] - between[0] <= self.count // 3:
                 ends = self._ends(*between)
                 cosine = float(np.max(ends @ ends.sum(axis=0) / np.hypot(*ends.T)))
                 # a contact is at most T from the first, and T / 2 from the first or the last
                 share = 0.5 if hold.first == hold.last else 1.0
-                found.append((between, share * cosine / self.radius))
-        return found
+                bounds.append((between, share * cosine / self.radius))
+        return bounds
 
     def arc_rows(self, first: int, end: int) -> tuple[Floats, Floats]:
         if end - first > self.count // 3:
@@ -401,33 +404,30 @@ class Relaxation:
         if place.round:
             origin = place.center
             self.walls = _RoundWalls(place.radius / self.scale, round_directions(), 8)
-            self._useless: set[tuple[Range, Range]] = set()
+            self._redundant_pairs: set[tuple[Range, Range]] = set()
         else:
             origin = place.vertices[0]
             self.walls = _FlatWalls((place.vertices - origin) / self.scale, 8)
-            self._useless = _useless(place.vertices)
+            self._redundant_pairs = _redundant_pairs(place.vertices)
         self.start, self.goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self.tolerance, self.limit = tolerance / self.scale, limit / self.scale
-        settings = clarabel.DefaultSettings()
-        settings.verbose, settings.presolve_enable = False, False
-        settings.chordal_decomposition_enable, settings.max_threads = False, 1
-        self._settings = settings
+        self._settings = solver_settings(clarabel)
         # of a narrow run around its first or last contact
         self.margin = max(self.walls.count // (4 * NARROW), 1)
         self._distances: dict[tuple[Range, int, bool], float] = {}
 
-    def follows(self, first: Hold, second: Hold, *, every: bool) -> bool:
+    def follows(self, first: Hold, second: Hold, *, maximal: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
         of the particles.
 
-        If ``every``, one of them is beside a gap that contained the other, and has all contacts up
+        If ``maximal``, one of them is beside a gap that contained the other, and has all contacts up
         to it that it may have.
         """
         count = self.walls.count
         if self.walls.runs:
-            return not every or first.particle != second.particle
-        one, other = ((hold.arc.first % count, hold.particle) for hold in (first, second))
-        return (one, other) not in self._useless and not (every and one == other)
+            return not maximal or first.particle != second.particle
+        before, after = ((hold.arc.first % count, hold.particle) for hold in (first, second))
+        return (before, after) not in self._redundant_pairs and not (maximal and before == after)
 
     def bound(self, pattern: Pattern) -> Bound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
@@ -452,9 +452,9 @@ class Relaxation:
             lengths[:, 0, count:-1] = np.eye(size)
             lengths[:, 1:, :count] = program.norms[:, :, :-1]
             lengths[:, 1:, -1] = program.norms[:, :, -1]
-            turned = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
-            turned[:, :, :count] = program.cones[:, :, :-1]
-            turned[:, :, -1] = program.cones[:, :, -1]
+            cone_rows = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
+            cone_rows[:, :, :count] = program.cones[:, :, :-1]
+            cone_rows[:, :, -1] = program.cones[:, :, -1]
             solution = clarabel.DefaultSolver(
                 csc_matrix((count + size, count + size)),
                 np.concatenate([program.costs, np.ones(size)]),
@@ -482,14 +482,14 @@ class Relaxation:
         turns = -dual[split:].reshape(cones, 4)[:, 1:]
         if "Infeasible" in str(solution.status):
             vectors = np.zeros_like(vectors)
-            worth = program.worth(vectors, slacks, turns)
-            factor = 2 * self.limit / worth if worth > 0 else 0.0
+            proven = program.dual_bound(vectors, slacks, turns)
+            factor = 2 * self.limit / proven if proven > 0 else 0.0
             slacks, turns = slacks * factor, turns * factor
         vectors = vectors / np.maximum(np.hypot(*vectors.T), 1)[:, None]
         # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds 1
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
-        value = min(program.worth(vectors, slacks, turns), self.limit)
+        value = min(program.dual_bound(vectors, slacks, turns), self.limit)
         if value < 0:  # without multipliers, the bound is 0
             value, vectors, slacks, turns = 0.0, 0 * vectors, 0 * slacks, 0 * turns
         errors = self._errors(pattern, program, point)
@@ -504,33 +504,33 @@ class Relaxation:
             for place, norms, costs in program.gaps
         }
         point = np.append(solution[:count], 1.0)
-        for place, named in program.contacts:
+        for place, by_name in program.contacts:
             hold = pattern[place]
             assert isinstance(hold, Hold)
-            error = self._error(hold, {name: value @ point for name, value in named.items()})
+            error = self._error(hold, {name: value @ point for name, value in by_name.items()})
             if error is not None:
                 errors[place] = error
         return errors
 
-    def _error(self, hold: Hold, named: dict[str, Floats]) -> tuple[float, str, int] | None:
+    def _error(self, hold: Hold, by_name: dict[str, Floats]) -> tuple[float, str, int] | None:
         """Return how far the solution of a hold is from one contact, and how to divide it."""
         if hold.single:
             return None
-        found = {
-            name: self.walls.inward(*hold.range(name), named[name])
+        inward = {
+            name: self.walls.inward(*hold.range(name), by_name[name])
             for name in ("first", "last", "least", "most")
-            if name in named
+            if name in by_name
         }
-        against = max(min(float(normal @ named["change"]) for normal, _ in found.values()), 0.0)
+        against = max(min(float(normal @ by_name["change"]) for normal, _ in inward.values()), 0.0)
         depths = {
             name: depth
-            for name, (_, depth) in found.items()
+            for name, (_, depth) in inward.items()
             if hold.range(name)[1] - hold.range(name)[0] > 1
         }
         total = against + sum(depths.values())
         least, most, arc = hold.least, hold.most, hold.arc
         if arc.end - arc.first > self.walls.count // 3:  # most runs stay near their first contact
-            near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
+            near = min(hold.first, hold.last, key=lambda between: between[1] - between[0])
             margin = self.walls.count // len(self.walls.base)
             for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
                 first, end = hold.range(name)
@@ -553,7 +553,7 @@ class Relaxation:
         within about a sixteenth of a turn or certainly travels; None if it does.
         """
         margin = self.margin
-        near = min(hold.first, hold.last, key=lambda one: one[1] - one[0])
+        near = min(hold.first, hold.last, key=lambda between: between[1] - between[0])
         if near[1] - near[0] > 2 * margin:
             return ("first" if near is hold.first else "last"), (near[0] + near[1]) // 2
         for name, wall in (("least", near[0] - margin), ("most", near[1] + margin)):
@@ -569,128 +569,114 @@ class Relaxation:
                 return name, (first + end) // 2
         return None
 
-    def _most(self, hold: Hold) -> float:
+    def _most_adjustment(self, hold: Hold) -> float:
         """Return the greatest sum of the adjustments of a run, in plans within the limit.
 
         The adjustments do not move the held particle. By other inputs, it comes from its start to
         all contacts, and from there to its goal.
         """
         particle = hold.particle
-        (first, end), (last, over) = (
-            [self._away(between, particle, goal=goal) for goal in (False, True)]
+        (to_first, from_first), (to_last, from_last) = (
+            [self._distance(between, particle, goal=goal) for goal in (False, True)]
             for between in (hold.first, hold.last)
         )
-        path = max(first + end, first + over, last + over) - 2 * self.tolerance
+        path = (
+            max(to_first + from_first, to_first + from_last, to_last + from_last)
+            - 2 * self.tolerance
+        )
         return float(max(self.limit - path, 0.0))
 
-    def _away(self, between: Range, particle: int, *, goal: bool) -> float:
+    def _distance(self, between: Range, particle: int, *, goal: bool) -> float:
         """Return a lower bound on the distance of an end from a contact with a round wall."""
-        known = self._distances.get((between, particle, goal))
-        if known is not None:
-            return known
+        cached = self._distances.get((between, particle, goal))
+        if cached is not None:
+            return cached
         point = (self.goal if goal else self.start)[particle]
         normals, offsets = self.walls.arc_rows(*between)
         depths = (offsets - normals @ point) / np.hypot(*normals.T)
-        away = float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
-        self._distances[between, particle, goal] = away
-        return away
+        distance = float(max(self.walls.radius - np.hypot(*point), 0.0, *depths))
+        self._distances[between, particle, goal] = distance
+        return distance
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
         walls = self.walls
-        far = 4 + sum(
-            5 + 3 * (2 if item.holds is None else len(item.holds))
-            if isinstance(item, HoldGap)
-            else 15
-            for item in pattern
+        variables = Variables(
+            4
+            + sum(
+                5 + 3 * (2 if item.holds is None else len(item.holds))
+                if isinstance(item, HoldGap)
+                else 15
+                for item in pattern
+            ),
+            2,
         )
-        low, high, costs = np.zeros(far), np.zeros(far), np.zeros(far)
-        boxed = np.zeros(far, np.bool_)
+        vector, constant = variables.vector, variables.constant
         rare: list[int] = []  # numbers in ``rows``
-        used = 0
         norms: list[Floats] = []
         rows: list[Floats] = []
         cones: list[Floats] = []
-        radius = np.zeros((1, far + 1))
-        radius[0, -1] = walls.radius
+        radius = constant(walls.radius)[:1]
         # the law of growth: |difference|² <= 2 R grown, where grown is |difference at the start|
         # + k / R + (1 + a) (sum of the translations) + a (sum of the adjustments), a = sqrt(k) / R
-        around, grown = np.zeros((1, far + 1)), np.zeros((1, far + 1))
-        out, ring = walls.rings or (0.0, 0.0)
+        around, grown = constant(0)[:1], constant(0)[:1]
+        outer, ring = walls.rings or (0.0, 0.0)
         if walls.rings:
-            around[0, -1] = 2 * out
-            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / out
-            slope = ring**0.5 / out
+            around[0, -1] = 2 * outer
+            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / outer
+            slope = ring**0.5 / outer
         contacts, gaps = [], []
 
-        def vector(least: Floats, most: Floats, *, box: bool = False) -> Floats:
-            nonlocal used
-            boxed[used : used + 2] = box
-            new = np.zeros((2, far + 1))
-            new[0, used] = new[1, used + 1] = 1
-            low[used : used + 2], high[used : used + 2] = least, most
-            used += 2
-            return new
-
-        def constant(value: Floats) -> Floats:
-            new = np.zeros((2, far + 1))
-            new[:, -1] = value
-            return new
-
-        def cone(least: Floats, *vector: Floats) -> None:
+        def add_cone(bound: Floats, *parts: Floats) -> None:
             """Add the condition that an expression is at least the norm of others."""
-            new = np.zeros((4, far + 1))
-            new[0] = least
-            new[1 : 1 + sum(len(part) for part in vector)] = np.concatenate(vector)
-            cones.append(new)
+            cone = np.zeros((4, bound.shape[1]))
+            cone[0] = bound
+            cone[1 : 1 + sum(len(expression) for expression in parts)] = np.concatenate(parts)
+            cones.append(cone)
 
-        def at_least(change: Floats) -> Floats:
+        def add_length(change: Floats) -> Floats:
             """Return a variable that is at least the norm of a vector and part of the length."""
-            nonlocal used
-            length = np.zeros((1, far + 1))
-            length[0, used], high[used], costs[used] = 1, self.limit, 1
-            used += 1
-            cone(length, change)
+            length = variables.length(self.limit)
+            add_cone(length, change)
             return length
 
-        def travel(change: Floats) -> Floats:
+        def add_translations(change: Floats) -> Floats:
             """Count the length of free translations; with a law of growth, remember their sum."""
             if not walls.rings:
                 norms.append(change)
                 return change
-            length = at_least(change)
+            length = add_length(change)
             grown[0] += (1 + slope) * length[0]
             return length
 
-        def spread(apart: Floats) -> None:
-            """Add the law of growth to a program."""
-            if walls.rings:
-                # |v|² <= a b as |(2 v, a - b)| <= a + b
-                cone(grown + around, 2 * apart, grown - around)
-
-        def length_of(arc: WallArc, change: Floats) -> Floats:
-            """Count the length of the adjustments with an arc whose sum is ``change``."""
-            nonlocal used
-            axis, sine = walls.axis(arc.first, arc.end)
-            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
-                adjust(change)
-                rows.append(-axis[None] @ change)
-                return change
-            length = adjust(change, arc=True)
-            rows.append(sine * length - axis[None] @ change)
-            return length
-
-        def adjust(change: Floats, *, arc: bool = False) -> Floats:
+        def add_adjustments(change: Floats, *, arc: bool = False) -> Floats:
             """Count the length of adjustments; with a law of growth, remember their sum."""
             if not arc and not ring:
                 norms.append(change)
                 return change
-            length = at_least(change)
+            length = add_length(change)
             if ring:
                 grown[0] += slope * length[0]
             return length
 
-        def inside(point: Floats) -> None:
+        def add_hold(arc: WallArc, change: Floats) -> Floats:
+            """Count the length of the adjustments with an arc whose sum is ``change``."""
+            axis, sine = walls.axis(arc.first, arc.end)
+            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
+                add_adjustments(change)
+                rows.append(-axis[None] @ change)
+                return change
+            length = add_adjustments(change, arc=True)
+            rows.append(sine * length - axis[None] @ change)
+            return length
+
+        def bound_growth(apart: Floats) -> None:
+            """Add the law of growth to a program."""
+            if walls.rings:
+                # |v|² <= a b as |(2 v, a - b)| <= a + b
+                add_cone(grown + around, 2 * apart, grown - around)
+
+        def keep_inside(point: Floats) -> None:
             normals, offsets = walls.inside_rows()
             if len(normals):
                 depth = normals @ point
@@ -698,28 +684,28 @@ class Relaxation:
                 rare.append(len(rows))
                 rows.append(depth)
             if walls.radius:
-                cone(radius, point)
+                add_cone(radius, point)
 
-        def contact(between: Range) -> Floats:
-            nonlocal used
+        def add_contact(between: Range) -> Floats:
             segment = walls.segment(*between)
             if segment is not None:
-                point = constant(segment[0])
-                point[:, used], high[used], boxed[used] = segment[1], 1, True
-                used += 1
-                return point
-            point = vector(walls.low, walls.high, box=True)
+                corner, along = segment
+                return variables.point(corner, along[None])
+            point = vector(walls.low, walls.high, boxed=True)
             normals, offsets = walls.arc_rows(*between)
             depth = normals @ point
             depth[:, -1] -= offsets
             rows.append(depth)
             if walls.radius:
-                cone(radius, point)
+                add_cone(radius, point)
             return point
 
         reach, extent = np.full(2, self.limit), walls.high - walls.low
-        goals = [vector(one - self.tolerance, one + self.tolerance, box=True) for one in self.goal]
-        places = [constant(one) for one in self.start]
+        goals = [
+            vector(point - self.tolerance, point + self.tolerance, boxed=True)
+            for point in self.goal
+        ]
+        places = [constant(point) for point in self.start]
         if not pattern:
             apart = (goals[1] - goals[0]) - (places[1] - places[0])
             norms.append(goals[0] - places[0])
@@ -728,86 +714,89 @@ class Relaxation:
         for number, item in enumerate(pattern):
             final = number == len(pattern) - 1
             if isinstance(item, HoldGap):
-                begun = len(norms), used
+                begun = len(norms), variables.count
                 free = vector(-reach, reach)
-                travel(free)
+                add_translations(free)
                 gap = [places[0] + free, places[1] + free]
                 if item.holds is None:
                     for particle in (0, 1):
                         change = vector(-reach, reach)
-                        adjust(change)
+                        add_adjustments(change)
                         gap[1 - particle] = gap[1 - particle] + change
                 else:
                     for hold in sorted(item.holds):
                         change = vector(-reach, reach)
-                        length_of(hold, change)
+                        add_hold(hold, change)
                         gap[1 - hold.particle] = gap[1 - hold.particle] + change
                 gaps.append(
                     (
                         number,
                         [*range(begun[0], len(norms))],
-                        [k for k in range(begun[1], used) if costs[k]],
+                        [k for k in range(begun[1], variables.count) if variables.costs[k]],
                     )
                 )
                 if not final:
                     before = vector(-extent, extent)
-                spread(goals[1] - goals[0] if final else before)
+                bound_growth(goals[1] - goals[0] if final else before)
                 continue
             particle = item.particle
             sign = 1.0 if particle == 0 else -1.0
-            first, last = contact(item.first), contact(item.last)
+            first, last = add_contact(item.first), add_contact(item.last)
             if gap is None:
                 before = places[1] - places[0]
                 if number:
-                    travel(first - places[particle])
+                    add_translations(first - places[particle])
                 else:
                     norms.append(first - places[particle])
                     if walls.rings:  # instead of |difference at the start|, its depth there
                         apart = self.start[1] - self.start[0]
-                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / out
-                        grown[0, -1] += ring / out
+                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / outer
+                        grown[0, -1] += ring / outer
             else:
-                now = [first, first + before] if particle == 0 else [first - before, first]
-                rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
+                positions = [first, first + before] if particle == 0 else [first - before, first]
+                rows += equality(gap, positions)
                 gap = None
             after = goals[1] - goals[0] if final else vector(-extent, extent)
-            named = {"first": first, "last": last, "change": sign * (after - before)}
-            way = item.way()
-            named |= {name: contact(item.range(name)) for name in way[1:-1]}
-            ways = [travel(named[other] - named[one]) for one, other in pairwise(way)]
-            spread(after)
-            length = length_of(item.arc, named["change"])
-            for between, turn in walls.stays(item):
+            by_name = {"first": first, "last": last, "change": sign * (after - before)}
+            names = item.certain_contacts()
+            by_name |= {name: add_contact(item.range(name)) for name in names[1:-1]}
+            travels = [
+                add_translations(by_name[later] - by_name[earlier])
+                for earlier, later in pairwise(names)
+            ]
+            bound_growth(after)
+            length = add_hold(item.arc, by_name["change"])
+            for between, turn in walls.turn_bounds(item):
                 axis, sine = walls.axis(*between)
-                most = turn * self._most(item)
-                rows.append(sine * length + most * sum(ways) - axis[None] @ named["change"])
-            inside(first + sign * before)
-            inside(last + sign * after)
-            contacts.append((number, named))
+                most = turn * self._most_adjustment(item)
+                rows.append(sine * length + most * sum(travels) - axis[None] @ by_name["change"])
+            keep_inside(first + sign * before)
+            keep_inside(last + sign * after)
+            contacts.append((number, by_name))
             places = [last, last + after] if particle == 0 else [last - after, last]
             if final:
                 norms.append(goals[particle] - last)
         if gap is not None:
-            rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
-        keep = [*range(used), far]
+            rows += equality(gap, goals)
+        columns, count = variables.columns, variables.count
         return Program(
-            np.stack(norms)[:, :, keep] if norms else np.zeros((0, 2, used + 1)),
-            costs[:used],
-            np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1)),
-            np.stack(cones)[:, :, keep] if cones else np.zeros((0, 4, used + 1)),
-            low[:used],
-            high[:used],
-            np.repeat([k in rare for k in range(len(rows))], [len(part) for part in rows]),
-            boxed[:used],
+            np.stack(norms)[:, :, columns] if norms else np.zeros((0, 2, count + 1)),
+            variables.costs[:count],
+            np.concatenate(rows)[:, columns] if rows else np.zeros((0, count + 1)),
+            np.stack(cones)[:, :, columns] if cones else np.zeros((0, 4, count + 1)),
+            variables.low[:count],
+            variables.high[:count],
+            np.repeat([k in rare for k in range(len(rows))], [len(row) for row in rows]),
+            variables.boxed[:count],
             [
-                (number, {name: value[:, keep] for name, value in named.items()})
-                for number, named in contacts
+                (number, {name: value[:, columns] for name, value in by_name.items()})
+                for number, by_name in contacts
             ],
             gaps,
         )
 
 
-def _useless(corners: Floats) -> set[tuple[Range, Range]]:
+def _redundant_pairs(corners: Floats) -> set[tuple[Range, Range]]:
     """Return the pairs of holds, each a wall and a particle, of which the second finds both
     particles on its wall, and so holds both: those with opposite normals times signs, in exact
     arithmetic.
@@ -817,24 +806,24 @@ def _useless(corners: Floats) -> set[tuple[Range, Range]]:
         (following[0] - point[0], following[1] - point[1])
         for point, following in zip(points, points[1:] + points[:1], strict=True)
     ]
-    found = set()
-    for one, first in enumerate(along):
-        for other, second in enumerate(along):
-            if first[0] * second[1] == first[1] * second[0]:
-                same = first[0] * second[0] + first[1] * second[1] > 0
+    pairs = set()
+    for k, edge in enumerate(along):
+        for j, following_edge in enumerate(along):
+            if edge[0] * following_edge[1] == edge[1] * following_edge[0]:
+                same = edge[0] * following_edge[0] + edge[1] * following_edge[1] > 0
                 for particle in (0, 1):
-                    found.add(((one, particle), (other, particle if not same else 1 - particle)))
-    return found
+                    pairs.add(((k, particle), (j, particle if not same else 1 - particle)))
+    return pairs
 
 
 @dataclass(frozen=True)
 class GapBranching:
     """How the plans of a pattern are divided: by the contact of a gap that is the first (or, from
-    the right, the last) not to be in ``known``. It begins (or ends) one of ``choices``.
+    the right, the last) not to be in ``excluded``. It begins (or ends) one of ``choices``.
     """
 
     place: int
-    known: frozenset[WallArc]
+    excluded: frozenset[WallArc]
     right: bool
     choices: tuple[Hold, ...]
 
@@ -855,7 +844,12 @@ Branching = GapBranching | HoldBranching
 
 
 def gap_branching(
-    relaxation: Relaxation, pattern: Pattern, place: int, known: frozenset[WallArc], *, right: bool
+    relaxation: Relaxation,
+    pattern: Pattern,
+    place: int,
+    excluded: frozenset[WallArc],
+    *,
+    right: bool,
 ) -> GapBranching:
     """Return the branching of a gap, with as few choices as possible."""
     gap, walls = pattern[place], relaxation.walls
@@ -863,25 +857,25 @@ def gap_branching(
     beside = pattern[place + 1 : place + 2] if right else pattern[max(place - 1, 0) : place]
     neighbour = beside[0] if beside else None
     assert not isinstance(neighbour, HoldGap)
-    excluded = set(known)
-    if not known and not walls.runs and isinstance(neighbour, Hold):
-        excluded = {neighbour.arc}  # the gap begins after the last contact with that wall
+    removed = set(excluded)
+    if not excluded and not walls.runs and isinstance(neighbour, Hold):
+        removed = {neighbour.arc}  # the gap begins after the last contact with that wall
     if gap.holds is None:
-        every = [WallArc(*part, particle) for part in walls.base for particle in (0, 1)]
+        every = [WallArc(*between, particle) for between in walls.base for particle in (0, 1)]
     else:
         every = sorted(gap.holds)
     choices = []
     for arc in every:
-        for rest in _without(arc, excluded, walls.count):
-            hold = walls.hold(arc.particle, rest, right=right, gap=gap.holds)
-            if not known and isinstance(neighbour, Hold):
+        for between in _without(arc, removed, walls.count):
+            hold = walls.hold(arc.particle, between, right=right, gap=gap.holds)
+            if not excluded and isinstance(neighbour, Hold):
                 pair = (hold, neighbour) if right else (neighbour, hold)
                 # the neighbour has all contacts up to the gap that it may have
-                every_one = neighbour.whole[not right] if walls.runs else gap.holds is None
-                if not relaxation.follows(*pair, every=every_one):
+                maximal = neighbour.maximal[not right] if walls.runs else gap.holds is None
+                if not relaxation.follows(*pair, maximal=maximal):
                     continue
             choices.append(hold)
-    return GapBranching(place, known, right, tuple(choices))
+    return GapBranching(place, excluded, right, tuple(choices))
 
 
 def use_branchings(
@@ -894,7 +888,7 @@ def use_branchings(
     gap, walls = pattern[place], relaxation.walls
     assert isinstance(gap, HoldGap)
     every = gap.holds or frozenset(
-        WallArc(*part, particle) for part in walls.base for particle in (0, 1)
+        WallArc(*between, particle) for between in walls.base for particle in (0, 1)
     )
     for arc in sorted(every) if len(every) > 1 else []:
         hold = walls.hold(arc.particle, arc[:2], right=right, gap=gap.holds)
@@ -904,10 +898,10 @@ def use_branchings(
 def _without(arc: WallArc, excluded: Iterable[WallArc], count: int) -> list[Range]:
     """Return the parts of an arc outside some others; ``count`` walls are a whole turn."""
     parts = [(arc.first, arc.end)]
-    for other in excluded:
-        if other.particle == arc.particle:
+    for removed in excluded:
+        if removed.particle == arc.particle:
             for turn in (-count, 0, count):
-                begin, end = other.first + turn, other.end + turn
+                begin, end = removed.first + turn, removed.end + turn
                 parts = [
                     (least, most)
                     for first, last in parts
@@ -917,16 +911,23 @@ def _without(arc: WallArc, excluded: Iterable[WallArc], count: int) -> list[Rang
     return parts
 
 
-def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[Pattern]:
+def branches(relaxation: Relaxation, pattern: Pattern, branching: Branching) -> list[Pattern]:
     """Return the patterns into which a branching divides a pattern."""
-    before, item, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
-    if isinstance(how, HoldBranching):
+    before, item, after = (
+        pattern[: branching.place],
+        pattern[branching.place],
+        pattern[branching.place + 1 :],
+    )
+    if isinstance(branching, HoldBranching):
         assert isinstance(item, Hold)
-        return [(*before, half, *after) for half in halves(item, how)]
+        return [(*before, half, *after) for half in halves(item, branching)]
     assert isinstance(item, HoldGap)
-    known = (HoldGap(how.known),) if how.known else ()
-    middles: list[Pattern] = [known]
-    middles += [(item, hold, *known) if how.right else (*known, hold, item) for hold in how.choices]
+    near_gap = (HoldGap(branching.excluded),) if branching.excluded else ()
+    middles: list[Pattern] = [near_gap]
+    middles += [
+        (item, hold, *near_gap) if branching.right else (*near_gap, hold, item)
+        for hold in branching.choices
+    ]
     every = item.holds is None
     return [
         (*before, *middle, *after)
@@ -934,27 +935,27 @@ def branches(relaxation: Relaxation, pattern: Pattern, how: Branching) -> list[P
         if all(
             isinstance(first, HoldGap)
             or isinstance(second, HoldGap)
-            or relaxation.follows(first, second, every=every)
+            or relaxation.follows(first, second, maximal=every)
             for first, second in pairwise((*before[-1:], *middle, *after[:1]))
         )
     ]
 
 
-def halves(hold: Hold, how: HoldBranching) -> list[Hold]:
+def halves(hold: Hold, branching: HoldBranching) -> list[Hold]:
     """Return the holds into which a branching divides a hold."""
-    if how.name == "order":
+    if branching.name == "order":
         return [hold._replace(order=1), hold._replace(order=-1)]
-    first, end = hold.range(how.name)
-    found = []
-    for part in ((first, how.wall), (how.wall, end)):
-        parts: dict[str, Any] = {how.name: part}
+    first, end = hold.range(branching.name)
+    holds = []
+    for between in ((first, branching.wall), (branching.wall, end)):
+        parts: dict[str, Any] = {branching.name: between}
         half = hold._replace(**parts)
         low, high = half.least[0], half.most[1]
         ranges = [
-            (max(one[0], low), min(one[1], high))
-            for one in (half.first, half.last, half.least, half.most)
+            (max(between[0], low), min(between[1], high))
+            for between in (half.first, half.last, half.least, half.most)
         ]
-        if all(one < other for one, other in ranges):
+        if all(lower < upper for lower, upper in ranges):
             begins, ends, least, most = ranges
-            found.append(Hold(hold.particle, begins, ends, least, most, hold.order, hold.whole))
-    return found
+            holds.append(Hold(hold.particle, begins, ends, least, most, hold.order, hold.maximal))
+    return holds

@@ -54,16 +54,16 @@ class _Halving(NamedTuple):
 
 class _Branching(NamedTuple):
     """A division by the hold of a gap that is the first (or, from the right, the last) not to be in
-    ``known``.
+    ``excluded``.
     """
 
     place: int
-    known: frozenset[Hold]
+    excluded: frozenset[Hold]
     right: bool
 
     def proof(self) -> dict[str, Any]:
-        known = [list(hold) for hold in sorted(self.known)]
-        return {"place": self.place, "known": known, "side": "last" if self.right else "first"}
+        excluded = [list(hold) for hold in sorted(self.excluded)]
+        return {"place": self.place, "known": excluded, "side": "last" if self.right else "first"}
 
 
 @dataclass(frozen=False, eq=False)
@@ -72,8 +72,8 @@ class _Node:
 
     pattern: Pattern
     bound: RouteBound
-    how: _Siting | _Halving | _Branching | None = None
-    parts: list[_Node] | None = None
+    division: _Siting | _Halving | _Branching | None = None
+    children: list[_Node] | None = None
 
 
 class RouteTree:
@@ -119,31 +119,31 @@ class RouteTree:
         if not self._heap:
             return
         node = heapq.heappop(self._heap)[-1]
-        node.how = self._siting(node) or self._halving(node) or self._branching(node)
-        if isinstance(node.how, _Siting):
-            patterns = self._sited(node.pattern, node.how)
-        elif isinstance(node.how, _Halving):
-            patterns = self._halved(node.pattern, node.how.place)
+        node.division = self._siting(node) or self._halving(node) or self._branching(node)
+        if isinstance(node.division, _Siting):
+            patterns = self._site(node.pattern, node.division)
+        elif isinstance(node.division, _Halving):
+            patterns = self._halve(node.pattern, node.division.place)
         else:
             patterns = self._branches(node)
-        node.parts = [self._node(pattern) for pattern in patterns]
-        for part in node.parts:
-            self._push(part)
+        node.children = [self._node(pattern) for pattern in patterns]
+        for child in node.children:
+            self._push(child)
 
     def proof(self, enough: float) -> list[dict[str, Any]]:
         """Return the nodes of the proof as JSON, each before its parts.
 
         A node whose own multipliers prove ``enough`` needs no parts.
         """
-        found, stack = [], [self._root]
+        nodes, stack = [], [self._root]
         while stack:
             node = stack.pop()
-            if node.how is None or node.bound.value >= enough:
-                found.append(node.bound.proof())
+            if node.division is None or node.bound.value >= enough:
+                nodes.append(node.bound.proof())
             else:
-                found.append(node.how.proof())
-                stack += (node.parts or [])[::-1]
-        return found
+                nodes.append(node.division.proof())
+                stack += (node.children or [])[::-1]
+        return nodes
 
     def _node(self, pattern: Pattern) -> _Node:
         return _Node(pattern, self.routes.bound(pattern))
@@ -182,48 +182,50 @@ class RouteTree:
         loads = node.bound.loads
         return _Halving(worst) if errors[worst] >= max(loads.values(), default=-inf) else None
 
-    def _halved(self, pattern: Pattern, place: int) -> list[Pattern]:
+    def _halve(self, pattern: Pattern, place: int) -> list[Pattern]:
         before, item, after = pattern[:place], pattern[place], pattern[place + 1 :]
         assert not isinstance(item, HoldsBetween)
-        both = self.routes.halves(item)
-        assert both is not None
-        gap = HoldsBetween(frozenset(both))
-        found: list[Pattern] = [(*before, half, *after) for half in both]
-        for pair in (both, both[::-1]):
+        halves = self.routes.halves(item)
+        assert halves is not None
+        gap = HoldsBetween(frozenset(halves))
+        patterns: list[Pattern] = [(*before, half, *after) for half in halves]
+        for pair in (halves, halves[::-1]):
             if not after or not isinstance(after[0], HoldsBetween):
-                found.append((*before, *pair, gap, *after))
+                patterns.append((*before, *pair, gap, *after))
             elif not before or not isinstance(before[-1], HoldsBetween):
-                found.append((*before, gap, *pair, *after))
+                patterns.append((*before, gap, *pair, *after))
             else:
                 wider = after[0].holds
                 wider = None if wider is None else wider | gap.holds  # type: ignore[operator]
-                found.append((*before, *pair, HoldsBetween(wider), *after[1:]))
-        return found
+                patterns.append((*before, *pair, HoldsBetween(wider), *after[1:]))
+        return patterns
 
     def _siting(self, node: _Node) -> _Siting | None:
-        """Return the contact whose inputs before and after are the most too short for the ways of
+        """Return the contact whose inputs before and after are the most too short for the routes of
         the other particle; None if there is none, and the pattern has gaps.
         """
         routes = self.routes
         if not routes.cells.corners:
             return None
         program = routes.program(node.pattern)
-        lacking = [routes.lacking(one, program, node.bound.solution) for one in program.sights]
-        if not lacking or (node.bound.loads and max(lacking) < _LACKING * routes.limit):
+        shortfalls = [
+            routes.shortfall(sight, program, node.bound.solution) for sight in program.sights
+        ]
+        if not shortfalls or (node.bound.loads and max(shortfalls) < _LACKING * routes.limit):
             return None
-        sight = program.sights[int(np.argmax(lacking))]
+        sight = program.sights[int(np.argmax(shortfalls))]
         return _Siting(sight.place, sight.last)
 
-    def _sited(self, pattern: Pattern, how: _Siting) -> list[Pattern]:
-        item = pattern[how.place]
+    def _site(self, pattern: Pattern, siting: _Siting) -> list[Pattern]:
+        item = pattern[siting.place]
         assert not isinstance(item, HoldsBetween)
         wall, particle, *sites = (*item, -1, -1)[:4]
-        found = []
+        patterns = []
         for cell in range(len(self.routes.covers[1 - particle].cells)):
-            sites[how.last] = cell
+            sites[siting.last] = cell
             hold = (wall, particle, *sites)
-            found.append((*pattern[: how.place], hold, *pattern[how.place + 1 :]))
-        return found
+            patterns.append((*pattern[: siting.place], hold, *pattern[siting.place + 1 :]))
+        return patterns
 
     def _branching(self, node: _Node) -> _Branching:
         """Return how to divide a pattern: at the gap that holds most of the length.
@@ -232,27 +234,29 @@ class RouteTree:
         gap is then better. Few holds in turn, again and again, become one gap.
         """
         loads, pattern = node.bound.loads, node.pattern
-        place = min(loads, key=lambda at: (_divided(pattern, at) > _OFTEN, -loads[at]))
+        place = min(loads, key=lambda at: (_count_near_holds(pattern, at) > _OFTEN, -loads[at]))
         gap = pattern[place]
         left, right = pattern[:place][::-1], pattern[place + 1 :]
-        last = len(left) > len(right)
+        from_right = len(left) > len(right)
         assert isinstance(gap, HoldsBetween)
         many = gap.holds is None or len(gap.holds) > _FEW
         if self._by_use and many and (needed := self._needed(node, place)):
             holds = self.routes.holds if gap.holds is None else gap.holds
-            return _Branching(place, frozenset(holds) - needed, right=last)
+            return _Branching(place, frozenset(holds) - needed, right=from_right)
         if gap.holds is not None and not (self._by_use and many):
             inner = [
                 bool(side) and not isinstance(side[0], HoldsBetween) and side[0][:2] in gap.holds
                 for side in (left, right)
             ]
-            return _Branching(place, frozenset(), right=inner[0] if inner[0] != inner[1] else last)
-        near = [x[:2] for x in (right if last else left) if not isinstance(x, HoldsBetween)]
+            return _Branching(
+                place, frozenset(), right=inner[0] if inner[0] != inner[1] else from_right
+            )
+        near = [x[:2] for x in (right if from_right else left) if not isinstance(x, HoldsBetween)]
         for count in (4, 3):
             if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
-                return _Branching(place, frozenset(near[: 2 * count]), right=last)
+                return _Branching(place, frozenset(near[: 2 * count]), right=from_right)
         pair = frozenset(near[:2])
-        return _Branching(place, pair if len(pair) == 2 else frozenset(), right=last)
+        return _Branching(place, pair if len(pair) == 2 else frozenset(), right=from_right)
 
     def _needed(self, node: _Node, place: int) -> frozenset[Hold]:
         """Return holds of which a gap must have one to be as short as the solution: those that can
@@ -270,37 +274,41 @@ class RouteTree:
         change = changes[longest] / lengths[longest]
         owners = [0, 1] if gap.holds is None else routes.owners(gap.holds)
         particle = owners[longest]
-        known = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
-        known += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
+        near = [x[:2] for x in node.pattern[:place][::-1] if not isinstance(x, HoldsBetween)][:3]
+        near += [x[:2] for x in node.pattern[place + 1 :] if not isinstance(x, HoldsBetween)][:3]
         return frozenset(
             hold
             for hold in (routes.holds if gap.holds is None else gap.holds)
-            if hold[1] == particle and hold not in known and routes.allows(hold, change)
+            if hold[1] == particle and hold not in near and routes.allows(hold, change)
         )
 
     def _branches(self, node: _Node) -> list[Pattern]:
-        how, pattern = node.how, node.pattern
-        assert isinstance(how, _Branching)
-        before, gap, after = pattern[: how.place], pattern[how.place], pattern[how.place + 1 :]
+        branching, pattern = node.division, node.pattern
+        assert isinstance(branching, _Branching)
+        before, gap, after = (
+            pattern[: branching.place],
+            pattern[branching.place],
+            pattern[branching.place + 1 :],
+        )
         assert isinstance(gap, HoldsBetween)
-        known: Pattern = (HoldsBetween(how.known),) if how.known else ()
+        near_gap: Pattern = (HoldsBetween(branching.excluded),) if branching.excluded else ()
         holds = self.routes.holds if gap.holds is None else sorted(gap.holds)
-        middles: list[Pattern] = [known]
-        excluded = how.known
-        beside = after[:1] if how.right else before[-1:]
+        middles: list[Pattern] = [near_gap]
+        excluded = branching.excluded
+        beside = after[:1] if branching.right else before[-1:]
         if self.routes.cells.round is not None and not excluded:
             # the hold beside the gap has all contacts up to the gap that it can have
-            excluded = frozenset(one for one in beside if not isinstance(one, HoldsBetween))
+            excluded = frozenset(item for item in beside if not isinstance(item, HoldsBetween))
         middles += [
-            (gap, hold, *known) if how.right else (*known, hold, gap)
-            for one in holds
-            for hold in self.routes.without(one, excluded)
+            (gap, hold, *near_gap) if branching.right else (*near_gap, hold, gap)
+            for whole_hold in holds
+            for hold in self.routes.without(whole_hold, excluded)
         ]
 
-        def fits(one: Item, other: Item) -> bool:
-            if isinstance(one, HoldsBetween) or isinstance(other, HoldsBetween):
+        def fits(earlier: Item, later: Item) -> bool:
+            if isinstance(earlier, HoldsBetween) or isinstance(later, HoldsBetween):
                 return True
-            return self.routes.follows(one, other)
+            return self.routes.follows(earlier, later)
 
         return [
             (*before, *middle, *after)
@@ -309,17 +317,17 @@ class RouteTree:
         ]
 
 
-def _divided(pattern: Pattern, place: int) -> int:
+def _count_near_holds(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
     assert isinstance(gap, HoldsBetween)
-    found = 0
+    count = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
             if gap.holds is None or isinstance(item, HoldsBetween) or item[:2] not in gap.holds:
                 break
-            found += 1
-    return found
+            count += 1
+    return count
 
 
 class _Trees:
@@ -390,15 +398,15 @@ class RouteSearch:
         self.trees: list[_Trees] = []
         self._limit = limit
         self.relaxation = RouteRelaxation(cells, start, goal, tolerance, limit)
-        first = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
-        self.possible = len(first) == len(start) and self.relaxation.explore(first)
+        start_cells = [cell for spot in start if (cell := cells.cell_of(spot)) is not None]
+        self.possible = len(start_cells) == len(start) and self.relaxation.explore(start_cells)
         if not self.possible:
             return
         ends = [
             [k for k, cell in enumerate(cover.cells) if cells.may_end(cell, spot, tolerance)]
             for cover, spot in zip(self.relaxation.covers, goal, strict=True)
         ]
-        self.trees = [_Trees(self.relaxation.ending(pair)) for pair in product(*ends)]
+        self.trees = [_Trees(self.relaxation.ending_at(pair)) for pair in product(*ends)]
 
     @property
     def lower(self) -> float:
@@ -422,6 +430,6 @@ class RouteSearch:
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
         return {
-            "covers": [cover.stated() for cover in self.relaxation.covers],
+            "covers": [cover.statement() for cover in self.relaxation.covers],
             "ways": [{"ends": list(tree.ends), "proof": tree.proof(enough)} for tree in self.trees],
         }

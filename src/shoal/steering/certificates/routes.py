@@ -16,6 +16,12 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
 from shoal.steering.certificates.cells import Cells, Cover, Wall
+from shoal.steering.certificates.programs import (
+    Expression,
+    Variables,
+    equality,
+    solver_settings,
+)
 from shoal.steering.certificates.relaxation import STEP
 
 Hold = tuple[int, ...]
@@ -37,7 +43,6 @@ Pattern = tuple[Item, ...]
 """All plans whose holds, repeats counted once, are those of the pattern, with any in its gaps.
 Between two gaps is a hold."""
 
-Expression = NDArray[np.float64]  # (dimensions, variables + 1); the last column is the constant
 _SWEEPS = 12
 MOST_CELLS = 150  # of a cover; with more, a certificate is for a smaller limit
 
@@ -71,7 +76,7 @@ class RouteBound:
 
 @dataclass(frozen=True, eq=False)
 class RouteLeg:
-    """A way of one particle through doors: the norms of the inputs that move the particle, which
+    """A route of one particle through doors: the norms of the inputs that move the particle, which
     are together at least as long as the norms from door to door.
     """
 
@@ -162,7 +167,7 @@ class RouteRelaxation:
         self.low, self.high = (cells.low - origin) / scale, (cells.high - origin) / scale
         self.extent = self.high - self.low
 
-        def moved(spaces: NDArray[np.float64]) -> NDArray[np.float64]:
+        def rescale(spaces: NDArray[np.float64]) -> NDArray[np.float64]:
             normals = spaces[:, :-1]
             offsets = (spaces[:, -1] - normals @ origin) / scale**2
             return np.column_stack([normals / scale, offsets])
@@ -173,31 +178,29 @@ class RouteRelaxation:
                 (wall.origin - origin) / scale,
                 wall.axes / scale,
                 wall.normals / (scale if wall.is_flat else 1.0),
-                moved(wall.inside * (1.0 if wall.is_flat else scale)),
+                rescale(wall.inside * (1.0 if wall.is_flat else scale)),
             )
             for wall in cells.walls
         ]
         round_ = cells.round
         self._axis = None if round_ is None else (round_.center - origin[:2]) / scale
         self._radius = 0.0 if round_ is None else round_.radius / scale
-        self._outer = moved(cells.outer)
-        self._insides = [moved(inside) for inside in cells.insides]
+        self._outer = rescale(cells.outer)
+        self._insides = [rescale(inside) for inside in cells.insides]
         self._doors = (cells.doors - origin[: cells.doors.shape[2]]) / scale
-        self._settings = settings = self._clarabel.DefaultSettings()
-        settings.verbose, settings.presolve_enable = False, False
-        settings.chordal_decomposition_enable, settings.max_threads = False, 1
+        self._settings = solver_settings(self._clarabel)
         self.covers: tuple[Cover, ...] = ()
         self.ends = (0, 0)
         self._places: tuple[list[tuple[int, int]], ...] = ([], [])
         self.holds: list[Hold] = []
 
-    def explore(self, first: Sequence[int]) -> bool:
+    def explore(self, start_cells: Sequence[int]) -> bool:
         """Find all cells that each particle can reach from its first one; False if they are too
         many.
         """
         covers = []
         for particle in (0, 1):
-            cover = self._cover(particle, first[particle])
+            cover = self._cover(particle, start_cells[particle])
             if cover is None:
                 return False
             covers.append(cover)
@@ -218,13 +221,13 @@ class RouteRelaxation:
         ]
         return True
 
-    def without(self, hold: Hold, known: Collection[Hold]) -> list[Hold]:
+    def without(self, hold: Hold, excluded: Collection[Hold]) -> list[Hold]:
         """Return the holds of a gap that are together one of its holds without others."""
         if self.cells.round is None:
-            return [] if hold in known else [hold]
+            return [] if hold in excluded else [hold]
         wall, particle = hold
-        walls = [one for one, other in known if other == particle]
-        return [(part, particle) for part in self.cells.without(wall, walls)]
+        walls = [index for index, owner in excluded if owner == particle]
+        return [(arc, particle) for arc in self.cells.without(wall, walls)]
 
     def owners(self, holds: Collection[Hold]) -> list[int]:
         """Return the particle of each change in a gap of some holds."""
@@ -236,15 +239,15 @@ class RouteRelaxation:
 
     def halves(self, hold: Hold) -> tuple[Hold, Hold] | None:
         """Return the holds of both halves of an arc; None if the wall is flat or is not divided."""
-        found = self.cells.round and self.cells.round.halves.get(hold[0])
-        return None if not found else ((found[0], hold[1]), (found[1], hold[1]))
+        halves = self.cells.round and self.cells.round.halves.get(hold[0])
+        return None if not halves else ((halves[0], hold[1]), (halves[1], hold[1]))
 
     def error(self, program: RouteProgram, solution: NDArray[np.float64], place: int) -> float:
         """Return how far the solution of the hold by an arc at a place of the pattern is from one
         contact, as a length.
         """
         values = np.append(solution, 1.0)
-        first, last, change = (one @ values for one in program.arcs[place])
+        first, last, change = (expression @ values for expression in program.arcs[place])
         total, against = 0.0, np.inf
         for contact in (first, last):
             out = contact[:2] - self._axis
@@ -253,8 +256,8 @@ class RouteRelaxation:
             against = min(against, -float(out @ change[:2]) / max(far, 1e-12))
         return total + max(against, 0.0)
 
-    def _cover(self, particle: int, first: int) -> Cover | None:
-        cover = Cover([first], [0], [-1], [])
+    def _cover(self, particle: int, start_cell: int) -> Cover | None:
+        cover = Cover([start_cell], [0], [-1], [])
         for node in range(MOST_CELLS):
             if node == len(cover.cells):
                 return cover
@@ -263,7 +266,7 @@ class RouteRelaxation:
                 if door == cover.entries[node]:
                     continue
                 through = [*cover.doors_from_start(node), door]
-                bound = self._solved(self.program((HoldsBetween(),), (particle, through)))
+                bound = self._solve(self.program((HoldsBetween(),), (particle, through)))
                 if bound.value >= self.limit * self.scale * (1 + 1e-9):
                     cover.closed.append({"node": node, "door": door, **bound.proof()})
                     continue
@@ -272,11 +275,11 @@ class RouteRelaxation:
                 cover.entries.append(door)
         return None
 
-    def ending(self, ends: Sequence[int]) -> RouteRelaxation:
+    def ending_at(self, ends: Sequence[int]) -> RouteRelaxation:
         """Return a relaxation of the plans that end in these nodes of the covers."""
-        other = copy(self)
-        other.ends = ends[0], ends[1]
-        return other
+        relaxation = copy(self)
+        relaxation.ends = ends[0], ends[1]
+        return relaxation
 
     def follows(self, first: Hold, second: Hold) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
@@ -289,11 +292,11 @@ class RouteRelaxation:
         walls = self.cells.walls[first[0]], self.cells.walls[second[0]]
         if not all(wall.is_flat for wall in walls):
             return True
-        one, other = (wall.normals[0] for wall in walls)
+        u, v = (wall.normals[0] for wall in walls)
         sign = 1.0 if first[1] == second[1] else -1.0
         # in a convex workspace: with opposite normals times signs, the second finds both particles
         # on its wall, and so holds both
-        return not are_opposite(one, sign * other)
+        return not are_opposite(u, sign * v)
 
     def allows(self, hold: Hold, change: NDArray[np.float64]) -> bool:
         """Return whether a hold can change the difference of the particles in a direction."""
@@ -302,10 +305,10 @@ class RouteRelaxation:
 
     def bound(self, pattern: Pattern) -> RouteBound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
-        bound = self._solved(self.program(pattern))
+        bound = self._solve(self.program(pattern))
         return replace(bound, value=min(bound.value, self.limit * self.scale))
 
-    def _solved(self, program: RouteProgram) -> RouteBound:
+    def _solve(self, program: RouteProgram) -> RouteBound:
         from scipy.sparse import csc_matrix
 
         clarabel = self._clarabel
@@ -353,12 +356,12 @@ class RouteRelaxation:
         vectors = -long.reshape(number, 1 + dimensions)[:, 1:]
         turns = -round_.reshape(len(rounds), 3)[:, 1:]
         if not np.isfinite(dual).all():
-            found = vectors, slacks, weights, turns
-            vectors, slacks, weights, turns = (np.zeros_like(one) for one in found)
+            multipliers = vectors, slacks, weights, turns
+            vectors, slacks, weights, turns = (np.zeros_like(values) for values in multipliers)
         if "Infeasible" in str(solution.status):
             vectors, weights = np.zeros_like(vectors), np.zeros_like(weights)
-            worth = self._worth(program, vectors, slacks, turns)
-            factor = 2 * self.limit / worth if worth > 0 else 0.0
+            proven = self._dual_bound(program, vectors, slacks, turns)
+            factor = 2 * self.limit / proven if proven > 0 else 0.0
             slacks, turns = slacks * factor, turns * factor
         # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds its cap
         weights = np.trunc(weights / STEP) * STEP
@@ -370,7 +373,7 @@ class RouteRelaxation:
         vectors = vectors * np.minimum(1.0, caps / lengths)[:, None]
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
-        value = self._worth(program, vectors, slacks, turns)
+        value = self._dual_bound(program, vectors, slacks, turns)
         used = np.array(solution.x)[count:]
         loads = {place: float(np.sum(used[inside])) for place, inside in gaps.items()}
         return RouteBound(
@@ -383,7 +386,7 @@ class RouteRelaxation:
             np.array(solution.x)[:count],
         )
 
-    def _worth(
+    def _dual_bound(
         self,
         program: RouteProgram,
         vectors: NDArray[np.float64],
@@ -397,56 +400,60 @@ class RouteRelaxation:
             sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
             total += np.einsum("ni,nij->j", turns, program.rounds)
             total[-1] -= self._radius * sizes.sum()
-        rest = total[:-1]
-        value = float(total[-1] + np.minimum(rest * program.low, rest * program.high).sum())
+        reduced_costs = total[:-1]
+        value = float(
+            total[-1] + np.minimum(reduced_costs * program.low, reduced_costs * program.high).sum()
+        )
         return value if np.isfinite(value) else -np.inf
 
-    def lacking(self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]) -> float:
-        """Return how much longer the inputs before and after a contact must be for the ways of the
+    def shortfall(
+        self, sight: Sight, program: RouteProgram, solution: NDArray[np.float64]
+    ) -> float:
+        """Return how much longer the inputs before and after a contact must be for the routes of the
         other particle; infinite if this is in no cell.
         """
         values = np.append(solution, 1.0)
-        spot, here, there = (one @ values for one in (sight.spot, *sight.ends))
+        spot, origin, target = (expression @ values for expression in (sight.spot, *sight.ends))
         before, after = (
-            float(np.linalg.norm(program.norms[part] @ values, axis=1).sum())
-            for part in sight.inputs
+            float(np.linalg.norm(program.norms[norms] @ values, axis=1).sum())
+            for norms in sight.inputs
         )
         cover = self.covers[sight.particle]
         least = np.inf
         for node, cell in enumerate(cover.cells):
             inside = self._insides[cell]
             if np.all(inside[:, :-1] @ spot >= inside[:, -1] - 1e-7):
-                first, second = (cover.doors_between(node, known) for known in sight.nodes)
-                lacks = max(self._way(first[::-1], here, spot) - before, 0.0)
-                lacks += max(self._way(second, spot, there) - after, 0.0)
-                least = min(least, lacks)
+                first, second = (cover.doors_between(node, end) for end in sight.nodes)
+                lack = max(self._route_length(first[::-1], origin, spot) - before, 0.0)
+                lack += max(self._route_length(second, spot, target) - after, 0.0)
+                least = min(least, lack)
         return least
 
-    def _way(self, doors: list[int], here: Expression, there: Expression) -> float:
-        """Return about the length of the shortest way through doors."""
+    def _route_length(self, doors: list[int], origin: Expression, target: Expression) -> float:
+        """Return about the length of the shortest route through doors."""
         ends = self._doors[doors]
-        spots = np.array([here, *ends.mean(axis=1), there])
+        spots = np.array([origin, *ends.mean(axis=1), target])
         for _ in range(_SWEEPS):
-            for k, (one, other) in enumerate(ends, start=1):
+            for k, (begin, end) in enumerate(ends, start=1):
                 away = spots[k + 1] - spots[k - 1]
-                along = other - one
+                along = end - begin
                 turn = away[0] * along[1] - away[1] * along[0]
-                off = one - spots[k - 1]
+                off = begin - spots[k - 1]
                 share = (off[0] * away[1] - off[1] * away[0]) / turn if turn else 0.5
-                spots[k] = one + np.clip(share, 0.0, 1.0) * along
+                spots[k] = begin + np.clip(share, 0.0, 1.0) * along
         return float(np.linalg.norm(np.diff(spots, axis=0), axis=1).sum())
 
     def _most_variables(self, pattern: Pattern, through: tuple[int, Sequence[int]] | None) -> int:
         size = self.start.shape[1]
-        count, ways = 2 * size, 2
+        count, routes = 2 * size, 2
         parts = 1 if self.cells.round is None else 2  # of the adjustments of a hold
         for item in pattern:
             if isinstance(item, HoldsBetween):
                 count += size * (2 + (2 if item.holds is None else parts * len(item.holds)))
             else:
-                count, ways = count + 2 * size + parts * size, ways + 3
+                count, routes = count + 2 * size + parts * size, routes + 3
         deepest = max((len(c.doors_from_start(len(c.cells) - 1)) for c in self.covers), default=0)
-        return int(count + (len(through[1]) if through is not None else 2 * ways * deepest))
+        return int(count + (len(through[1]) if through is not None else 2 * routes * deepest))
 
     def program(
         self, pattern: Pattern, through: tuple[int, Sequence[int]] | None = None
@@ -457,32 +464,11 @@ class RouteRelaxation:
         its goal, and no particle needs to end in a given cell.
         """
         size = self.start.shape[1]
-        far = self._most_variables(pattern, through)
-        low, high = np.zeros(far), np.zeros(far)
-        used = 0
+        variables = Variables(self._most_variables(pattern, through), size)
+        vector, constant = variables.vector, variables.constant
 
-        def vector(least: NDArray[np.float64], most: NDArray[np.float64]) -> Expression:
-            nonlocal used
-            new = np.zeros((size, far + 1))
-            new[range(size), range(used, used + size)] = 1
-            low[used : used + size], high[used : used + size] = least, most
-            used += size
-            return new
-
-        def constant(value: NDArray[np.float64]) -> Expression:
-            new = np.zeros((size, far + 1))
-            new[:, -1] = value
-            return new
-
-        def spot(origin: NDArray[np.float64], axes: NDArray[np.float64]) -> Expression:
-            nonlocal used
-            if not len(axes):
-                return vector(self.low, self.high)
-            new = constant(origin)
-            new[:, used : used + len(axes)] = axes.T
-            high[used : used + len(axes)] = 1
-            used += len(axes)
-            return new
+        def add_point(origin: NDArray[np.float64], axes: NDArray[np.float64]) -> Expression:
+            return variables.point(origin, axes) if len(axes) else vector(self.low, self.high)
 
         def within(point: Expression, spaces: NDArray[np.float64]) -> None:
             inside = spaces[:, :-1] @ point
@@ -497,16 +483,18 @@ class RouteRelaxation:
 
         def adjust(change: Expression, wall: Wall, *particles: int) -> None:
             """Count adjustments against one of the normals of a wall, as their sums by normal."""
-            parts = [vector(-reach, reach) for _ in wall.normals[1:]]
-            for part, normal in zip([change - sum(parts), *parts], wall.normals, strict=True):
-                move(part, *particles)
-                rows.append(-(normal[None] @ part))
+            summands = [vector(-reach, reach) for _ in wall.normals[1:]]
+            for summand, normal in zip(
+                [change - sum(summands), *summands], wall.normals, strict=True
+            ):
+                move(summand, *particles)
+                rows.append(-(normal[None] @ summand))
 
         reach = np.full(size, self.limit)
         rounds: list[Expression] = []
         arcs: dict[int, tuple[Expression, Expression, Expression]] = {}
-        goals = [vector(one - self.tolerance, one + self.tolerance) for one in self.goal]
-        places = [constant(one) for one in self.start]
+        goals = [vector(point - self.tolerance, point + self.tolerance) for point in self.goal]
+        places = [constant(point) for point in self.start]
         norms: list[Expression] = []
         rows: list[NDArray[np.float64]] = []
         gaps: dict[int, list[int]] = {}
@@ -515,7 +503,7 @@ class RouteRelaxation:
         inputs: list[list[int]] = [[], []]
         waiting: list[list[tuple[int, bool, Expression, int]]] = [[], []]
         sights: list[Sight] = []
-        ways: list[tuple[list[int], list[int], Expression, Expression]] = []
+        routes: list[tuple[list[int], list[int], Expression, Expression]] = []
 
         def move(norm: Expression, *particles: int) -> None:
             for particle in particles:
@@ -524,12 +512,12 @@ class RouteRelaxation:
 
         def arrive(particle: int, place: Expression, node: int) -> None:
             before = last_places[particle]
-            for number, last, spot, done in waiting[particle]:
-                both = list(inputs[particle][:done]), list(inputs[particle][done:])
-                known = nodes[particle], node
-                sights.append(Sight(number, last, particle, spot, known, (before, place), both))
+            for number, last, spot, since in waiting[particle]:
+                halves = list(inputs[particle][:since]), list(inputs[particle][since:])
+                ends = nodes[particle], node
+                sights.append(Sight(number, last, particle, spot, ends, (before, place), halves))
             if doors := self.covers[particle].doors_between(nodes[particle], node):
-                ways.append((list(inputs[particle]), doors, before, place))
+                routes.append((list(inputs[particle]), doors, before, place))
             nodes[particle], last_places[particle] = node, place
             inputs[particle], waiting[particle] = [], []
 
@@ -567,13 +555,13 @@ class RouteRelaxation:
             node, index = self._places[particle][place]
             wall = self._walls[index]
             sign = 1.0 if particle == 0 else -1.0
-            first, last = spot(wall.origin, wall.axes), spot(wall.origin, wall.axes)
+            first, last = (add_point(wall.origin, wall.axes) for _ in range(2))
             if gap is None:
                 before = places[1] - places[0]
                 move(first - places[particle], 0, 1)
             else:
-                now = [first, first + before] if particle == 0 else [first - before, first]
-                rows += [gap[0] - now[0], now[0] - gap[0], gap[1] - now[1], now[1] - gap[1]]
+                positions = [first, first + before] if particle == 0 else [first - before, first]
+                rows += equality(gap, positions)
                 gap = None
             arrive(particle, first, node)
             visit(1 - particle, first + sign * before, sites[0], last=False)
@@ -597,41 +585,43 @@ class RouteRelaxation:
             if number == len(pattern) - 1:
                 move(goals[particle] - last, 0, 1)
         if gap is not None:
-            rows += [gap[0] - goals[0], goals[0] - gap[0], gap[1] - goals[1], goals[1] - gap[1]]
+            rows += equality(gap, goals)
         if through is None:
             for particle in (0, 1):
                 arrive(particle, goals[particle], self.ends[particle])
         else:
             particle, doors = through
-            ways.append((inputs[particle], list(doors), places[particle], goals[particle]))
-        legs, count = [], len(norms)
-        for moving, doors, here, there in ways:
-            crossed = [spot(one, (other - one)[None]) for one, other in self._doors[doors]]
-            steps = [place - before for before, place in pairwise([here, *crossed, there])]
+            routes.append((inputs[particle], list(doors), places[particle], goals[particle]))
+        legs, size = [], len(norms)
+        for moving, doors, origin, target in routes:
+            crossed = [
+                variables.point(begin, (end - begin)[None]) for begin, end in self._doors[doors]
+            ]
+            steps = [place - before for before, place in pairwise([origin, *crossed, target])]
             legs.append(RouteLeg(moving, list(range(len(norms), len(norms) + len(steps)))))
             norms += steps
-        keep = [*range(used), far]
-        whole = np.concatenate(rows)[:, keep] if rows else np.zeros((0, used + 1))
+        columns, count = variables.columns, variables.count
+        constraints = np.concatenate(rows)[:, columns] if rows else np.zeros((0, count + 1))
         return RouteProgram(
-            np.stack(norms)[:, :, keep],
-            count,
-            whole,
+            np.stack(norms)[:, :, columns],
+            size,
+            constraints,
             legs,
-            low[:used],
-            high[:used],
+            variables.low[:count],
+            variables.high[:count],
             gaps,
             [
                 replace(
                     sight,
-                    spot=sight.spot[:, keep],
-                    ends=(sight.ends[0][:, keep], sight.ends[1][:, keep]),
+                    spot=sight.spot[:, columns],
+                    ends=(sight.ends[0][:, columns], sight.ends[1][:, columns]),
                 )
                 for sight in sights
             ],
-            np.stack(rounds)[:, :, keep] if rounds else np.zeros((0, 2, used + 1)),
+            np.stack(rounds)[:, :, columns] if rounds else np.zeros((0, 2, count + 1)),
             {
-                number: (one[:, keep], other[:, keep], change[:, keep])
-                for number, (one, other, change) in arcs.items()
+                number: (first[:, columns], last[:, columns], change[:, columns])
+                for number, (first, last, change) in arcs.items()
             },
         )
 
@@ -648,9 +638,9 @@ def caps_of(
     return caps
 
 
-def are_opposite(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def are_opposite(u: NDArray[np.float64], v: NDArray[np.float64]) -> bool:
     """Return whether two vectors have opposite directions, in exact arithmetic."""
-    first, second = ([Fraction(x) for x in vector.tolist()] for vector in (one, other))
+    first, second = ([Fraction(x) for x in vector.tolist()] for vector in (u, v))
     count = len(first)
     parallel = all(
         first[j] * second[k] == first[k] * second[j] for j in range(count) for k in range(j)

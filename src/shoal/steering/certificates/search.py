@@ -37,8 +37,8 @@ class Node:
     pattern: Pattern
     bound: Bound
     least: float = 0.0
-    how: Branching | None = None
-    parts: list[Node] | None = None
+    branching: Branching | None = None
+    children: list[Node] | None = None
 
     @property
     def open(self) -> bool:
@@ -50,12 +50,12 @@ class Node:
 
         A node whose own multipliers prove ``enough`` needs no parts.
         """
-        found, stack = [], [self]
+        nodes, stack = [], [self]
         while stack:
             node = stack.pop()
             bound = node.bound
-            if node.how is None or bound.value >= enough:
-                found.append(
+            if node.branching is None or bound.value >= enough:
+                nodes.append(
                     {"norms": bound.norms.tolist()}
                     | {
                         name: [
@@ -66,23 +66,25 @@ class Node:
                     }
                 )
                 continue
-            how = node.how
-            if isinstance(how, HoldBranching):
-                found.append({"place": how.place, "name": how.name, "wall": how.wall})
+            branching = node.branching
+            if isinstance(branching, HoldBranching):
+                nodes.append(
+                    {"place": branching.place, "name": branching.name, "wall": branching.wall}
+                )
             else:
-                found.append(
+                nodes.append(
                     {
-                        "place": how.place,
-                        "known": [list(arc) for arc in sorted(how.known)],
-                        "side": "last" if how.right else "first",
+                        "place": branching.place,
+                        "known": [list(arc) for arc in sorted(branching.excluded)],
+                        "side": "last" if branching.right else "first",
                         "choices": [
-                            [hold.particle, *(hold.last if how.right else hold.first)]
-                            for hold in how.choices
+                            [hold.particle, *(hold.last if branching.right else hold.first)]
+                            for hold in branching.choices
                         ],
                     }
                 )
-            stack += (node.parts or [])[::-1]
-        return found
+            stack += (node.children or [])[::-1]
+        return nodes
 
 
 class PatternTree:
@@ -131,16 +133,19 @@ class PatternTree:
         """Divide the pattern with the least bound."""
         node = heapq.heappop(self._heap)[-1]
         errors, pattern = node.bound.errors, node.pattern
-        node.how = _branching(self.relaxation, pattern, errors)
+        node.branching = _branching(self.relaxation, pattern, errors)
         by_use = None
-        if self.by_use and isinstance(node.how, GapBranching):
-            by_use = self._by_use(node, node.how.place, right=node.how.right)
+        if self.by_use and isinstance(node.branching, GapBranching):
+            by_use = self._by_use(node, node.branching.place, right=node.branching.right)
         if by_use is not None:
-            node.how, node.parts = by_use
+            node.branching, node.children = by_use
         else:
-            node.parts = [self._node(one) for one in branches(self.relaxation, pattern, node.how)]
-        for part in node.parts:
-            self._push(part, node.least)
+            node.children = [
+                self._node(child_pattern)
+                for child_pattern in branches(self.relaxation, pattern, node.branching)
+            ]
+        for child in node.children:
+            self._push(child, node.least)
 
     def _by_use(
         self, node: Node, place: int, *, right: bool
@@ -150,19 +155,19 @@ class PatternTree:
         """
         best: tuple[float, GapBranching, list[Node]] | None = None
         most = _USEFUL * (self.upper - node.least)
-        for how in use_branchings(self.relaxation, node.pattern, place, right=right):
-            parts: list[Node] = []
+        for branching in use_branchings(self.relaxation, node.pattern, place, right=right):
+            children: list[Node] = []
             least, greatest = inf, 0.0
-            for pattern in branches(self.relaxation, node.pattern, how):
-                part = self._node(pattern)
-                rise = max(part.bound.value - node.least, 0.0)
+            for pattern in branches(self.relaxation, node.pattern, branching):
+                child = self._node(pattern)
+                rise = max(child.bound.value - node.least, 0.0)
                 least, greatest = min(least, rise), max(greatest, rise)
-                parts.append(part)
+                children.append(child)
                 if least + 0.1 * (self.upper - node.least) < most:
                     break
             else:
                 if least + 0.1 * greatest > most:
-                    most, best = least + 0.1 * greatest, (least, how, parts)
+                    most, best = least + 0.1 * greatest, (least, branching, children)
         return None if best is None else best[1:]
 
     def _node(self, pattern: Pattern) -> Node:
@@ -189,7 +194,7 @@ def _branching(
 
     def rank(place: int) -> tuple[bool, float]:
         if isinstance(pattern[place], HoldGap):
-            return _divided(pattern, place) > _OFTEN, -errors[place][0]
+            return _count_near_holds(pattern, place) > _OFTEN, -errors[place][0]
         return False, -errors[place][0] * _HOLDS_FIRST
 
     place = min(errors, key=rank)
@@ -197,10 +202,10 @@ def _branching(
     if isinstance(item, Hold):
         return HoldBranching(place, *errors[place][1:])
     left, right = pattern[:place][::-1], pattern[place + 1 :]
-    last = len(left) > len(right)
+    from_right = len(left) > len(right)
     if relaxation.walls.runs:
         # runs that may be anywhere can take turns again and again without any length
-        beside = (place + 1, place + 2) if last else (place - 1, place - 2)
+        beside = (place + 1, place + 2) if from_right else (place - 1, place - 2)
         runs = [pattern[k] for k in beside if 0 <= k < len(pattern)]
         for k, run in zip(beside, runs, strict=False) if len(runs) == len(beside) else ():
             narrow = relaxation.narrowing(run) if isinstance(run, Hold) else None
@@ -211,32 +216,32 @@ def _branching(
             bool(side) and isinstance(side[0], Hold) and side[0].arc in item.holds
             for side in (left, right)
         ]
-        last = inner[0] if inner[0] != inner[1] else last
-        return gap_branching(relaxation, pattern, place, frozenset(), right=last)
-    near = [item.arc for item in (right if last else left) if isinstance(item, Hold)]
-    known = frozenset(near[:2])
-    widest = max((arc.end - arc.first for arc in known), default=0)
-    if len(known) < 2 or (relaxation.walls.runs and widest > 4 * relaxation.margin):
-        known = frozenset()
+        from_right = inner[0] if inner[0] != inner[1] else from_right
+        return gap_branching(relaxation, pattern, place, frozenset(), right=from_right)
+    near = [item.arc for item in (right if from_right else left) if isinstance(item, Hold)]
+    excluded = frozenset(near[:2])
+    widest = max((arc.end - arc.first for arc in excluded), default=0)
+    if len(excluded) < 2 or (relaxation.walls.runs and widest > 4 * relaxation.margin):
+        excluded = frozenset()
     # few holds in turn, again and again, become one gap
     for count in () if relaxation.walls.runs else (4, 3):
         if len(near) >= 2 * count and len(set(near[: 2 * count])) <= count:
-            known = frozenset(near[: 2 * count])
+            excluded = frozenset(near[: 2 * count])
             break
-    return gap_branching(relaxation, pattern, place, known, right=last)
+    return gap_branching(relaxation, pattern, place, excluded, right=from_right)
 
 
-def _divided(pattern: Pattern, place: int) -> int:
+def _count_near_holds(pattern: Pattern, place: int) -> int:
     """Return how many neighbours of a gap are holds that may be in the gap."""
     gap = pattern[place]
     assert isinstance(gap, HoldGap)
-    found = 0
+    count = 0
     for side in (pattern[:place][::-1], pattern[place + 1 :]):
         for item in side:
             if gap.holds is None or isinstance(item, HoldGap) or item.arc not in gap.holds:
                 break
-            found += 1
-    return found
+            count += 1
+    return count
 
 
 class Search:
@@ -247,9 +252,9 @@ class Search:
 
     def __init__(self, relaxation: Relaxation) -> None:
         self.relaxation = relaxation
-        ways = (False,) if relaxation.walls.runs else (False, True)
-        self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in ways]
-        self._spent = [0.0] * len(ways)
+        variants = (False,) if relaxation.walls.runs else (False, True)
+        self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in variants]
+        self._spent = [0.0] * len(variants)
         self.growth = growth_bound(relaxation)
 
     @property
@@ -295,16 +300,16 @@ def growth_bound(relaxation: Relaxation) -> float:
     most = min(far[0], far[1] + slack)
     outer = most * np.arange(1, _PIECES + 1) / _PIECES
     inner = most * np.arange(_PIECES) / _PIECES - slack
-    way = np.full(_PIECES, straight)
+    path = np.full(_PIECES, straight)
     around = (inner > 0) & (inner < min(far))
     if around.any():
         least = inner[around]
         turn = np.arccos(np.clip(start @ goal / (far[0] * far[1]), -1, 1))
         between = turn - sum(np.arccos(least / end) for end in far)
-        path = sum(np.sqrt(end**2 - least**2) for end in far) + least * between - slack
-        way[around] = np.where(between > 0, np.maximum(path, straight), straight)
-    way += np.maximum(max(far[1] - slack, 0.0) ** 2 / (2 * radius) - outer, 0)
+        tangent_path = sum(np.sqrt(end**2 - least**2) for end in far) + least * between - slack
+        path[around] = np.where(between > 0, np.maximum(tangent_path, straight), straight)
+    path += np.maximum(max(far[1] - slack, 0.0) ** 2 / (2 * radius) - outer, 0)
     # the checker rounds down
     return float(
-        min(way.min() * (1 - 1e-12) * relaxation.scale, relaxation.limit * relaxation.scale)
+        min(path.min() * (1 - 1e-12) * relaxation.scale, relaxation.limit * relaxation.scale)
     )

@@ -76,8 +76,8 @@ def _check_numbers(value: Any, *, deepest: int) -> int:
     """Refuse anything but numbers, in lists at most ``deepest`` levels deep; return their count."""
     if deepest and isinstance(value, list | tuple):
         count = 0
-        for part in value:
-            count += _check_numbers(part, deepest=deepest - 1)
+        for item in value:
+            count += _check_numbers(item, deepest=deepest - 1)
             if count > _MOST_NUMBERS:
                 raise _WrongError(f"expected at most {_MOST_NUMBERS} numbers in a problem")
         return count

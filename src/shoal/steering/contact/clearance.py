@@ -63,7 +63,7 @@ def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     )
     matrix = _SCALE * np.eye(d)
     matrix[:2, :2] = _SCALE * np.array([[cos(_TURN), -sin(_TURN)], [sin(_TURN), cos(_TURN)]])
-    workspace = _turned(world.workspace, matrix)
+    workspace = _transform(world.workspace, matrix)
     fields: dict[str, Any] = {"workspace": workspace}
     if getattr(world, "gradient", None) is not None:
         fields["gradient"] = matrix @ world.gradient / _SCALE**2
@@ -77,7 +77,7 @@ def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     )
 
 
-def _turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
+def _transform(workspace: Any, matrix: NDArray[np.float64]) -> Any:
     """Return a workspace whose corners are the products of ``matrix`` and the corners of
     ``workspace``.
 
@@ -157,9 +157,9 @@ def _roundings(rows: int, d: int) -> NDArray[np.float64]:
     return np.array([ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS)])
 
 
-def _distances(points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(points: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the distances of points, as `numpy.linalg.norm` does, but in half its time."""
-    apart = points - others
+    apart = points - targets
     distances: NDArray[np.float64] = np.sqrt((apart * apart).sum(axis=-1))
     return distances
 
@@ -188,7 +188,7 @@ def _least_slope(world: Any, start: Points, moves: Points) -> float:
             lowest = np.where(near, slopes, np.inf).min(axis=1)
             leaving = lowest[lowest > HELD]
             least = min(least, float(leaving.min())) if len(leaving) else least
-        state = world.moved(state, move)
+        state = world.advance(state, move)
     return least
 
 
@@ -205,7 +205,7 @@ def _least_passage(world: Any, start: Points, goal: Points, moves: Points, near:
         return float("inf")
     states = [np.array(start, dtype=np.float64, order="C")]
     for move in np.ascontiguousarray(moves):
-        states.append(world.moved(states[-1].copy(), move))
+        states.append(world.advance(states[-1].copy(), move))
     path = np.array(states)
     least = float("inf")
     for particle in range(path.shape[1]):

@@ -72,7 +72,7 @@ def _limit_on_disk(
         )
     turn = float(np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0]))
     turn = abs((turn + np.pi) % (2 * np.pi) - np.pi) - wide
-    possible = turn_on_the_way(large, small, workspace.radius, cone)
+    possible = largest_turn(large, small, workspace.radius, cone)
     if turn > possible + _ROUNDING:
         return (
             f"with friction {friction:g} the difference of the particles on this disk can turn by"
@@ -82,7 +82,7 @@ def _limit_on_disk(
     return None
 
 
-def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
+def largest_turn(large: float, small: float, radius: float, cone: float) -> float:
     """Return the largest turn, in radians, of a position difference while its length shrinks from
     ``large`` to ``small``.
 
@@ -108,14 +108,14 @@ def _limit_of_gauges(
     """Return why a gauge prevents a change from ``before`` to ``after``, or None if no gauge
     prevents it; see `friction_limit`.
     """
-    both = np.vstack([workspace.normals, -workspace.normals])
-    balls = [both, _sides_of_hull(both)]
+    signed_normals = np.vstack([workspace.normals, -workspace.normals])
+    balls = [signed_normals, _sides_of_hull(signed_normals)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
         # Four walls may form a rectangle along the axes. Then all gauges |Δx| + k |Δy| with
         # friction <= k <= 1 / friction are valid, and the two extreme values of k are the
         # strongest. For other walls, the test below rejects invalid gauges.
         balls += [
-            _sides_of_hull(both * np.tile([[weight], [1.0]], (4, 1)))
+            _sides_of_hull(signed_normals * np.tile([[weight], [1.0]], (4, 1)))
             for weight in (friction, 1 / friction)
         ]
     for sides in balls:
@@ -196,8 +196,8 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
     """
     order = np.argsort(angles_of(sides))
     sides = sides[order]
-    kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
-    sides = sides[kept]
+    distinct = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
+    sides = sides[distinct]
     corners = _duals(sides)
     if (corners @ sides.T > 1 + 1e-9).any():
         return False  # a degenerate side, too steep to use

@@ -70,7 +70,7 @@ class SteeringWorld(ABC):
         dimensions = self.workspace.dimensions
         state = np.array(check_points(points, what="points", dimensions=dimensions), order="C")
         vector = check_points([move], what="move", dimensions=dimensions, count=1)[0]
-        return self.moved(state, np.ascontiguousarray(vector))
+        return self.advance(state, np.ascontiguousarray(vector))
 
     def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
         """Return the positions of the particles at the start and after each move; float64, shape
@@ -83,7 +83,7 @@ class SteeringWorld(ABC):
         )
         states = [self.initial(points)]
         for move in vectors:
-            states.append(self.moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
+            states.append(self.advance(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
         return np.array(states)
 
     def final(self, points: Points, moves: Points) -> Points:
@@ -92,7 +92,7 @@ class SteeringWorld(ABC):
         """
         state = np.array(points, dtype=np.float64, order="C")
         for move in np.ascontiguousarray(moves):
-            self.moved(state, move)
+            self.advance(state, move)
         return state
 
     def finals(self, points: Points, plans: Points) -> Points:
@@ -106,7 +106,7 @@ class SteeringWorld(ABC):
         """
         return np.stack([self.final(*each) for each in zip(points, plans, strict=True)])
 
-    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
+    def are_held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
         """Return which particles a wall with infinite friction would hold at the start of ``move``;
         bool, shape (n,).
         """
@@ -117,7 +117,7 @@ class SteeringWorld(ABC):
         return np.array([self.is_held(point, vector) for point in state])
 
     @abstractmethod
-    def moved(self, state: Points, move: Points) -> Points:
+    def advance(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
         checks.
         """
@@ -242,10 +242,10 @@ class ContactWorld(SteeringWorld):
                 + np.eye(len(state)) * 4 * self.radius
             )
             if away.min() < 2 * self.radius * (1 - 1e-12):
-                one, other = np.unravel_index(int(away.argmin()), away.shape)
+                i, j = np.unravel_index(int(away.argmin()), away.shape)
                 raise InvalidInputError(
                     f"{what}: expected particles that do not overlap, {2 * self.radius:g} apart or"
-                    f" more, got {away.min():.3g} between points {one + 1} and {other + 1}"
+                    f" more, got {away.min():.3g} between points {i + 1} and {j + 1}"
                 )
         return state
 
@@ -292,7 +292,7 @@ class ContactWorld(SteeringWorld):
         )
         return states
 
-    def moved(self, state: Points, move: Points) -> Points:
+    def advance(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
         checks.
         """
@@ -320,22 +320,22 @@ def stop_at_others(
     shares = shares.copy()
     length = float(move @ move)
     while length > 0:
-        first, who = 1.0, None
+        earliest, collider = 1.0, None
         for mover in range(len(before)):
             for stopped in np.flatnonzero(shares < shares[mover]):
                 # Solve |before + share move - after[stopped]| = apart for the smaller share.
                 gap = before[mover] - after[stopped]
-                half, rest = float(gap @ move), float(gap @ gap) - apart * apart
-                under = half * half - length * rest
-                if half >= 0 or under < 0:
+                half, excess = float(gap @ move), float(gap @ gap) - apart * apart
+                discriminant = half * half - length * excess
+                if half >= 0 or discriminant < 0:
                     continue
-                share = max((-half - np.sqrt(under)) / length, 0.0)
-                if max(share, shares[stopped]) < min(shares[mover], first):
-                    first, who = max(share, float(shares[stopped])), mover
-        if who is None:
+                share = max((-half - np.sqrt(discriminant)) / length, 0.0)
+                if max(share, shares[stopped]) < min(shares[mover], earliest):
+                    earliest, collider = max(share, float(shares[stopped])), mover
+        if collider is None:
             return
-        shares[who] = first
-        after[who] = before[who] + first * move
+        shares[collider] = earliest
+        after[collider] = before[collider] + earliest * move
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,11 +394,11 @@ class RegionWorld(SteeringWorld):
         lengths = np.hypot(*along.T)
         normals = left_of(along) / lengths[:, None]
         links = np.empty((len(edges), 2), dtype=np.int64)
-        first = 0
+        offset = 0
         for ring in self.workspace.rings:
-            places = first + np.arange(len(ring))
+            places = offset + np.arange(len(ring))
             links[places] = np.stack([np.roll(places, 1), np.roll(places, -1)], axis=1)
-            first += len(ring)
+            offset += len(ring)
         before = along[links[:, 0]]
         reflex = cross(before, along) < 0
         size = float(self.workspace.size) * self.touch / TOUCH
@@ -431,7 +431,7 @@ class RegionWorld(SteeringWorld):
             )
         return state
 
-    def moved(self, state: Points, move: Points) -> Points:
+    def advance(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
         checks.
         """
@@ -518,7 +518,7 @@ def released_translation(
 def _lift_off(
     workspace: ConvexWorkspace,
     points: Points,
-    others: Points | None = None,
+    directions: Points | None = None,
     *,
     clearance: float = 0.0,
     least: float = 0.0,
@@ -526,7 +526,7 @@ def _lift_off(
     """Return a small move off all walls that the particles at ``points`` touch, or None if no
     direction leads off all of them.
 
-    The move also has a positive component along each row of ``others``.
+    The move also has a positive component along each row of ``directions``.
     """
 
     def direction_off(length: float) -> tuple[Points, Points | None]:
@@ -536,7 +536,9 @@ def _lift_off(
         rows = np.vstack(
             [touched_normals(workspace, point, within=1.5 * length) for point in points]
         )
-        return rows, direction_away_from(rows if others is None else np.vstack([rows, others]))
+        return rows, direction_away_from(
+            rows if directions is None else np.vstack([rows, directions])
+        )
 
     if least > PLANNED * clearance > 0:
         rows, away = direction_off(least)
@@ -569,7 +571,7 @@ def separations(
     A planner needs a small move of one particle alone if no translation leads both particles off
     their walls, for example if the particles touch opposite walls.
     """
-    found = []
+    departures = []
     for held in (0, 1):
         for wall in touched_normals(workspace, points[held]):
             away = _lift_off(
@@ -578,8 +580,8 @@ def separations(
             if away is not None:
                 after = points.copy()
                 after[1 - held] += away
-                found.append((away, after))
-    return found
+                departures.append((away, after))
+    return departures
 
 
 def direction_away_from(rows: Points) -> Points | None:
@@ -643,5 +645,4 @@ def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
     for camera noise, for planners.
     """
     spawned = np.random.SeedSequence(seed).spawn(4)
-    # four children, four generators
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]

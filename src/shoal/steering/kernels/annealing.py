@@ -141,11 +141,13 @@ def moves_left(state, task, noise, world, move):
     goal, tolerance = task.goal, task.tolerance
     if is_near(state, goal, tolerance):
         return 0.0
-    apart, way = 0.0, 0.0
+    apart, square = 0.0, 0.0
     for i in range(2):
         apart += (state[1, i] - state[0, i] - goal[1, i] + goal[0, i]) ** 2
         move[i] = (goal[0, i] + goal[1, i] - state[0, i] - state[1, i]) / 2
-        way += move[i] ** 2
+        square += move[i] ** 2
+    # each particle ends half of the wrong difference from its goal; a normal error in the plane is
+    # shorter than m with the probability 1 - exp(-m² / (2 deviation²))
     margin = tolerance - np.sqrt(apart) / 2
     arrives = 0.0
     if margin > 0:
@@ -155,11 +157,11 @@ def moves_left(state, task, noise, world, move):
     if arrives * noise.cycle <= 1:
         return (
             noise.cycle * (1 + FAR * np.sqrt(apart) / world.walls.size)
-            + np.sqrt(way) / world.walls.size
+            + np.sqrt(square) / world.walls.size
         )
     step(state, move, world)
     return 1 / arrives + (
-        0.0 if is_near(state, goal, tolerance) else BLOCKED + np.sqrt(way) / world.walls.size
+        0.0 if is_near(state, goal, tolerance) else BLOCKED + np.sqrt(square) / world.walls.size
     )
 
 
@@ -271,12 +273,12 @@ def aim_near(steps, k, width, rng, state):
     translation, the target is near their present midpoint.
     """
     for i in range(2):
-        here = (
+        present = (
             state[1, i] - state[0, i]
             if steps.kinds[k] == ADJUSTMENT
             else (state[0, i] + state[1, i]) / 2
         )
-        steps.targets[k, i] = here + width * rng.normal()
+        steps.targets[k, i] = present + width * rng.normal()
 
 
 @kernel
@@ -309,9 +311,9 @@ def change(steps, count, task, world, rng, odds, over):
             k -= 1
         particle = steps.particles[k] if rng.random() < 0.5 else 1 - steps.particles[k]
         if steps.kinds[k] == CONTACT:
-            turned = particle != steps.particles[k]
+            exchanged = particle != steps.particles[k]
             draw_contact(steps, k, particle, goal, world, rng, over, move, normal)
-            while turned and k + 1 < count and steps.kinds[k + 1] != CONTACT:
+            while exchanged and k + 1 < count and steps.kinds[k + 1] != CONTACT:
                 k += 1
                 if steps.kinds[k] == ADJUSTMENT:
                     steps.particles[k] = particle
@@ -374,23 +376,25 @@ def anneal(steps, count, task, changes, odds, noise, world, rng, trial, best):
     state, move = np.empty((2, 2)), np.empty(2)
     length = cost(steps, count, task, np.inf, noise, world, state, move)
     copy_steps(steps, count, best)
-    shortest, few = length, count
+    shortest, steps_of_best = length, count
     if not length < np.inf:
-        return few, length
-    for done in range(changes):
+        return steps_of_best, length
+    for trials in range(changes):
         copy_steps(steps, count, trial)
         number = change(trial, count, task, world, rng, odds, noise.deviation)
         if number > task.most:
             continue
-        bound = length - WARMTH * length * (1.0 - done / changes) ** 3 * np.log(1.0 - rng.random())
+        bound = length - WARMTH * length * (1.0 - trials / changes) ** 3 * np.log(
+            1.0 - rng.random()
+        )
         changed = cost(trial, number, task, bound, noise, world, state, move)
         if changed < bound:
             length, count = changed, number
             copy_steps(trial, count, steps)
             if length < shortest:
-                shortest, few = length, count
+                shortest, steps_of_best = length, count
                 copy_steps(steps, count, best)
-    return few, shortest
+    return steps_of_best, shortest
 
 
 @kernel

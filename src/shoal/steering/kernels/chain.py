@@ -142,13 +142,13 @@ def shorten_chain(x, enough, sharpnesses, bound, kind, work):
     for i in range(n):
         current[i] = x[i]
     current[n] = 1.5 * slack
-    sharpness, done, blur = 1.0 / max(slack, 1e-2), 0, 0.0
+    sharpness, completed, blur = 1.0 / max(slack, 1e-2), 0, 0.0
     before = inf
     while True:
         if not phase:
-            if done == sharpnesses.shape[0]:
+            if completed == sharpnesses.shape[0]:
                 break
-            sharpness = sharpnesses[done]
+            sharpness = sharpnesses[completed]
             blur = max(BLUR / sharpness, 1e-11)
         minimize(phase, sharpness, blur, kind, work, enough)
         if phase:
@@ -162,7 +162,7 @@ def shorten_chain(x, enough, sharpnesses, bound, kind, work):
             before = slack
             sharpness *= GROWTH
             continue
-        done += 1
+        completed += 1
         if (
             kind.shape.circle[2] == 0
             and chain_length(current, kind, work) - (limits + 10 * BLUR) / sharpness > bound
@@ -190,8 +190,8 @@ def count_limits(kind):
         total += 2 * walls + (1 if kind.friction == inf else 2)
         if wall < flat:
             total += walls - flat
-        for other in range(flat):
-            total += 1 if kind.shape.near[wall, other] else 0
+        for other_wall in range(flat):
+            total += 1 if kind.shape.near[wall, other_wall] else 0
     return float(total)
 
 
@@ -259,7 +259,7 @@ def newton_direction(derivatives, lower, direction, n):
     last = derivatives.shape[1]
     raised = 0.0
     for _attempt in range(60):
-        done = True
+        succeeded = True
         for i in range(n):
             for j in range(i + 1):
                 value = derivatives[i, j]
@@ -269,14 +269,14 @@ def newton_direction(derivatives, lower, direction, n):
                     value -= lower[i, k] * lower[j, k]
                 if i == j:
                     if not value > 1e-14 * abs(derivatives[i, i]):
-                        done = False
+                        succeeded = False
                         break
                     lower[i, i] = sqrt(value)
                 else:
                     lower[i, j] = value / lower[j, j]
-            if not done:
+            if not succeeded:
                 break
-        if done:
+        if succeeded:
             break
         raised = 1e-10 if raised == 0.0 else raised * 10
     decrement = 0.0
@@ -396,10 +396,10 @@ def add_terms(work, terms):
 
 
 @in_place_kernel
-def rows_dot(one, i, other, k):
+def rows_dot(u, i, v, k):
     total = 0.0
-    for j in range(one.shape[1]):
-        total += one[i, j] * other[k, j]
+    for j in range(u.shape[1]):
+        total += u[i, j] * v[k, j]
     return total
 
 
@@ -615,9 +615,9 @@ def add_through(work, used, ones, squares, phase):
                 value += span[1 + u, i] * rows_dot(sums, 2 + i, span, 1 + w)
             derivatives[at, index[w]] += value
         if phase:
-            both = rows_dot(sums, 1, span, 1 + u)
-            derivatives[at, last] += both
-            derivatives[last, at] += both
+            mixed = rows_dot(sums, 1, span, 1 + u)
+            derivatives[at, last] += mixed
+            derivatives[last, at] += mixed
     if phase:
         derivatives[n, last] -= ones
         derivatives[last, last] += squares
@@ -723,20 +723,20 @@ def add_cone(friction, work, into, used, slack, order):
     """
     span, first, second = work.span, work.first, work.second
     cone_first, cone_second = work.cone_first, work.cone_second
-    whole = 1 + friction * friction
+    factor = 1 + friction * friction
     square, reach = rows_dot(span, 0, span, 0), max(into, 1e-12)
     for u in range(used):
         u_along = rows_dot(span, 0, span, 1 + u)
-        cone_first[u] = whole * first[u] - 2 * u_along / reach + square * first[u] / reach / reach
+        cone_first[u] = factor * first[u] - 2 * u_along / reach + square * first[u] / reach / reach
         for w in range(used):
             w_along = rows_dot(span, 0, span, 1 + w)
             cone_second[u, w] = (
-                whole * second[u, w]
+                factor * second[u, w]
                 - 2 * rows_dot(span, 1 + u, span, 1 + w) / reach
                 + 2 * (u_along * first[w] + w_along * first[u]) / reach / reach
                 + square * second[u, w] / reach / reach
                 - 2 * square * first[u] * first[w] / reach / reach / reach
             )
     # In phase I, the push may still be negative; the limit is then that of a push of 1e-12.
-    value = whole * reach - square / reach if into > 0 or isnan(slack) else -square / reach
+    value = factor * reach - square / reach if into > 0 or isnan(slack) else -square / reach
     return add_limit(work, cone_first, cone_second, value, used, True, 0.0, slack, order)

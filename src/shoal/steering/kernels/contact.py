@@ -45,10 +45,10 @@ def norm(vector):
 
 
 @in_place_kernel
-def dot(one, other):
+def dot(u, v):
     total = 0.0
-    for i in range(one.shape[0]):
-        total += one[i] * other[i]
+    for i in range(u.shape[0]):
+        total += u[i] * v[i]
     return total
 
 
@@ -125,17 +125,17 @@ def velocity_at(point, move, walls, velocity):
         for i in range(move.shape[0]):
             velocity[i] = move[i] - push * normal_part(point, wall, walls, i)
         along = norm(velocity)
-        left = along - walls.friction * max(-push, 0.0)
-        if left <= least:
+        speed = along - walls.friction * max(-push, 0.0)
+        if speed <= least:
             continue
         for i in range(move.shape[0]):
-            velocity[i] *= left / along
+            velocity[i] *= speed / along
         free = True
-        for other in range(count):
+        for other_wall in range(count):
             if (
-                other != wall
-                and touches(point, other, walls, near)
-                and inward(point, other, velocity, walls) < -least
+                other_wall != wall
+                and touches(point, other_wall, walls, near)
+                and inward(point, other_wall, velocity, walls) < -least
             ):
                 free = False
         if free:
@@ -156,9 +156,10 @@ def first_contact(point, velocity, walls, sliding):
     for wall in range(normals.shape[0]):
         speed = dot(normals[wall], velocity)
         if wall != sliding and speed < -PUSHED * length:
-            found = max(dot(normals[wall], point) - offsets[wall], 0.0) / -speed
-            if found < share:
-                share, met = found, wall
+            candidate = max(dot(normals[wall], point) - offsets[wall], 0.0) / -speed
+            if candidate < share:
+                share, met = candidate, wall
+    # |point + share velocity - centre| = radius is a share² + 2 b share + c = 0
     a = velocity[0] ** 2 + velocity[1] ** 2
     if circle[2] > 0 and a > 0 and sliding != normals.shape[0]:
         x, y = point[0] - circle[0], point[1] - circle[1]
@@ -167,9 +168,9 @@ def first_contact(point, velocity, walls, sliding):
         root = sqrt(b * b - a * c)
         # Of the two formulas for the larger root, this code uses the one that never subtracts
         # almost equal numbers.
-        found = (root - b) / a if b <= 0 else -c / (b + root)
-        if found < share:
-            share, met = found, normals.shape[0]
+        candidate = (root - b) / a if b <= 0 else -c / (b + root)
+        if candidate < share:
+            share, met = candidate, normals.shape[0]
     return share, met
 
 
@@ -188,7 +189,7 @@ def input_for(share, speed, rate):
 
 
 @in_place_kernel
-def way_of(share, speed, rate):
+def share_for(share, speed, rate):
     """Return how far the fraction ``share`` of the input moves a particle, in multiples of its
     velocity. Inverse of `input_for`.
     """
@@ -220,11 +221,11 @@ def advance(point, move, walls, velocity):
     if norm(move) == 0:
         return 1.0
     gain, radius = walls.gain, walls.circle[2]
-    left, free_until, on_circle = 1.0, -1.0, walls.normals.shape[0]
+    remaining, free_until, on_circle = 1.0, -1.0, walls.normals.shape[0]
     for _event in range(EVENTS):
         wall = velocity_at(point, move, walls, velocity)
         if wall != -1 and free_until < 0:
-            free_until = 1.0 - left
+            free_until = 1.0 - remaining
         if wall == -2:
             return free_until
         speed, rate = gain[0], 0.0
@@ -237,10 +238,10 @@ def advance(point, move, walls, velocity):
             if step < share:
                 share, met = step, wall
         needed = input_for(share, speed, rate)
-        if needed >= left:
-            way = way_of(left, speed, rate)
+        if needed >= remaining:
+            distance = share_for(remaining, speed, rate)
             for i in range(point.shape[0]):
-                point[i] += way * velocity[i]
+                point[i] += distance * velocity[i]
             if wall >= 0:
                 snap(point, wall, walls)
             return 1.0 if free_until < 0 else free_until
@@ -249,9 +250,9 @@ def advance(point, move, walls, velocity):
         if wall >= 0:
             snap(point, wall, walls)
         snap(point, met, walls)
-        left -= needed
+        remaining -= needed
         if walls.friction == inf:
-            return 1.0 - left
+            return 1.0 - remaining
     return free_until
 
 

@@ -43,16 +43,16 @@ def contact_range(delta, sign, wall, model, low, high, margin):
     satisfies the condition, the first end is greater than the second end.
     """
     frames, normals, offsets = model.frames, model.normals, model.offsets
-    for other in range(normals.shape[0]):
-        rate = dot(normals[other], frames[wall, 1])
+    for other_wall in range(normals.shape[0]):
+        rate = dot(normals[other_wall], frames[wall, 1])
         clear = (
-            dot(normals[other], frames[wall, 0])
-            + sign * dot(normals[other], delta)
-            - offsets[other]
+            dot(normals[other_wall], frames[wall, 0])
+            + sign * dot(normals[other_wall], delta)
+            - offsets[other_wall]
             - margin
         )
         if abs(rate) <= FLAT:
-            if other != wall and clear < 0:
+            if other_wall != wall and clear < 0:
                 return 1.0, 0.0
         elif rate > 0:
             low = max(low, -clear / rate)
@@ -66,21 +66,21 @@ def clip(corners, count, across, up, offset, spare):
     """Cut a convex polygon in place: keep its points p with ``(across, up) @ p >= offset``. Return
     the number of corners left.
     """
-    kept = 0
+    number = 0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
-        here = across * corners[i, 0] + up * corners[i, 1] - offset
-        there = across * corners[k, 0] + up * corners[k, 1] - offset
-        if here >= 0:
-            spare[kept, 0], spare[kept, 1] = corners[i, 0], corners[i, 1]
-            kept += 1
-        if (here > 0 and there < 0) or (here < 0 and there > 0):
-            share = here / (here - there)
+        depth = across * corners[i, 0] + up * corners[i, 1] - offset
+        next_depth = across * corners[k, 0] + up * corners[k, 1] - offset
+        if depth >= 0:
+            spare[number, 0], spare[number, 1] = corners[i, 0], corners[i, 1]
+            number += 1
+        if (depth > 0 and next_depth < 0) or (depth < 0 and next_depth > 0):
+            share = depth / (depth - next_depth)
             for j in range(2):
-                spare[kept, j] = corners[i, j] + share * (corners[k, j] - corners[i, j])
-            kept += 1
-    copy_rows(spare, kept, corners)
-    return kept
+                spare[number, j] = corners[i, j] + share * (corners[k, j] - corners[i, j])
+            number += 1
+    copy_rows(spare, number, corners)
+    return number
 
 
 @in_place_kernel
@@ -90,8 +90,8 @@ def copy_rows(source, count, target):
 
 
 @in_place_kernel
-def nearest_in(corners, count, point, found):
-    """Write to ``found[3:5]`` the point of a convex counter-clockwise polygon that is nearest to
+def nearest_in(corners, count, point, nearest):
+    """Write to ``nearest[3:5]`` the point of a convex counter-clockwise polygon that is nearest to
     ``point``.
 
     Return the distance from ``point`` to the polygon, 0 if ``point`` is inside the polygon.
@@ -108,9 +108,9 @@ def nearest_in(corners, count, point, found):
         away = sqrt((px - share * ex) ** 2 + (py - share * ey) ** 2)
         if away < best:
             best = away
-            found[3], found[4] = corners[i, 0] + share * ex, corners[i, 1] + share * ey
+            nearest[3], nearest[4] = corners[i, 0] + share * ex, corners[i, 1] + share * ey
     if inside:
-        found[3], found[4] = point[0], point[1]
+        nearest[3], nearest[4] = point[0], point[1]
         return 0.0
     return best
 
@@ -133,8 +133,8 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
     if high < low:
         return 0
     wide = 0.0
-    for other in range(normals.shape[0]):
-        wide = max(wide, 2 * reaches[other])
+    for other_wall in range(normals.shape[0]):
+        wide = max(wide, 2 * reaches[other_wall])
     wide *= 4 * normals.shape[0]
     for i in range(4):
         corners[i, 0], corners[i, 1] = (
@@ -142,15 +142,15 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
             wide * (-1 if i < 2 else 1),
         )
     count = 4
-    for other in range(normals.shape[0]):
-        rate = dot(normals[other], frames[wall, 1])
-        base = dot(normals[other], frames[wall, 0])
+    for other_wall in range(normals.shape[0]):
+        rate = dot(normals[other_wall], frames[wall, 1])
+        base = dot(normals[other_wall], frames[wall, 0])
         least = (
             0.0
-            if other == wall
-            else offsets[other] - max(base + low * rate, base + high * rate) + margin
+            if other_wall == wall
+            else offsets[other_wall] - max(base + low * rate, base + high * rate) + margin
         )
-        count = clip(corners, count, normals[other, 0], normals[other, 1], least, spare)
+        count = clip(corners, count, normals[other_wall, 0], normals[other_wall, 1], least, spare)
     count = clip(corners, count, -normals[wall, 0], -normals[wall, 1], push - height, spare)
     if friction < np.inf:
         for side in (-1.0, 1.0):
@@ -163,11 +163,11 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 
 @in_place_kernel
-def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write to ``found``, for each wall and toucher, the cycle that ends nearest to the position
+def nearest_on_polygon(delta, goal, model, corners, spare, target, cycles):
+    """Write to ``cycles``, for each wall and toucher, the cycle that ends nearest to the position
     difference ``goal``.
 
-    The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are:
+    The array ``cycles`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are:
     the distance from ``goal`` (infinite if no cycle is possible), the two ends of the range of
     contacts, and the two coordinates of the position difference after the cycle.
     """
@@ -175,29 +175,29 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
     for wall in range(model.normals.shape[0]):
         for toucher in range(2):
             sign = 1.0 if toucher == 0 else -1.0
-            one = found[wall, toucher]
-            one[0] = np.inf
+            cycle = cycles[wall, toucher]
+            cycle[0] = np.inf
             count = cycle_outline(delta, sign, wall, model, corners, spare)
             if count == 0:
                 continue
             for i in range(2):
                 target[i] = sign * goal[i]
-            one[0] = nearest_in(corners, count, target, one)
+            cycle[0] = nearest_in(corners, count, target, cycle)
             for i in range(2):
-                target[i] = sign * one[3 + i]
-                one[3 + i] = target[i]
+                target[i] = sign * cycle[3 + i]
+                cycle[3 + i] = target[i]
             low, high = contact_range(
                 delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin
             )
             low, high = contact_range(target, sign, wall, model, low, high, margin * 0.999)
             if high < low:
                 low = high = (low + high) / 2
-            one[1], one[2] = low, high
+            cycle[1], cycle[2] = low, high
 
 
 @in_place_kernel
-def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with particle 1
+def nearest_from(angle, delta, goal, model, candidates, nearest):
+    """Write to ``nearest`` the position difference nearest to ``goal`` that a cycle with particle 1
     at a given contact can produce.
 
     ``angle`` is the angle of the contact on the circle, whose centre is the origin. Return the
@@ -253,12 +253,12 @@ def nearest_from(angle, delta, goal, model, candidates, found):
         away = sqrt((a - along) ** 2 + (h - deep) ** 2)
         if away < best:
             best, best_a, best_h = away, a, h
-    found[0], found[1] = -best_a * ey - best_h * ex, best_a * ex - best_h * ey
+    nearest[0], nearest[1] = -best_a * ey - best_h * ex, best_a * ex - best_h * ey
     return best
 
 
 @in_place_kernel
-def nearest_on_circle(delta, goal, model, candidates, found, nearest):
+def nearest_on_circle(delta, goal, model, candidates, candidate, nearest):
     """Write to ``nearest`` the position difference nearest to ``goal`` that any cycle with a
     contact of particle 1 can produce.
 
@@ -277,20 +277,20 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
     step = 2 * half / ANGLES
     for k in range(ANGLES + 1):
         angle = middle - half + k * step
-        away = nearest_from(angle, delta, goal, model, candidates, found)
+        away = nearest_from(angle, delta, goal, model, candidates, candidate)
         if away < best:
             best, at = away, angle
-            nearest[0], nearest[1] = found[0], found[1]
+            nearest[0], nearest[1] = candidate[0], candidate[1]
     if not 0 < best < np.inf:
         return best, at
     while step > 1e-11:  # near the best angle, the distance is a smooth function of the angle
         moved = False
         for side in range(-1, 2, 2):
             angle = min(max(at + side * step, middle - half), middle + half)
-            away = nearest_from(angle, delta, goal, model, candidates, found)
+            away = nearest_from(angle, delta, goal, model, candidates, candidate)
             if away < best:
                 best, at, moved = away, angle, True
-                nearest[0], nearest[1] = found[0], found[1]
+                nearest[0], nearest[1] = candidate[0], candidate[1]
         if not moved:
             step *= 0.5
     return best, at
@@ -354,13 +354,13 @@ def find_cycle_on_circle(before, after, model, step):
     """
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
-    way = np.sqrt(x * x + y * y)
-    if way <= model.push:
+    length = np.sqrt(x * x + y * y)
+    if length <= model.push:
         return False
     middle = np.arctan2(y, x)
     half = min(
         np.arctan(model.friction) if model.friction < np.inf else np.pi / 2,
-        np.arccos(model.push / way),
+        np.arccos(model.push / length),
     )
     low, high = -half, half
     for end in (before, after):
@@ -379,7 +379,7 @@ def find_cycle_on_circle(before, after, model, step):
 
 
 @kernel
-def longest_change(delta, direction, back, most, model, tried, step):
+def longest_change(delta, direction, back, most, model, trial, step):
     """Return the largest change of a position difference that one cycle can make in a direction, or
     0 if no cycle is possible.
 
@@ -390,9 +390,9 @@ def longest_change(delta, direction, back, most, model, tried, step):
     for halving in range(HALVINGS):
         middle = outer if halving == 0 else (inner + outer) / 2
         for i in range(2):
-            tried[i] = delta[i] + (-middle if back else middle) * direction[i]
+            trial[i] = delta[i] + (-middle if back else middle) * direction[i]
         good = (
-            find_cycle(tried, delta, model, step) if back else find_cycle(delta, tried, model, step)
+            find_cycle(trial, delta, model, step) if back else find_cycle(delta, trial, model, step)
         )
         if good:
             inner = middle
@@ -415,34 +415,34 @@ def grow_extreme_nodes(delta, back, directions, most, model, gain, records, node
     nodes in about the same direction. ``records`` holds the most extreme length in each range of
     directions.
     """
-    step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
+    step, trial, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))
     records[int((np.arctan2(delta[1], delta[0]) / (2 * np.pi) + 1) * bins) % bins] = size
     nodes[count] = delta
-    done, count = count, count + 1
-    while done < count < nodes.shape[0]:
-        here = nodes[done].copy()
-        done += 1
-        size = np.sqrt(dot(here, here))
-        place = int((np.arctan2(here[1], here[0]) / (2 * np.pi) + 1) * bins) % bins
-        if done > 1 and size != records[place]:
+    expanded, count = count, count + 1
+    while expanded < count < nodes.shape[0]:
+        node = nodes[expanded].copy()
+        expanded += 1
+        size = np.sqrt(dot(node, node))
+        place = int((np.arctan2(node[1], node[0]) / (2 * np.pi) + 1) * bins) % bins
+        if expanded > 1 and size != records[place]:
             # the search has meanwhile found a more extreme difference in the same range of
             # directions
             continue
         for d in range(directions.shape[0]):
-            length = longest_change(here, directions[d], back, most, model, tried, step)
+            length = longest_change(node, directions[d], back, most, model, trial, step)
             if length <= 2 * model.push:
                 continue
             for share in range(SHARES):
-                part = length * 0.5**share * (1 - 1e-6)
+                reach = length * 0.5**share * (1 - 1e-6)
                 for i in range(2):
-                    tried[i] = here[i] + (-part if back else part) * directions[d, i]
-                size = np.sqrt(dot(tried, tried))
-                place = int((np.arctan2(tried[1], tried[0]) / (2 * np.pi) + 1) * bins) % bins
+                    trial[i] = node[i] + (-reach if back else reach) * directions[d, i]
+                size = np.sqrt(dot(trial, trial))
+                place = int((np.arctan2(trial[1], trial[0]) / (2 * np.pi) + 1) * bins) % bins
                 better = size * gain < records[place] if back else size > records[place] * gain
                 if better and size > 1e-4 and count < nodes.shape[0]:
                     records[place] = size
-                    nodes[count] = tried
+                    nodes[count] = trial
                     count += 1
     return count
 
@@ -458,17 +458,17 @@ def fewest_cycles(nodes, model, parents, order):
     count, step = nodes.shape[0], np.empty(3)
     parents[:] = -1
     order[0], parents[0] = 0, 0
-    done, found = 0, 1
-    while done < found:
-        here = order[done]
-        done += 1
+    expanded, reached = 0, 1
+    while expanded < reached:
+        parent = order[expanded]
+        expanded += 1
         for node in range(1, count):
-            if parents[node] < 0 and find_cycle(nodes[here], nodes[node], model, step):
-                parents[node] = here
+            if parents[node] < 0 and find_cycle(nodes[parent], nodes[node], model, step):
+                parents[node] = parent
                 if node == 1:
                     return True
-                order[found] = node
-                found += 1
+                order[reached] = node
+                reached += 1
     return False
 
 
@@ -541,10 +541,11 @@ def radius_after_turn(radius, side, step, most, ends, turns, cone):
         if not 0 < place <= before:
             continue
         low, high = reaction_angles(place, ends, turns, cone)
-        way = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
-        if way > 0:
+        tilt = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
+        if tilt > 0:
+            # law of sines in the triangle of 0, Δ and Δ after the turn
             after = max(
-                after, most if way + step >= np.pi else place * np.sin(way) / np.sin(way + step)
+                after, most if tilt + step >= np.pi else place * np.sin(tilt) / np.sin(tilt + step)
             )
     return after, before
 

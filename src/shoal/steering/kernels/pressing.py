@@ -62,7 +62,7 @@ class Nodes(NamedTuple):
 
     states: NDArray[np.float64]  # (nodes, 2, 2)
     parents: NDArray[np.int64]  # (nodes,)
-    made: NDArray[np.float64]  # (nodes, STEPS, 2): moves from the parent to the node
+    moves: NDArray[np.float64]  # (nodes, STEPS, 2): moves from the parent to the node
     counts: NDArray[np.int64]  # (nodes,): of these moves
     depths: NDArray[np.int64]  # (nodes,): moves from the root
     keys: NDArray[np.float64]  # (nodes,): estimates of the distance from the goals
@@ -122,9 +122,9 @@ def send_both(state, x, y, gains, world, move, spare):
     """Move both particles in place by the input (x, y). Return the share of the input after which a
     wall first held or braked a particle, or 1.
     """
-    one = send_to(state[0], x, y, gains[0], world, move, spare)
-    other = send_to(state[1], x, y, gains[1], world, move, spare)
-    return min(one, other)
+    first_share = send_to(state[0], x, y, gains[0], world, move, spare)
+    second_share = send_to(state[1], x, y, gains[1], world, move, spare)
+    return min(first_share, second_share)
 
 
 @kernel
@@ -145,7 +145,7 @@ def play_scenarios(start, moves, turns, gains, frictions, world, ends):
 
 
 @kernel
-def far(state, goal):
+def largest_error(state, goal):
     """Return the largest distance of a particle from its goal."""
     most = 0.0
     for p in range(2):
@@ -160,7 +160,7 @@ def mean_cost(ends, goal, scale, most):
     """
     total = 0.0
     for s in range(ends.shape[0]):
-        total += min((far(ends[s], goal) / scale) ** 2, most)
+        total += min((largest_error(ends[s], goal) / scale) ** 2, most)
     return total / ends.shape[0]
 
 
@@ -182,9 +182,9 @@ def refine(start, goal, moves, rounds, widest, finest, scale, most, scenarios, w
         trial[m, 0] += x
         trial[m, 1] += y
         if rng.random() < 0.5:  # another move takes the change back
-            other = min(int(rng.random() * moves.shape[0]), moves.shape[0] - 1)
-            trial[other, 0] -= x
-            trial[other, 1] -= y
+            another = min(int(rng.random() * moves.shape[0]), moves.shape[0] - 1)
+            trial[another, 0] -= x
+            trial[another, 1] -= y
         play_scenarios(start, trial, turns, gains, frictions, world, ends)
         changed = mean_cost(ends, goal, scale, most)
         if changed < cost:
@@ -258,7 +258,7 @@ def send(state, x, y, pressing, world, moves, count):
 
 
 @kernel
-def free(state, x, y, pressing, world):
+def free_share(state, x, y, pressing, world):
     """Return the share of the input (x, y) that both particles make before a wall holds or brakes
     one of them.
     """
@@ -300,7 +300,7 @@ def to_goal(state, goal, pressing):
 
 
 @kernel
-def missing(state, goal, pressing):
+def missing_change(state, goal, pressing):
     """Return the change of the difference of the particles that is still missing, if the last
     input is a translation to the goals.
     """
@@ -334,7 +334,7 @@ def touch(state, held, pressing, world, rng, moves, count, normal):
     if along > pressing.friction * into or along > 2 * into:
         x, y = x + pressing.off * normal[0], y + pressing.off * normal[1]
         x, y = (re * x + im * y) / square, (re * y - im * x) / square
-        if free(state, x, y, pressing, world) < 1:
+        if free_share(state, x, y, pressing, world) < 1:
             return -1
         count = translate(state, x, y, pressing, world, moves, count)
         x, y = -(pressing.off + over) * normal[0], -(pressing.off + over) * normal[1]
@@ -374,7 +374,7 @@ def press(state, goal, held, normal, pressing, world, rng, moves, count):
         x = length * (-normal[0] + slope * normal[1])
         y = length * (-normal[1] - slope * normal[0])
     else:
-        x, y = missing(state, goal, pressing)
+        x, y = missing_change(state, goal, pressing)
         x, y = sign * x, sign * y
         if choice > 0.6:
             share = 1.3 * rng.random()
@@ -419,12 +419,12 @@ def manoeuvre(state, goal, pressing, world, rng, moves):
     """
     if rng.random() < 0.1:
         x, y = draw_move(rng, world.walls.size)
-        share = min(free(state, x, y, pressing, world), 0.9)
+        share = min(free_share(state, x, y, pressing, world), 0.9)
         return translate(state, share * x, share * y, pressing, world, moves, 0)
     held = 0 if rng.random() < 0.5 else 1
     normal, count = np.zeros(2), 0
-    there = nearest_wall(state[held], world, normal) <= HELD * world.walls.size
-    if not there or rng.random() < 0.7:
+    in_contact = nearest_wall(state[held], world, normal) <= HELD * world.walls.size
+    if not in_contact or rng.random() < 0.7:
         count = touch(state, held, pressing, world, rng, moves, 0, normal)
     if count < 0:
         return -1
@@ -476,7 +476,7 @@ def moves_left_of(state, values):
 
 
 @kernel
-def room(x, y, to_x, to_y, edges, circle):
+def free_length(x, y, to_x, to_y, edges, circle):
     """Return how far a particle can move from a point in a unit direction before it meets a wall."""
     if circle[2] > 0:
         away_x, away_y = x - circle[0], y - circle[1]
@@ -514,11 +514,11 @@ def best_press(x, y, goal, near, friction, places, normals, world, values, to):
             from_x, from_y = wall_x + sign * x, wall_y + sign * y
             if not is_inside(from_x, from_y, edges, circle):
                 continue
-            way_x, way_y = sign * (goal[0] - x), sign * (goal[1] - y)
-            into = -(way_x * normal_x + way_y * normal_y)
-            along = abs(way_x * normal_y - way_y * normal_x)
+            change_x, change_y = sign * (goal[0] - x), sign * (goal[1] - y)
+            into = -(change_x * normal_x + change_y * normal_y)
+            along = abs(change_x * normal_y - change_y * normal_x)
             if along <= friction * into + near and is_inside(
-                from_x + way_x, from_y + way_y, edges, circle
+                from_x + change_x, from_y + change_y, edges, circle
             ):
                 to[0], to[1] = goal[0], goal[1]
                 return CYCLE
@@ -527,7 +527,7 @@ def best_press(x, y, goal, near, friction, places, normals, world, values, to):
                 step_y = -normal_y - side * friction * normal_x
                 size = sqrt(1 + (side * friction) ** 2)
                 step_x, step_y = step_x / size, step_y / size
-                most = min(room(from_x, from_y, step_x, step_y, edges, circle), far)
+                most = min(free_length(from_x, from_y, step_x, step_y, edges, circle), far)
                 length = most
                 while length > 0.7 * cell:  # to the wall, and less far
                     to_x, to_y = x + sign * length * step_x, y + sign * length * step_y
@@ -589,8 +589,10 @@ def find_values(goal, near, friction, places, normals, world, values):
 
 
 @kernel
-def try_manoeuvres(start, goal, samples, tolerance, pressing, world, values, rng, made, counts):
-    """Write the moves of the most promising of many random manoeuvres to ``made`` (float64, shape
+def try_manoeuvres(
+    start, goal, samples, tolerance, pressing, world, values, rng, manoeuvres, counts
+):
+    """Write the moves of the most promising of many random manoeuvres to ``manoeuvres`` (float64, shape
     (manoeuvres, STEPS, 2)), and their numbers to ``counts``, which are 0 after the last one.
     """
     moves, state = np.zeros((STEPS, 2)), np.zeros((2, 2))
@@ -613,7 +615,7 @@ def try_manoeuvres(start, goal, samples, tolerance, pressing, world, values, rng
         cost = AHEAD * count + max(cost, moves_left_of(state, values))
         if cost < min(costs[worst], MOST_LEFT):
             costs[worst], counts[worst] = cost, count
-            copy(moves, made[worst])
+            copy(moves, manoeuvres[worst])
             worst = int(np.argmax(costs))
 
 
@@ -638,7 +640,7 @@ def finish(state, goal, tolerance, pressing, world, moves, count):
     """
     x, y = to_goal(state, goal, pressing)
     count = translate(state, x, y, pressing, world, moves, count)
-    return count if count >= 0 and far(state, goal) <= tolerance else -1
+    return count if count >= 0 and largest_error(state, goal) <= tolerance else -1
 
 
 @kernel
@@ -662,14 +664,14 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, values, r
         count = manoeuvre(state, goal, pressing, world, rng, moves)
         if count <= 0 or nodes.depths[node] + count > most:
             continue
-        x, y = missing(state, goal, pressing)
+        x, y = missing_change(state, goal, pressing)
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
         key = away / size + 0.03 * depth + LEFT * moves_left_of(state, values)
         if key >= nodes.keys[node] and rng.random() > pressing.worse and away > WIDE * tolerance:
             continue
         copy(state, states[total])
-        copy(moves, nodes.made[total])
+        copy(moves, nodes.moves[total])
         nodes.parents[total], nodes.counts[total], nodes.tries[total] = node, count, 0
         nodes.depths[total], nodes.keys[total] = depth, key
         total += 1

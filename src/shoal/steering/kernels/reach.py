@@ -51,12 +51,12 @@ def star_radii(rays, samples, depths, radii, pieces):
         radii[i], pieces[i] = 0.0, -1
         for toucher in range(2):
             sign = 1.0 if toucher == 0 else -1.0
-            radius, piece = widest(
+            radius, index = widest(
                 sign * rays[i, 0], sign * rays[i, 1], samples, depths[toucher], radii[i]
             )
-            if piece >= 0:
+            if index >= 0:
                 radii[i] = radius
-                pieces[i] = piece + 2 * toucher * depths.shape[1]
+                pieces[i] = index + 2 * toucher * depths.shape[1]
 
 
 @in_place_kernel
@@ -77,10 +77,10 @@ def widest(across, up, samples, depths, least):
     end = wall - 1 if wall > 0 else sides - 1
     rate = -(across * normals[end, 0] + up * normals[end, 1])
     beside = across * corners[end, 1] - up * corners[end, 0]
-    best, piece = least, -1
+    best, index = least, -1
     slope = across * normals[wall, 0] + up * normals[wall, 1]
     while slope >= -FLAT:
-        before = peak = 0.0
+        previous = peak = 0.0
         for k in range(firsts[wall], firsts[wall + 1]):
             point = samples.contacts[k]
             place = across * point[1] - up * point[0]
@@ -94,21 +94,21 @@ def widest(across, up, samples, depths, least):
                     peak = max(peak, clear / slope)
                 end, rate = following, further
                 beside = across * corners[end, 1] - up * corners[end, 0]
-            here = max((dot(normals[end], point) - samples.offsets[end]) / rate, 0.0)
+            distance = max((dot(normals[end], point) - samples.offsets[end]) / rate, 0.0)
             if depths[k] >= 0:
-                radius = min(here, depths[k] / slope) if slope > FLAT else here
+                radius = min(distance, depths[k] / slope) if slope > FLAT else distance
                 if radius > best:
-                    best, piece = radius, 2 * k
+                    best, index = radius, 2 * k
                 if k > firsts[wall] and depths[k - 1] >= 0:
-                    radius = max(here, before, peak)
+                    radius = max(distance, previous, peak)
                     if slope > FLAT:
                         radius = min(radius, min(depths[k - 1], depths[k]) / slope)
                     if radius > best:
-                        best, piece = radius, 2 * k - 1
-            before, peak = here, 0.0
+                        best, index = radius, 2 * k - 1
+            previous, peak = distance, 0.0
         wall = wall + 1 if wall + 1 < sides else 0
         slope = across * normals[wall, 0] + up * normals[wall, 1]
-    return best, piece
+    return best, index
 
 
 @in_place_kernel
@@ -135,16 +135,18 @@ def piece_radii(rays, pieces, lasts, samples, depths, radii):
             continue
         far = 0.0
         for k in range(first, last + 1):
-            here = inf
-            for other in range(sides):
-                rate = -(across * samples.normals[other, 0] + up * samples.normals[other, 1])
+            distance = inf
+            for other_wall in range(sides):
+                rate = -(
+                    across * samples.normals[other_wall, 0] + up * samples.normals[other_wall, 1]
+                )
                 if rate > FLAT:
-                    clear = dot(samples.normals[other], samples.contacts[k])
-                    here = min(here, max((clear - samples.offsets[other]) / rate, 0.0))
-            far = max(far, here)
+                    clear = dot(samples.normals[other_wall], samples.contacts[k])
+                    distance = min(distance, max((clear - samples.offsets[other_wall]) / rate, 0.0))
+            far = max(far, distance)
         if slope > FLAT:
-            one, other = samples.contacts[first], samples.contacts[last]
-            ends = across * one[1] - up * one[0], across * other[1] - up * other[0]
+            begin, end = samples.contacts[first], samples.contacts[last]
+            ends = across * begin[1] - up * begin[0], across * end[1] - up * end[0]
             for k in range(sides):
                 place = across * samples.corners[k, 1] - up * samples.corners[k, 0]
                 if ends[1] < place < ends[0]:
@@ -171,12 +173,12 @@ def star_depths(rays, radii, samples, depths):
         nx, ny = normals[wall, 0], normals[wall, 1]
         for k in range(samples.firsts[wall], samples.firsts[wall + 1]):
             cx, cy = samples.contacts[k, 0], samples.contacts[k, 1]
-            corner, left = wall + 1, sides - 1
+            corner, corners_left = wall + 1, sides - 1
             # A contact in a corner of the polygon does not see this corner.
             if k == samples.firsts[wall]:
-                left -= 1
+                corners_left -= 1
             elif k == samples.firsts[wall + 1] - 1:
-                corner, left = corner + 1, left - 1
+                corner, corners_left = corner + 1, corners_left - 1
             bx, by = corners[corner % sides, 0] - cx, corners[corner % sides, 1] - cy
             ray = starting_ray(atan2(by, bx) - SAME, rays)
             ex, ey = radii[ray] * rays[ray, 0], radii[ray] * rays[ray, 1]
@@ -188,7 +190,7 @@ def star_depths(rays, radii, samples, depths):
             ax, ay = bx, by
             corner += 1
             bx, by = corners[corner % sides, 0] - cx, corners[corner % sides, 1] - cy
-            while left > 0:
+            while corners_left > 0:
                 ux, uy = rays[ray, 0], rays[ray, 1]
                 # whether the star's corner comes before the polygon's corner
                 first = cross(ux, uy, bx, by) >= -SAME * sqrt(bx * bx + by * by)
@@ -206,8 +208,8 @@ def star_depths(rays, radii, samples, depths):
                     turn = cross(sx, sy, tx, ty)
                     if turn != 0:
                         along = cross(ax - ex, ay - ey, tx, ty) / turn
-                        other = cross(ax - ex, ay - ey, sx, sy) / turn
-                        if 0 <= along <= 1 and 0 <= other <= 1:
+                        across = cross(ax - ex, ay - ey, sx, sy) / turn
+                        if 0 <= along <= 1 and 0 <= across <= 1:
                             best = max(best, nx * (ex + along * sx) + ny * (ey + along * sy))
                 if first:
                     ex, ey = fx, fy
@@ -215,7 +217,7 @@ def star_depths(rays, radii, samples, depths):
                     fx, fy = radii[ray] * rays[ray, 0], radii[ray] * rays[ray, 1]
                 else:
                     ax, ay = bx, by
-                    corner, left = corner + 1, left - 1
+                    corner, corners_left = corner + 1, corners_left - 1
                     bx, by = corners[corner % sides, 0] - cx, corners[corner % sides, 1] - cy
             depths[k] = best
 

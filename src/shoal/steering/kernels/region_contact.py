@@ -75,15 +75,15 @@ def is_excused(x, y, move, length, edge, end, edges, touch):
     two edges may be thinner than ``touch``, and only the edge on the particle's side can hold the
     particle.
     """
-    other = edges.links[edge, end]
-    if not edges.reflex[edge if end == 0 else other]:
+    neighbour = edges.links[edge, end]
+    if not edges.reflex[edge if end == 0 else neighbour]:
         return False
     corner_x, corner_y = edges.ends[edge, 2 * end], edges.ends[edge, 2 * end + 1]
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
-        return not pushes(move, other, edges, length)
-    if not is_on(x, y, other, edges, touch):
+        return not pushes(move, neighbour, edges, length)
+    if not is_on(x, y, neighbour, edges, touch):
         return False
-    return signed_distance(x, y, other, edges) > signed_distance(x, y, edge, edges)
+    return signed_distance(x, y, neighbour, edges) > signed_distance(x, y, edge, edges)
 
 
 @in_place_kernel
@@ -180,13 +180,13 @@ def slide_at(point, move, edges):
             normal_x, normal_y = edges.normals[edge, 0], edges.normals[edge, 1]
             into = -(normal_x * move[0] + normal_y * move[1])
             along = normal_y * move[0] - normal_x * move[1]
-            left = abs(along) - edges.friction * max(into, 0.0)
+            speed = abs(along) - edges.friction * max(into, 0.0)
             place = place_along(x, y, edge, edges)
-            room = edges.lengths[edge] - place if along > 0 else place
-            if left <= least or room <= touch:
+            length_ahead = edges.lengths[edge] - place if along > 0 else place
+            if speed <= least or length_ahead <= touch:
                 continue
-            left = left if along > 0 else -left
-            velocity = (left * normal_y, -left * normal_x)
+            speed = speed if along > 0 else -speed
+            velocity = (speed * normal_y, -speed * normal_x)
             if not is_blocked_along(x, y, velocity, edge, edges, touch):
                 return edge, velocity
     return -2, (0.0, 0.0)
@@ -217,26 +217,26 @@ def advance_with_friction(point, move, edges):
     which an edge first held or braked the particle, or 1.
     """
     ends, normals = edges.ends, edges.normals
-    left, free_until = 1.0, -1.0
+    remaining, free_until = 1.0, -1.0
     for _event in range(EVENTS):
         edge, velocity = slide_at(point, move, edges)
         if edge != -1 and free_until < 0:
-            free_until = 1.0 - left
+            free_until = 1.0 - remaining
         if edge == -2:
             break
-        velocity = (left * velocity[0], left * velocity[1])
+        velocity = (remaining * velocity[0], remaining * velocity[1])
         share, met, along = first_edge(point, velocity, edges)
         if edge >= 0:  # a slide also stops at the end of its edge
             place = place_along(point[0], point[1], edge, edges)
             speed = normals[edge, 1] * velocity[0] - normals[edge, 0] * velocity[1]
-            room = edges.lengths[edge] - place if speed > 0 else place
-            if room < abs(speed) * share:
-                share, met = room / abs(speed), edge
+            length_ahead = edges.lengths[edge] - place if speed > 0 else place
+            if length_ahead < abs(speed) * share:
+                share, met = length_ahead / abs(speed), edge
                 along = edges.lengths[edge] if speed > 0 else 0.0
         if met >= 0:
             point[0] = ends[met, 0] + along * normals[met, 1]
             point[1] = ends[met, 1] - along * normals[met, 0]
-            left *= 1.0 - share
+            remaining *= 1.0 - share
             continue
         point[0] += velocity[0]
         point[1] += velocity[1]

@@ -34,7 +34,7 @@ class Tree(NamedTuple):
 
     states: NDArray[np.float64]  # (nodes, n, 2)
     parents: NDArray[np.int64]  # (nodes,)
-    made: NDArray[np.float64]  # (nodes, STEPS, 2): moves from the parent to the node
+    moves: NDArray[np.float64]  # (nodes, STEPS, 2): moves from the parent to the node
     counts: NDArray[np.int64]  # (nodes,): of these moves
     depths: NDArray[np.int64]  # (nodes,): moves from the root
     keys: NDArray[np.float64]  # (nodes,): estimates of the distance from the goals
@@ -103,17 +103,17 @@ def keeps_clear(state, moves, count, world):
     """
     if world.clear == 0 or world.walls.friction < np.inf:
         return True
-    other = np.empty(state.shape)
+    disturbed = np.empty(state.shape)
     for k in range(count):
-        copy(state, other)
-        step_wide(other, moves[k], world)
+        copy(state, disturbed)
+        step_wide(disturbed, moves[k], world)
         for p in range(state.shape[0]):
             x, y = state[p, 0], state[p, 1]
             step(state[p : p + 1], moves[k], world)
             if passes_corner(x, y, state[p, 0], state[p, 1], world):
                 return False
             if (
-                max(abs(state[p, 0] - other[p, 0]), abs(state[p, 1] - other[p, 1]))
+                max(abs(state[p, 0] - disturbed[p, 0]), abs(state[p, 1] - disturbed[p, 1]))
                 > EQUAL * world.walls.size
             ):
                 return False
@@ -198,7 +198,7 @@ def translate(state, x, y, world, moves, count, exact):
 
 
 @kernel
-def spread(state, goal):
+def common_translation(state, goal):
     """Return a translation (x, y) that brings all particles near their goals, and a bound for the
     remaining distances.
 
@@ -216,7 +216,7 @@ def spread(state, goal):
 
 
 @kernel
-def differing(state, goal, equal):
+def count_different_offsets(state, goal, equal):
     """Return the number of distinct x offsets plus the number of distinct y offsets, minus 2.
 
     An offset is the position of a particle minus the position of its goal. Offsets that differ by
@@ -396,9 +396,9 @@ def grow(tree, total, rounds, goal, tolerance, most, world, rng):
             or not is_changed(state, states[node], CHANGED * size)
         ):
             continue
-        _, _, away = spread(state, goal)
+        _, _, away = common_translation(state, goal)
         depth = depths[node] + count
-        key = differing(state, goal, equal) + away / size + 0.01 * depth
+        key = count_different_offsets(state, goal, equal) + away / size + 0.01 * depth
         hit = away <= tolerance
         if not hit and key >= keys[node] and rng.random() > WORSE:
             continue
@@ -406,7 +406,7 @@ def grow(tree, total, rounds, goal, tolerance, most, world, rng):
         if not keeps_clear(before, moves, count, world):
             continue
         copy(state, states[total])
-        copy(moves, tree.made[total])
+        copy(moves, tree.moves[total])
         tree.parents[total], tree.counts[total], tree.tries[total] = node, count, 0
         depths[total], keys[total] = depth, key
         total += 1

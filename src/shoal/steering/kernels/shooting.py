@@ -253,9 +253,9 @@ def least_shortage(shot, trial, state, direction):
     copy(shot.start, state)
     for m in range(trial.shape[0] - 2):
         advance_all(state, trial[m], shot.walls, direction)
-    one, _ = shortage(state, shot.goal, 0, shot.walls, direction)
-    other, _ = shortage(state, shot.goal, 1, shot.walls, direction)
-    return min(one, other)
+    shortage_of_first, _ = shortage(state, shot.goal, 0, shot.walls, direction)
+    shortage_of_second, _ = shortage(state, shot.goal, 1, shot.walls, direction)
+    return min(shortage_of_first, shortage_of_second)
 
 
 @kernel
@@ -274,9 +274,9 @@ def repair(shot, trial):
                 for side in (-1.0, 1.0):
                     before = trial[m, i]
                     trial[m, i] = before + side * step
-                    left = least_shortage(shot, trial, state, direction)
-                    if left < best - WORTH * step:
-                        best, better = left, True
+                    remaining = least_shortage(shot, trial, state, direction)
+                    if remaining < best - WORTH * step:
+                        best, better = remaining, True
                     else:
                         trial[m, i] = before
         if not better:
@@ -324,9 +324,9 @@ def search_guided(shot, trials, picks, enough, plan):
         for row in picks[number]:
             if not draw(shot, trials, row, lengths, state, trial, direction):
                 continue
-            left = least_shortage(shot, trial, state, direction)
-            if left < best:
-                best = left
+            missing = least_shortage(shot, trial, state, direction)
+            if missing < best:
+                best = missing
                 copy(trial, nearest)
         if best == np.inf or repair(shot, nearest) > -1.5 * shot.clear:
             continue

@@ -57,10 +57,12 @@ def make_planner(planner: str | Planner) -> Planner:
         If the object is not a planner.
     """
     named: Any = configured(PLANNERS, planner) if isinstance(planner, str) else planner
-    made = named() if isinstance(named, type) and callable(getattr(named, "plan", None)) else named
-    if isinstance(made, type) or not callable(getattr(made, "plan", None)):
+    instance = (
+        named() if isinstance(named, type) and callable(getattr(named, "plan", None)) else named
+    )
+    if isinstance(instance, type) or not callable(getattr(instance, "plan", None)):
         raise InvalidInputError(
             "planner: expected a name, or an object with a name and plan(task), got"
-            f" {shortened(made)}"
+            f" {shortened(instance)}"
         )
-    return cast("Planner", made)
+    return cast("Planner", instance)

@@ -75,8 +75,8 @@ class Annealing:
                 ]
             )
         nothing = _NOTHING * float(self.task.world.free_space.size)
-        made = [plan.steps.moves[: plan.count] for plan in best]
-        return [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *plans]
+        best_moves = [plan.steps.moves[: plan.count] for plan in best]
+        return [*(moves[np.hypot(*moves.T) > nothing] for moves in best_moves), *plans]
 
     def anneal(self, plan: Plan, *, changes: int, noise: kernels.Noise = QUIET) -> Plan:
         """Return the plan of the lowest cost that random changes make from ``plan``."""
@@ -136,11 +136,11 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
         after = task.world.step(state, move)
         shares = np.linalg.norm(after - state, axis=1) / float(np.linalg.norm(move))
         held = int(np.argmin(shares))
-        first, last = float(shares[held]), float(shares[1 - held])
-        if first > 1 - _EXACT:
+        held_share, free_share = float(shares[held]), float(shares[1 - held])
+        if held_share > 1 - _EXACT:
             parts.append((kernels.TRANSLATION, 0, after.mean(axis=0), np.zeros(2)))
         else:
-            if first > _EXACT:
+            if held_share > _EXACT:
                 parts.append(
                     (
                         kernels.CONTACT,
@@ -149,14 +149,14 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
                         _direction_at(task.world.free_space, after[held]),
                     )
                 )
-            if last - first > _EXACT:
+            if free_share - held_share > _EXACT:
                 parts.append((kernels.ADJUSTMENT, held, after[1] - after[0], np.zeros(2)))
         state = after
     if not parts or parts[-1][0] != kernels.TRANSLATION:
         parts.append((kernels.TRANSLATION, 0, task.goal.mean(axis=0), np.zeros(2)))
     steps = new_steps()
-    for k, part in enumerate(parts[:MOST_STEPS]):
-        steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = part
+    for k, fields in enumerate(parts[:MOST_STEPS]):
+        steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = fields
     return Plan(steps, len(parts))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.geometry import angles_of, unit_vectors
-from shoal.steering.contact.friction import turn_on_the_way
+from shoal.steering.contact.friction import largest_turn
 from shoal.steering.kernels.cycles import (
     CycleModel,
     fewest_cycles,
@@ -119,7 +119,7 @@ def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Itera
 
 def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield the shortest chain that starts from many guesses find, with contacts on a round wall."""
-    firsts = list(_guesses(query, cycles))
+    guesses = list(_guesses(query, cycles))
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
@@ -128,8 +128,8 @@ def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Itera
         touchers = np.array(kind, dtype=np.int64)
         if query.late or query.bounds_of(touchers[None], on[None])[0] >= bound:
             continue
-        for first in firsts:
-            guess = first.copy()
+        for initial in guesses:
+            guess = initial.copy()
             # Every effect of a contact of particle 1 can also be achieved by particle 2 on the
             # opposite side.
             guess[: cycles * (d - 1) : d - 1] += pi * query.walls.circle[2] * touchers
@@ -234,6 +234,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
     length ``size`` and angle 0.
     """
     inner = radius - margin
+    # the contacts from which the difference ends inside: law of cosines for radius, size and inner
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
     tilted = contact + cone * np.linspace(-1, 1, TILTS)
@@ -259,24 +260,24 @@ def turning_nodes(before: Points, after: Points, *, radius: float, friction: flo
     most = float(np.arctan(friction))
     begin = float(np.arctan2(before[1], before[0]))
     turn = (float(np.arctan2(after[1], after[0])) - begin + np.pi) % (2 * np.pi) - np.pi
-    if small >= large or not abs(turn) <= turn_on_the_way(large, small, radius, most) < np.inf:
+    if small >= large or not abs(turn) <= largest_turn(large, small, radius, most) < np.inf:
         return np.zeros((0, 2))
     low, cone = 0.0, most
     for _halving in range(60):
         middle = (low + cone) / 2
         low, cone = (
             (middle, cone)
-            if turn_on_the_way(large, small, radius, middle) < abs(turn)
+            if largest_turn(large, small, radius, middle) < abs(turn)
             else (low, middle)
         )
     angles = np.linspace(
         np.arccos(large / (2 * radius)), np.arccos(small / (2 * radius)), BETWEEN + 2
     )[1:-1]
     sizes: NDArray[np.float64] = 2 * radius * np.cos(angles)
-    whole = turn_on_the_way(large, small, radius, cone)
-    bends = begin + np.array(
-        [turn_on_the_way(large, float(size), radius, cone) for size in sizes]
-    ) * (turn / whole)
+    total_turn = largest_turn(large, small, radius, cone)
+    bends = begin + np.array([largest_turn(large, float(size), radius, cone) for size in sizes]) * (
+        turn / total_turn
+    )
     return np.asarray(sizes[:, None] * unit_vectors(bends))
 
 
@@ -354,13 +355,13 @@ def _extreme_nodes(
         )
     angles = _ray_angles(query)
     rays = unit_vectors(angles)
-    found = []
+    extremes = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
-        found.append(
+        extremes.append(
             nodes[1 : grow_extreme_nodes(delta, back, rays, 2.0, model, gain, records, nodes, 0)]
         )
-    return np.concatenate(found)
+    return np.concatenate(extremes)
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
@@ -517,10 +518,10 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
         if shorter >= length:  # with such a push, no cycle reaches the difference
             return None
         steps.append((shorter, angle))
-    first = steps[-1]
-    if first[0] > NEAR * 2 * radius:
+    earliest = steps[-1]
+    if earliest[0] > NEAR * 2 * radius:
         return None
-    bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
+    bottom = earliest[0] * np.array([np.cos(earliest[1]), np.sin(earliest[1])])
     approach = ChainQuery(
         query.walls,
         query.start,

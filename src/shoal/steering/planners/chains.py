@@ -94,15 +94,15 @@ def shortest_reflected_path(
     return ReflectedPath((radius * spot.real, radius * spot.imag), length)
 
 
-def _over_circle(one: Points, other: Points, radius: float) -> tuple[complex, float]:
+def _over_circle(start: Points, goal: Points, radius: float) -> tuple[complex, float]:
     """Return the contact of the shortest path over a circle, in units of the radius, and the length
     of the path.
 
     For points near the circle, several roots of the quartic lie close together, so the function
     also tries the points of the circle nearest to both points, and 48 evenly spaced points.
     """
-    s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
-    spots = np.concatenate([np.roots(reflection_quartic(one, other, radius)), [s, g], _AROUND])
+    s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
+    spots = np.concatenate([np.roots(reflection_quartic(start, goal, radius)), [s, g], _AROUND])
     spots = spots[spots != 0]
     spots = spots / np.abs(spots)
     lengths = np.abs(spots - s) + np.abs(spots - g)
@@ -110,12 +110,12 @@ def _over_circle(one: Points, other: Points, radius: float) -> tuple[complex, fl
     return complex(spots[best]), radius * float(lengths[best])
 
 
-def way_over_circle(one: Points, other: Points, radius: float) -> float:
+def length_over_circle(start: Points, goal: Points, radius: float) -> float:
     """Return the length of the shortest path from one point via a circle around the origin to the
     other point; a third coordinate lengthens the path.
     """
-    flat = _over_circle(one, other, radius)[1]
-    return float(np.hypot(flat, np.linalg.norm(one[2:] - other[2:])))
+    flat = _over_circle(start, goal, radius)[1]
+    return float(np.hypot(flat, np.linalg.norm(start[2:] - goal[2:])))
 
 
 def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
@@ -127,9 +127,10 @@ def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> N
     """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
+    # to the mirror image of the goal in the wall: (high + low)² = (high - low)² + 4 high low
     flat = np.sqrt(np.sum((start - goal) ** 2, axis=1)[:, None] + 4 * high * low)
     round_ = [
-        way_over_circle(s, g, walls.circle[2]) if walls.round else inf
+        length_over_circle(s, g, walls.circle[2]) if walls.round else inf
         for s, g in zip(start, goal, strict=True)
     ]
     return np.column_stack([flat, round_])
@@ -176,9 +177,9 @@ def bounds_of(
             np.linalg.norm(goal[p] - start[p]),
         )
         least[p] = np.maximum(direct, np.where(own, lengths[p][on], 0.0).max(axis=1))
-    both = np.maximum((least.sum(axis=0) + apart) / 2, least.max(axis=0))
+    two_touchers = np.maximum((least.sum(axis=0) + apart) / 2, least.max(axis=0))
     return np.asarray(
-        np.where(used.all(axis=0), both, np.where(used[0], least[0], least[1]) + apart)
+        np.where(used.all(axis=0), two_touchers, np.where(used[0], least[0], least[1]) + apart)
     )
 
 
@@ -204,7 +205,7 @@ def kinds_of(
     """
     options = np.arange(2 * len(walls.normals))
     firsts, lasts = (
-        _fitting(delta, walls, least)
+        _feasible_pairs(delta, walls, least)
         for delta, least in ((start[1] - start[0], push), (goal[1] - goal[0], -1e-12))
     )
     choices = (
@@ -223,7 +224,7 @@ def kinds_of(
     return touchers[order], on[order], bounds[order]
 
 
-def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
+def _feasible_pairs(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
     """Return the pairs of a wall and a touching particle that may be feasible, each as the number 2
     · wall + particle.
 
@@ -480,16 +481,16 @@ def reduce_sides(query: ChainQuery) -> ChainQuery:
     If the polygon has at most `MANY` sides, or if the chosen sides enclose no area, the function
     returns ``query`` unchanged.
     """
-    found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
-    return query if found is None else replace(query, walls=found)
+    walls = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
+    return query if walls is None else replace(query, walls=walls)
 
 
 def round_query(query: ChainQuery) -> ChainQuery | None:
     """Return a copy of the query in a disk around the polygon, or None if the polygon has at most
     `MANY` sides or is not nearly round.
     """
-    found = with_round_wall(query.walls) if query.walls.sides > MANY else None
-    return None if found is None else replace(query, walls=found)
+    walls = with_round_wall(query.walls) if query.walls.sides > MANY else None
+    return None if walls is None else replace(query, walls=walls)
 
 
 def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
@@ -569,12 +570,16 @@ def slide_contacts(query: ChainQuery, chain: Chain) -> Chain:
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None
-        for other in _neighbours(query, chain, step):
+        for neighbour in _neighbours(query, chain, step):
             length = query.optimize(
-                other.unknowns, other.touchers, other.walls, rounds=REFINING[:3], bound=chain.length
+                neighbour.unknowns,
+                neighbour.touchers,
+                neighbour.walls,
+                rounds=REFINING[:3],
+                bound=chain.length,
             )
             if length < chain.length * (1 - _WORTH):
-                shorter = replace(other, length=length)
+                shorter = replace(neighbour, length=length)
                 break
         chain, step = (chain, step // 2) if shorter is None else (shorter, step)
     return chain

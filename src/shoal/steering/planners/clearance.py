@@ -112,8 +112,8 @@ def with_last_push(task: SteeringTask, planner: Planner) -> Points | None:
             if moves is None:
                 continue
             end = task.world.final(task.start, moves)
-            whole = np.vstack([moves, task.aim[1 - held] - end[1 - held]])
-            if not misses(task, whole) and task.is_sure(whole):
-                plans.append(whole)
+            plan = np.vstack([moves, task.aim[1 - held] - end[1 - held]])
+            if not misses(task, plan) and task.is_sure(plan):
+                plans.append(plan)
                 break
     return choose(task, plans)

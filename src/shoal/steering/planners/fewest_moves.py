@@ -58,9 +58,9 @@ class FewestMoves:
         for count in (2, 3, 4, 5, 6):
             if task.late or (count >= most and not (count == most == 3)):
                 break
-            found = shooting_plan(task, count)
-            plans.append(found)
-            if found is not None and task.is_sure(found):
+            plan_by_shooting = shooting_plan(task, count)
+            plans.append(plan_by_shooting)
+            if plan_by_shooting is not None and task.is_sure(plan_by_shooting):
                 shot = True
                 break
         if (
@@ -69,7 +69,7 @@ class FewestMoves:
             plans.append(Shortest().plan(task))
         few = choose(task, plans, by_moves=True)
         if not shot and few is not None:
-            plans.append(_finished(task, few))
+            plans.append(_replace_end(task, few))
         return choose(task, plans, by_moves=True)
 
     def _chains(self, task: SteeringTask) -> Points | None:
@@ -77,30 +77,34 @@ class FewestMoves:
         None if they find no chain.
         """
         best = None
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = shortest_chain(query, first_found=True)
             if chain is not None:
-                best = choose(task, [best, *plan_chain(task, first, chain, query)], by_moves=True)
+                best = choose(
+                    task, [best, *plan_chain(task, initial_moves, chain, query)], by_moves=True
+                )
         if best is None or misses(task, best) or not task.is_sure(best):
-            best = choose(task, [best, self._long(task), Shortest().plan(task)], by_moves=True)
+            best = choose(
+                task, [best, self._plan_on_dense_map(task), Shortest().plan(task)], by_moves=True
+            )
         return best
 
-    def _long(self, task: SteeringTask) -> Points | None:
+    def _plan_on_dense_map(self, task: SteeringTask) -> Points | None:
         """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this
         search finds no plan.
         """
         if task.world.free_space.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = roadmap_chain(query, maps=DENSE_MAP)
             moves = None if chain is None else task.moves_of(refine_chain(query, chain), query)
-            if moves is not None and not misses(task, np.array([*first, *moves])):
-                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
+            if moves is not None and not misses(task, np.array([*initial_moves, *moves])):
+                best = choose(task, [best, np.array([*initial_moves, *moves])], by_moves=True)
         return best
 
 
-def _finished(task: SteeringTask, plan: Points) -> Points | None:
+def _replace_end(task: SteeringTask, plan: Points) -> Points | None:
     """Return ``plan`` with its last moves replaced by three or four moves, or None if no
     replacement saves moves.
     """
@@ -111,11 +115,11 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
             begun = total - count
             if task.late:
                 return None
-            last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
-            if last is not None:
-                whole = np.concatenate([plan[:begun], last])
-                if task.reaches_goal(whole) and task.is_sure(whole):
-                    return whole
+            ending = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
+            if ending is not None:
+                finished = np.concatenate([plan[:begun], ending])
+                if task.reaches_goal(finished) and task.is_sure(finished):
+                    return finished
     return None
 
 

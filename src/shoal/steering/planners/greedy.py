@@ -54,21 +54,29 @@ class Greedy:
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
         plans: list[Points] = []
-        for first, query in task.departures():
+        for initial_moves, query in task.departures():
             chain = greedy_chain(
                 query,
                 tolerance=task.tolerance / query.walls.scale / 4,
                 cycles=(task.max_moves - 1) // 2,
             )
-            whole = None if chain is None else choose(task, plan_chain(task, first, chain, query))
-            slipped = whole is not None and query.friction < inf and misses(task, whole)
-            if whole is None or slipped or (len(whole) > _LONG and not query.walls.round):
-                chain = any_chain(query, roadmap=slipped)
-                few = None if chain is None else choose(task, plan_chain(task, first, chain, query))
-                whole = whole if few is None else few
-            if whole is not None:
-                plans.append(whole)
-                if not misses(task, whole) and task.is_sure(whole):
+            moves = (
+                None
+                if chain is None
+                else choose(task, plan_chain(task, initial_moves, chain, query))
+            )
+            slipped = moves is not None and query.friction < inf and misses(task, moves)
+            if moves is None or slipped or (len(moves) > _LONG and not query.walls.round):
+                chain = exact_chain(query, roadmap=slipped)
+                few = (
+                    None
+                    if chain is None
+                    else choose(task, plan_chain(task, initial_moves, chain, query))
+                )
+                moves = moves if few is None else few
+            if moves is not None:
+                plans.append(moves)
+                if not misses(task, moves) and task.is_sure(moves):
                     break
         return choose(task, plans)
 
@@ -88,61 +96,64 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
     contacts: list[float] = []
     deltas: list[Points] = []
     state = query.start
-    lefts = [inf] * _PATIENCE
+    distances = [inf] * _PATIENCE
     alone = False  # no other chain was found
     while len(touchers) < max(cycles, 1):
         delta = state[1] - state[0]
-        left = float(np.linalg.norm(delta - query.after))
-        if left <= tolerance and touchers:
+        distance = float(np.linalg.norm(delta - query.after))
+        if distance <= tolerance and touchers:
             break
         step = _next_cycle(query, state)
-        lefts.append(left)
-        halted = step is None or not step[0].distance < left - 1e-12
+        distances.append(distance)
+        halted = step is None or not step[0].distance < distance - 1e-12
         if (
             step is None
             or halted
-            or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance))
+            or (not alone and _is_slow(distance, distances[-1 - _PATIENCE], tolerance))
         ):
             # Without progress from this difference, because no reachable difference is nearer,
             # another chain may still lead past it.
             roadmap = halted or query.friction < inf
-            other_chain = (
-                None if alone and query.friction < inf else any_chain(query, roadmap=roadmap)
+            alternative = (
+                None if alone and query.friction < inf else exact_chain(query, roadmap=roadmap)
             )
-            if other_chain is not None or step is None or halted:
-                return other_chain
+            if alternative is not None or step is None or halted:
+                return alternative
             alone = True
         cycle, along, contact = step
         touchers.append(cycle.toucher)
         walls.append(cycle.wall)
         contacts.append(along)
         deltas.append(cycle.after)
-        other = contact + (cycle.after if cycle.toucher == 0 else -cycle.after)
-        state = np.stack([contact, other] if cycle.toucher == 0 else [other, contact])
+        partner = contact + (cycle.after if cycle.toucher == 0 else -cycle.after)
+        state = np.stack([contact, partner] if cycle.toucher == 0 else [partner, contact])
     if (
         query.friction < inf
         and not alone
         and float(np.linalg.norm(state[1] - state[0] - query.after)) > tolerance
     ):
-        other_chain = any_chain(query)
-        if other_chain is not None:
-            return other_chain
+        alternative = exact_chain(query)
+        if alternative is not None:
+            return alternative
     unknowns = np.concatenate([np.array(contacts), *deltas[:-1]])
     return Chain(np.array(touchers), np.array(walls), unknowns, inf, last=deltas[-1])
 
 
-def _is_slow(left: float, before: float, tolerance: float) -> bool:
+def _is_slow(distance: float, before: float, tolerance: float) -> bool:
     """Return whether algorithm 1 needs more than 16 further cycles if each cycle reduces the error
     as the last four cycles did.
     """
     return (
         before < inf
-        and left > tolerance
-        and (left >= before or np.log(tolerance / left) * _PATIENCE < _SLOW * np.log(left / before))
+        and distance > tolerance
+        and (
+            distance >= before
+            or np.log(tolerance / distance) * _PATIENCE < _SLOW * np.log(distance / before)
+        )
     )
 
 
-def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
+def exact_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
     """Return a chain that ends exactly with the position difference of the goals, or None if the
     search finds no chain.
 

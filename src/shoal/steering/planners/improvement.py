@@ -71,7 +71,7 @@ class ChainPool:
     fine: bool = True  # whether changed chains that are nearly the shortest are refined
     width: int = WIDTH
     chains: list[Chain] = field(default_factory=list)
-    _known: set[tuple[object, ...]] = field(default_factory=set)
+    _tried: set[tuple[object, ...]] = field(default_factory=set)
     # keep a reference, so that the id is not used again
     _expanded: dict[int, Chain] = field(default_factory=dict)
 
@@ -134,9 +134,9 @@ class ChainPool:
             *candidate.walls,
             np.round(guess, 2).tobytes() if round_ else b"",
         )
-        if kind in self._known:
+        if kind in self._tried:
             return 0
-        self._known.add(kind)
+        self._tried.add(kind)
         touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
         enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
         length = query.optimize(
@@ -157,15 +157,15 @@ class ChainPool:
             parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
             if parent is None:
                 return
-            left = min(EACH, tries)
+            remaining = min(EACH, tries)
             for candidate, least in bound_candidates(
                 self.query, propose_changes(self.query, parent)
             ):
-                if left <= 0 or self.query.late:
+                if remaining <= 0 or self.query.late:
                     break
                 if least < self.chains[0].length:
-                    done = self.try_candidate(candidate)
-                    tries, left = tries - done, left - done
+                    count = self.try_candidate(candidate)
+                    tries, remaining = tries - count, remaining - count
             if tries > 0:
                 self._expanded[id(parent)] = parent
 
@@ -235,9 +235,15 @@ def propose_changes(query: ChainQuery, chain: Chain) -> list[_Candidate]:
             )
         )
     for place in (place for place, wall in enumerate(walls) if wall == circle):
-        other = _put(_cut(touchers, place), place, 1 - touchers[place])
+        swapped_touchers = _put(_cut(touchers, place), place, 1 - touchers[place])
         proposed.append(
-            _Candidate(0.0, other, walls, _put(_cut(along, place), place, opposite[place]), deltas)
+            _Candidate(
+                0.0,
+                swapped_touchers,
+                walls,
+                _put(_cut(along, place), place, opposite[place]),
+                deltas,
+            )
         )
     if all(wall == circle for wall in walls):
         nearest = _nearest_touchers(query, chain, np.array(deltas))
@@ -280,16 +286,16 @@ def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[i
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
-    here, total, choices = query.start[None], np.zeros(1), []
+    positions, total, choices = query.start[None], np.zeros(1), []
     for contact, delta in zip(contacts, deltas[1:], strict=True):
         spots = np.stack([np.concatenate([sign * contact[:2], contact[2:]]) for sign in signs])
-        lengths = total[:, None] + np.linalg.norm(here - spots, axis=2)  # before, toucher
+        lengths = total[:, None] + np.linalg.norm(positions - spots, axis=2)  # before, toucher
         choices.append(lengths.argmin(axis=0))
         total = lengths.min(axis=0)
-        here = np.stack(
+        positions = np.stack(
             [np.stack([spots[0], spots[0] + delta]), np.stack([spots[1] - delta, spots[1]])]
         )
-    total = total + np.linalg.norm(here[:, 0] - query.goal[0], axis=1)
+    total = total + np.linalg.norm(positions[:, 0] - query.goal[0], axis=1)
     touchers = [int(total.argmin())]
     for choice in choices[:0:-1]:
         touchers.append(int(choice[touchers[-1]]))
@@ -322,27 +328,27 @@ def _new_contacts(
     """
     walls = query.walls
     flat = len(walls.normals)
-    ways = walls.normals @ point - walls.offsets
+    distances = walls.normals @ point - walls.offsets
     places = np.arange(flat)
     if (
         walls.sides > MANY
     ):  # walls nearest to the point, and walls of the previous and next contacts
         beside = chain.walls[[max(place - 1, 0), min(place, chain.cycles - 1)]]
-        places = np.unique([*np.argsort(ways)[:6], *beside, *range(walls.sides, flat)])
+        places = np.unique([*np.argsort(distances)[:6], *beside, *range(walls.sides, flat)])
     for wall in places.tolist():
         middle, reach = walls.frames[wall, 0], walls.reaches[wall]
         yield (
             wall,
             np.clip(walls.frames[wall, 1:] @ (point - middle), -reach, reach),
             0.0,
-            ways[wall],
+            distances[wall],
         )
     if not walls.round:
         return
-    for other in {max(place - 1, 0), min(place, chain.cycles - 1)}:
-        if chain.walls[other] == flat:
-            contact = along[other].copy()
-            contact[0] += 0.0 if chain.touchers[other] == toucher else pi * walls.circle[2]
+    for neighbour in {max(place - 1, 0), min(place, chain.cycles - 1)}:
+        if chain.walls[neighbour] == flat:
+            contact = along[neighbour].copy()
+            contact[0] += 0.0 if chain.touchers[neighbour] == toucher else pi * walls.circle[2]
             yield flat, contact, 0.5, 0.0
     contact = np.concatenate([[walls.circle[2] * np.arctan2(point[1], point[0])], point[2:]])
     yield flat, contact, 0.0, walls.circle[2] - float(np.hypot(point[0], point[1]))

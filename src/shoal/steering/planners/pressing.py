@@ -77,24 +77,24 @@ class PressingSearch:
         tolerance: float,
         moves: int,
         rounds: int,
-        wanted: int,
+        most: int,
         shorter: bool = False,
     ) -> list[Points]:
-        """Return at most ``wanted`` plans (float64, shape (moves, 2)) that end within the tolerance
+        """Return at most ``most`` plans (float64, shape (moves, 2)) that end within the tolerance
         if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
-        nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
+        nodes, total, ending = self._nodes, 1, np.zeros((kernels.STEPS, 2))
         nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         direct = self.translation(start, goal, tolerance)
-        found = [] if direct is None or len(direct) > moves else [direct]
-        if found and shorter:
-            return found
+        plans = [] if direct is None or len(direct) > moves else [direct]
+        if plans and shorter:
+            return plans
         values = self.values(goal)
-        x, y = kernels.missing(nodes.states[0], goal, self.pressing)
+        x, y = kernels.missing_change(nodes.states[0], goal, self.pressing)
         nodes.keys[0] = hypot(x, y) / self.world.walls.size
         nodes.keys[0] += kernels.LEFT * kernels.moves_left_of(nodes.states[0], values)
-        while rounds > 0 and len(found) < wanted and total < NODES:
+        while rounds > 0 and len(plans) < most and total < NODES:
             total, rounds, count = kernels.grow(
                 nodes,
                 total,
@@ -106,16 +106,16 @@ class PressingSearch:
                 self.world,
                 values,
                 self.rng,
-                last,
+                ending,
             )
             if count >= 0:
-                found.append(np.concatenate([self._path(total - 1), last[:count]]))
-                moves = min(moves, len(found[-1])) if shorter else moves
-        return found
+                plans.append(np.concatenate([self._path(total - 1), ending[:count]]))
+                moves = min(moves, len(plans[-1])) if shorter else moves
+        return plans
 
     def translation(self, start: Points, goal: Points, tolerance: float) -> Points | None:
         """Return the moves that lead to the goals without a press, or None if they end farther."""
-        x, y = kernels.missing(start, goal, self.pressing)
+        x, y = kernels.missing_change(start, goal, self.pressing)
         if hypot(x, y) > kernels.WIDE * tolerance:
             return None
         state = np.array(start, dtype=np.float64, order="C")
@@ -158,7 +158,7 @@ class PressingSearch:
         scenarios of errors, and the number of all moves; infinite if there is none. What is left of
         the manoeuvre that has ``begun`` is preferred, unless another saves a move.
         """
-        made = np.zeros((TRIED, kernels.STEPS, 2))
+        manoeuvres = np.zeros((TRIED, kernels.STEPS, 2))
         counts, values = np.zeros(TRIED, dtype=np.int64), self.values(goal)
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         kernels.try_manoeuvres(
@@ -170,12 +170,14 @@ class PressingSearch:
             self.world,
             values,
             self.rng,
-            made,
+            manoeuvres,
             counts,
         )
-        best, least = made[0, :0], inf
-        others = [moves[:count] for moves, count in zip(made, counts, strict=True) if count]
-        for moves in [*others, begun]:
+        best, least = manoeuvres[0, :0], inf
+        candidates = [
+            moves[:count] for moves, count in zip(manoeuvres, counts, strict=True) if count
+        ]
+        for moves in [*candidates, begun]:
             if moves is None or not len(moves):
                 continue
             ends = self.ends(start, moves, scenarios)
@@ -188,7 +190,7 @@ class PressingSearch:
         """Return the moves from the start to a node of the tree."""
         nodes, parts = self._nodes, [np.zeros((0, 2))]
         while node:
-            parts.append(nodes.made[node, : nodes.counts[node]].copy())
+            parts.append(nodes.moves[node, : nodes.counts[node]].copy())
             node = int(nodes.parents[node])
         return np.concatenate(parts[::-1])
 
@@ -256,7 +258,7 @@ class Conformant:
                         tolerance=near,
                         moves=task.max_moves,
                         rounds=ROUNDS,
-                        wanted=WANTED,
+                        most=WANTED,
                     )
                     if plans or task.late:
                         break
@@ -398,7 +400,9 @@ def unreachable_share(task: SteeringTask, *, draws: int = 200, seed: int = 0) ->
             point = rng.uniform(low, high)
             if space.contains(point):
                 goal.append(point)
-        count += why_unreachable(lowest(replace(task, goal=np.array(goal)))) is not None
+        count += (
+            why_unreachable(with_least_friction(replace(task, goal=np.array(goal)))) is not None
+        )
     return count / draws
 
 
@@ -412,7 +416,7 @@ def _is_proved(task: SteeringTask, friction: float, near: float) -> bool:
     return why_unreachable(replace(task, world=world, tolerance=near)) is not None
 
 
-def lowest(task: SteeringTask) -> SteeringTask:
+def with_least_friction(task: SteeringTask) -> SteeringTask:
     """Return a task in the world with the least friction for which its plan must hold."""
     if task.bounds is None:
         return task

@@ -136,7 +136,7 @@ class _Shift(NamedTuple):
     members: frozenset[int]
     amount: float
 
-    def applied(self, coordinates: Points) -> Points:
+    def apply(self, coordinates: Points) -> Points:
         """Return the coordinates after the shift."""
         after = coordinates.copy()
         after[sorted(self.members), self.axis] += self.amount
@@ -147,22 +147,20 @@ def _pairs_of_walls(workspace: ConvexWorkspace) -> list[_Walls]:
     vertices, normals = np.asarray(workspace.vertices), workspace.normals
     along = np.roll(vertices, -1, axis=0) - vertices
     pairs = []
-    for one, other in combinations(range(len(vertices)), 2):
-        if abs(normals[one] @ along[other]) < 0.05 * np.hypot(*along[other]):
+    for i, j in combinations(range(len(vertices)), 2):
+        if abs(normals[i] @ along[j]) < 0.05 * np.hypot(*along[j]):
             continue  # parallel, or nearly so
         axes = np.array(
             [
-                along[one] * np.sign(normals[other] @ along[one]),
-                along[other] * np.sign(normals[one] @ along[other]),
+                along[i] * np.sign(normals[j] @ along[i]),
+                along[j] * np.sign(normals[i] @ along[j]),
             ]
         )
-        lines = normals[[one, other]]
-        origin = np.asarray(
-            np.linalg.solve(lines, workspace.offsets[[one, other]]), dtype=np.float64
-        )
+        lines = normals[[i, j]]
+        origin = np.asarray(np.linalg.solve(lines, workspace.offsets[[i, j]]), dtype=np.float64)
         slack = normals @ origin - workspace.offsets
-        slack[[one, other]] = 0.0
-        pairs.append(_Walls((one, other), origin, axes, normals, slack))
+        slack[[i, j]] = 0.0
+        pairs.append(_Walls((i, j), origin, axes, normals, slack))
     return pairs
 
 
@@ -215,8 +213,8 @@ def _draw_together(
     shifts: list[_Shift] = []
     state, stalled, rng = points, 0, np.random.default_rng(0)
     for _ in range(_DRAWN):
-        room = np.array([walls.room(walls.coordinates(state)) for walls in pairs])
-        if room.any():
+        rooms = np.array([walls.room(walls.coordinates(state)) for walls in pairs])
+        if rooms.any():
             break
         choices = [
             choice for at in at_wall.values() if (choice := _drawing_shift(*at, state)) is not None
@@ -236,7 +234,7 @@ def _draw_together(
             after, stalled = _after(shift, state), stalled - 1
         shifts.append(shift)
         state = after
-    return shifts, state, room
+    return shifts, state, rooms
 
 
 def _drawing_shift(
@@ -250,18 +248,18 @@ def _drawing_shift(
     touching = across - across.min() <= 1e-12
     if touching.all():
         return None
-    low, high = _parts(walls, axis, along, across, touching)
+    low, high = _shift_range(walls, axis, along, across, touching)
     if low > high:
         return None
-    wanted = float(along[~touching].mean() - along[touching].mean())
+    amount = float(along[~touching].mean() - along[touching].mean())
     members = frozenset(np.flatnonzero(touching).tolist())
-    return _Shift(walls, axis, members, float(np.clip(wanted, low, high))), (low, high)
+    return _Shift(walls, axis, members, float(np.clip(amount, low, high))), (low, high)
 
 
 def _after(shift: _Shift, points: Points) -> Points:
     """Return positions after a shift, up to a translation."""
     walls = shift.walls
-    after: Points = walls.origin + shift.applied(walls.coordinates(points)) @ walls.axes
+    after: Points = walls.origin + shift.apply(walls.coordinates(points)) @ walls.axes
     return after
 
 
@@ -271,7 +269,7 @@ def _sine(axes: Points) -> float:
     )
 
 
-def _parts(
+def _shift_range(
     walls: _Walls, axis: int, along: Points, across: Points, touching: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """Return the least and the largest shift along a wall by one contact."""
@@ -290,7 +288,7 @@ def _peel(
     coordinates: Points, walls: _Walls, step: float, ranks: Sequence[int] | None
 ) -> tuple[list[_Shift], Points, list[int]]:
     """Return the shifts that peel a configuration, the configuration after them, and the particles
-    in the order in which they are taken.
+    in the order in which they are peeled.
 
     With ``ranks``, the heights at the end are in their order; by default, in the order of taking.
     """
@@ -298,25 +296,25 @@ def _peel(
     shifts: list[_Shift] = []
     order: list[int] = []
     base = float(state[:, 1].max()) + step
-    left = set(range(len(state)))
-    while left:
-        lowest = min(state[k, 1] for k in left)
-        level = frozenset(k for k in left if state[k, 1] - lowest <= 1e-12)
-        taken = min(level, key=lambda k: state[k, 0])
-        most_left = float(state[:, 0].min()) - step
-        first = _Shift(walls, 0, level, most_left - float(state[taken, 0]))
-        state = first.applied(state)
-        rank = len(order) if ranks is None else ranks[taken]
-        height = base + step * rank - float(state[taken, 1])
-        second = _Shift(walls, 1, frozenset([taken]), height)
-        state = second.applied(state)
-        shifts += [first, second]
-        order.append(taken)
-        left.remove(taken)
+    remaining = set(range(len(state)))
+    while remaining:
+        lowest = min(state[k, 1] for k in remaining)
+        level = frozenset(k for k in remaining if state[k, 1] - lowest <= 1e-12)
+        particle = min(level, key=lambda k: state[k, 0])
+        leftmost = float(state[:, 0].min()) - step
+        shift_left = _Shift(walls, 0, level, leftmost - float(state[particle, 0]))
+        state = shift_left.apply(state)
+        rank = len(order) if ranks is None else ranks[particle]
+        height = base + step * rank - float(state[particle, 1])
+        shift_up = _Shift(walls, 1, frozenset([particle]), height)
+        state = shift_up.apply(state)
+        shifts += [shift_left, shift_up]
+        order.append(particle)
+        remaining.remove(particle)
     return shifts, state, order
 
 
-def _merged(shifts: Sequence[_Shift]) -> list[_Shift]:
+def _merge(shifts: Sequence[_Shift]) -> list[_Shift]:
     """Return shifts without successive shifts of the same particles along the same wall."""
     merged: list[_Shift] = []
     for shift in shifts:
@@ -377,11 +375,19 @@ def rearrange(
                 f"{what}: expected pairwise different positions, got two particles at one place"
             )
         ends[what] = state
-    first, last = ends["start"], ends["goal"]
-    if first.shape != last.shape:
-        raise InvalidInputError(f"goal: expected {len(first)} positions, got {len(last)}")
-    moves = _moves(workspace, first, _shifts(workspace, first, last), last, push * workspace.size)
-    missed = float(np.abs(ContactWorld(workspace).final(first, moves) - last).max())
+    start_state, goal_state = ends["start"], ends["goal"]
+    if start_state.shape != goal_state.shape:
+        raise InvalidInputError(
+            f"goal: expected {len(start_state)} positions, got {len(goal_state)}"
+        )
+    moves = _moves(
+        workspace,
+        start_state,
+        _shifts(workspace, start_state, goal_state),
+        goal_state,
+        push * workspace.size,
+    )
+    missed = float(np.abs(ContactWorld(workspace).final(start_state, moves) - goal_state).max())
     if missed > (1e-7 + push * len(moves)) * workspace.size:
         raise InvalidInputError(
             "start and goal: expected particles that touch a wall together, or apart by more than"
@@ -405,26 +411,30 @@ def _shifts(workspace: ConvexWorkspace, start: Points, goal: Points) -> list[_Sh
             )
     shifts, state, rooms = drawn["start"]
     apart, end, end_rooms = drawn["goal"]
-    both = np.minimum(rooms, end_rooms)
-    best = int((both if both.any() else end_rooms).argmax())
-    walls, room = pairs[best], float((both if both.any() else end_rooms)[best])
-    if not both.any():  # peel the start at its own walls until it has that room at the goal's
+    common_rooms = np.minimum(rooms, end_rooms)
+    best = int((common_rooms if common_rooms.any() else end_rooms).argmax())
+    walls, room = pairs[best], float((common_rooms if common_rooms.any() else end_rooms)[best])
+    if (
+        not common_rooms.any()
+    ):  # peel the start at its own walls until it has that room at the goal's
         own = pairs[int(rooms.argmax())]
         small = float(rooms.max()) / (20 * len(start))
         while True:
-            first, peeled, _ = _peel(own.coordinates(state), own, small, None)
+            own_peel, peeled, _ = _peel(own.coordinates(state), own, small, None)
             peeled = own.origin + peeled @ own.axes
             if walls.has_room(np.ptp(walls.coordinates(peeled), axis=0) + room):
                 break
             small /= 2
-        shifts, state = [*shifts, *first], peeled
+        shifts, state = [*shifts, *own_peel], peeled
     step = room / (20 * len(start))
-    undone, _, order = _peel(walls.coordinates(end), walls, step, None)
+    goal_peel, _, order = _peel(walls.coordinates(end), walls, step, None)
     ranks = np.argsort(order).tolist()
-    one, coordinates, _ = _peel(walls.coordinates(state), walls, step, ranks)
-    other, _, _ = _peel(coordinates, walls, step, ranks)
-    back = [shift._replace(amount=-shift.amount) for shift in reversed([*apart, *undone])]
-    return _merged([*shifts, *one, *other, *back])
+    first_peel, coordinates, _ = _peel(walls.coordinates(state), walls, step, ranks)
+    second_peel, _, _ = _peel(coordinates, walls, step, ranks)
+    reversed_shifts = [
+        shift._replace(amount=-shift.amount) for shift in reversed([*apart, *goal_peel])
+    ]
+    return _merge([*shifts, *first_peel, *second_peel, *reversed_shifts])
 
 
 def _moves(
@@ -440,13 +450,13 @@ def _moves(
 
     def go(move: Points) -> None:
         moves.append(move)
-        world.moved(state, np.ascontiguousarray(move))  # in place
+        world.advance(state, np.ascontiguousarray(move))  # in place
 
     pressed = -1
     for walls, axis, members, amount in shifts:
         touching = np.array([k in members for k in range(len(state))])
-        left = amount
-        while left and not touching.all():  # all together are not shifted relative to any
+        remaining = amount
+        while remaining and not touching.all():  # all together are not shifted relative to any
             if len(moves) > _MOST_MOVES:
                 raise InvalidInputError(
                     f"start and goal: expected a plan of at most {_MOST_MOVES} moves; the"
@@ -456,23 +466,26 @@ def _moves(
             along, across = coordinates[:, axis], coordinates[:, 1 - axis]
             # the others pass from one side of the held particles to the other only as far as
             # the walls let them: what is left of the shift follows after another contact
-            part = float(np.clip(left, *_parts(walls, axis, along, across, touching)))
-            left = 0.0 if part == left else left - part
-            places = np.concatenate([along, along[~touching] - part])
+            step = float(np.clip(remaining, *_shift_range(walls, axis, along, across, touching)))
+            remaining = 0.0 if step == remaining else remaining - step
+            places = np.concatenate([along, along[~touching] - step])
             depths = np.concatenate([across, across[~touching]]) - across.min()
-            to = np.empty(2)
-            to[axis], to[1 - axis] = np.mean(walls.places(axis, places, depths)), -across.min()
+            approach = np.empty(2)
+            approach[axis], approach[1 - axis] = (
+                np.mean(walls.places(axis, places, depths)),
+                -across.min(),
+            )
             if walls.numbers[axis] == pressed:  # off the wall, which would hold the particles
-                up = np.zeros(2)
-                up[1 - axis] = walls.lift(state, 1 - axis) / 2
-                go(up @ walls.axes)
-                to -= up
+                lift = np.zeros(2)
+                lift[1 - axis] = walls.lift(state, 1 - axis) / 2
+                go(lift @ walls.axes)
+                approach -= lift
             pressed = walls.numbers[axis]
             into = -push * walls.normals[pressed]
-            go(to @ walls.axes + into)
-            aside = np.zeros(2)
-            aside[axis] = -part
-            go(aside @ walls.axes + into)
+            go(approach @ walls.axes + into)
+            adjustment = np.zeros(2)
+            adjustment[axis] = -step
+            go(adjustment @ walls.axes + into)
     go((goal - state).mean(axis=0))
     return np.array(moves)
 
@@ -493,9 +506,9 @@ def is_reachable_without_friction(start: ArrayLike, goal: ArrayLike) -> bool:
     >>> is_reachable_without_friction([(0, 0), (2, 1)], [(0, 0), (3, 1)])
     False
     """
-    first = check_points(start, what="start", dimensions=2)
-    last = check_points(goal, what="goal", dimensions=2, count=len(first))
-    return all(_is_clipped(x, y) for x, y in zip(first.T, last.T, strict=True))
+    before = check_points(start, what="start", dimensions=2)
+    after = check_points(goal, what="goal", dimensions=2, count=len(before))
+    return all(_is_clipped(x, y) for x, y in zip(before.T, after.T, strict=True))
 
 
 def _is_clipped(before: Points, after: Points) -> bool:

@@ -18,7 +18,7 @@ from shoal.steering.planners.annealing import MOST_STEPS, Annealing, Plan, copy_
 from shoal.steering.planners.chain_search import shortest_chain
 from shoal.steering.planners.chains import Chain, ChainQuery
 from shoal.steering.planners.clearance import plan_with_clearance
-from shoal.steering.planners.greedy import any_chain
+from shoal.steering.planners.greedy import exact_chain
 from shoal.steering.planners.sampling import MORE_ROUNDS, Sampling, Translations, Tree, world_of
 from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.task import SteeringTask
@@ -61,8 +61,10 @@ class Cycles:
         maximum number of moves is reached.
         """
         while self.sent < self.task.max_moves and not self._arrived():
-            apart = float(np.linalg.norm(self._wanted(self.seen) - (self.seen[1] - self.seen[0])))
-            if apart <= self._good_enough():
+            apart = float(
+                np.linalg.norm(self._target_difference(self.seen) - (self.seen[1] - self.seen[0]))
+            )
+            if apart <= self._allowed_error():
                 self._translate(self._to_goal(self.seen))
                 continue
             if not self._cycle():
@@ -75,7 +77,7 @@ class Cycles:
         )
         return self.task.error(self.seen) <= near
 
-    def _good_enough(self) -> float:
+    def _allowed_error(self) -> float:
         """Return the largest error of the position difference with which a translation to the goals
         succeeds despite noise.
         """
@@ -98,7 +100,7 @@ class Cycles:
                 break
         if chain is None:
             query = self._chain_query(1e-6 * self.workspace.size)
-            chain = any_chain(query)
+            chain = exact_chain(query)
             if chain is None:
                 return False
         walls = query.walls
@@ -118,18 +120,18 @@ class Cycles:
         times ``margin``.
         """
         seen = self.seen
-        wanted = self._wanted(seen)
+        difference = self._target_difference(seen)
         middle = self.task.goal.mean(axis=0)
-        aim = np.stack([middle - wanted / 2, middle + wanted / 2])
+        aim = np.stack([middle - difference / 2, middle + difference / 2])
         query = self.task.chain_query(start=seen, aim=aim)
-        part = margin / query.walls.scale
+        scaled_margin = margin / query.walls.scale
         return ChainQuery(
             query.walls,
             query.start,
             query.goal,
             friction=query.friction * 0.9,
-            margin=part,
-            push=1.5 * part,
+            margin=scaled_margin,
+            push=1.5 * scaled_margin,
             rounds=CENTRAL,
         )
 
@@ -143,18 +145,18 @@ class Cycles:
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
                 return False
-            here = self.seen[toucher]
+            position = self.seen[toucher]
             inward = self._normal(contact)
-            approach = contact - here
-            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(approach))
-            apart = float(inward @ (self.seen[1 - toucher] - here))
+            approach = contact - position
+            unsure = 2 * self.field.deviation(position, contact) * float(np.linalg.norm(approach))
+            apart = float(inward @ (self.seen[1 - toucher] - position))
             if unsure > min(spread, 0.2 * apart) and attempt < 3:
                 approach = approach + inward * (unsure + spread)
-                self._translate(approach / self.field.mean(here, contact))
+                self._translate(approach / self.field.mean(position, contact))
                 continue
             # Limit the overshoot so that the other particle does not reach the wall.
             over = max(min(spread + unsure, 0.45 * apart), self.least)
-            self._translate(approach / self.field.mean(here, contact) - inward * over)
+            self._translate(approach / self.field.mean(position, contact) - inward * over)
             if (
                 self._distance(self.seen[toucher])
                 <= 3 * self.noise.measurement + 2e-9 * self.workspace.size
@@ -195,14 +197,14 @@ class Cycles:
                 return
             inward = self._normal(self._foot(self.seen[toucher]))
             if last:
-                target = self._wanted(self.seen)
+                target = self._target_difference(self.seen)
             # The toucher is on the wall, so its position is known better than observed.
-            here = self.seen.copy()
-            here[toucher] = self._foot(here[toucher])
-            change = sign * (target - (here[1] - here[0]))
-            move = change / self.field.mean(here[other], here[other] + change)
+            positions = self.seen.copy()
+            positions[toucher] = self._foot(positions[toucher])
+            change = sign * (target - (positions[1] - positions[0]))
+            move = change / self.field.mean(positions[other], positions[other] + change)
             length = float(np.linalg.norm(move))
-            unsure = 2 * self.field.deviation(here[other], here[other] + change) * length
+            unsure = 2 * self.field.deviation(positions[other], positions[other] + change) * length
             if unsure > 2 * spread and attempt < 2:
                 move = move * max(1 - (unsure + spread) / length, 0.3)
             push = -float(inward @ move)
@@ -216,25 +218,25 @@ class Cycles:
                 if push < -least:
                     return
                 move = move - inward * (least - push)
-            free = self._room_along(here[other], move) - spread
+            free = self._free_length(positions[other], move) - spread
             length = float(np.linalg.norm(move))
             if free < length:
                 if free < 0.2 * length:
                     return  # no progress: another contact will be better
                 move = move * (free / length)
             self._send(move)
-            left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
-            if left <= max(self._good_enough() / 2, spread if not last else 0.0):
+            error = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
+            if error <= max(self._allowed_error() / 2, spread if not last else 0.0):
                 return
 
-    def _room_along(self, point: Points, move: Points) -> float:
+    def _free_length(self, point: Points, move: Points) -> float:
         """Return how far a particle at ``point`` can move in the direction of ``move`` before it
         meets a wall.
         """
         share, _ = first_contact(point, np.ascontiguousarray(move), self.task.world.walls, -1)
         return float(share * np.linalg.norm(move))
 
-    def _wanted(self, seen: Points) -> Points:
+    def _target_difference(self, seen: Points) -> Points:
         """Return the position difference from which a translation, with the estimated gain, leads
         both particles to their goals.
         """
@@ -267,11 +269,11 @@ class Cycles:
         before = self.seen
         self.apparatus.send(move)
         self.seen = self._inside(self.apparatus.look())
-        for here, there in zip(before, self.seen, strict=True):
+        for start, end in zip(before, self.seen, strict=True):
             # A particle without wall contact gives information about the gain.
             clear = 4 * self.noise.measurement + 1e-6 * self.workspace.size
-            if self._distance(here) > clear and self._distance(there) > clear:
-                self.field.learn(here, there, move)
+            if self._distance(start) > clear and self._distance(end) > clear:
+                self.field.learn(start, end, move)
 
     def _distance(self, point: Points) -> float:
         return float(self.workspace.depth(point))
@@ -344,15 +346,15 @@ class GainBelief:
         """
         return max(float(self._features(point) @ self.estimate), 0.2)
 
-    def mean(self, here: Points, there: Points) -> float:
+    def mean(self, start: Points, end: Points) -> float:
         """Return the expected mean gain on the straight path between two points."""
-        return self.at((here + there) / 2)
+        return self.at((start + end) / 2)
 
-    def deviation(self, here: Points, there: Points) -> float:
+    def deviation(self, start: Points, end: Points) -> float:
         """Return the standard deviation of the estimated mean gain on the straight path between two
         points.
         """
-        features = self._features((here + there) / 2)
+        features = self._features((start + end) / 2)
         return float(np.sqrt(features @ self.spread @ features))
 
     def ahead(self, point: Points, move: Points) -> Points:
@@ -369,9 +371,9 @@ class GainBelief:
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)
 
-    def learn(self, here: Points, there: Points, move: Points) -> None:
+    def learn(self, start: Points, end: Points, move: Points) -> None:
         """Update the estimate after the input ``move`` has moved a particle without wall contact
-        from ``here`` to ``there``.
+        from ``start`` to ``end``.
 
         The observed gain is the distance travelled in the direction of the input, divided by the
         length of the input. The method uses the observed gain as the gain at the midpoint of the
@@ -380,9 +382,9 @@ class GainBelief:
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
             return
-        gain = float((there - here) @ move) / length**2
+        gain = float((end - start) @ move) / length**2
         variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
-        features = self._features((here + there) / 2)
+        features = self._features((start + end) / 2)
         along = self.spread @ features
         weight = along / (float(features @ along) + variance)
         self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
@@ -410,16 +412,16 @@ class PositionBelief:
         self, workspace: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
     ) -> None:
         self.workspace, self.world, self.noise, self.rng = workspace, world, noise, rng
-        self._settle(self._anew(seen))
+        self._set_states(self._draw_states(seen))
 
     def update(self, move: Points, seen: Points) -> None:
         """Update the particle filter after the move ``move``, with the positions ``seen`` that the
         camera then observed.
         """
-        states = self._followed(move, seen) if self.noise.measurement else None
-        self._settle(self._anew(seen) if states is None else states)
+        states = self._propagate(move, seen) if self.noise.measurement else None
+        self._set_states(self._draw_states(seen) if states is None else states)
 
-    def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
+    def _propagate(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
         """Return possible states after a move, or None if hardly any state agrees with the observed
         positions ``seen``.
 
@@ -447,7 +449,7 @@ class PositionBelief:
         near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
         return bool(near >= ARRIVED_SHARE - (ARRIVED_SHARE - SATISFIED) * share)
 
-    def _anew(self, seen: Points) -> NDArray[np.float64]:
+    def _draw_states(self, seen: Points) -> NDArray[np.float64]:
         """Return new possible states, drawn around the observed positions ``seen``."""
         if not self.noise.measurement:
             return np.repeat(seen[None], STATES, axis=0)
@@ -456,7 +458,7 @@ class PositionBelief:
         states[outside] = _project_inside(self.workspace, states[outside])
         return states
 
-    def _settle(self, states: NDArray[np.float64]) -> None:
+    def _set_states(self, states: NDArray[np.float64]) -> None:
         self.states = np.ascontiguousarray(states)
         self.state = self.states[
             int(np.argmin(np.sum((states - states.mean(axis=0)) ** 2, axis=(1, 2))))
@@ -517,6 +519,7 @@ class Replanning:
         self.deviation = max(
             float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.workspace.size
         )
+        # probability that a normal error in the plane is shorter than a share of the tolerance
         near, far = (
             1 - np.exp(-0.5 * (share * task.tolerance / self.deviation) ** 2)
             for share in (1.0, 1.2)
@@ -544,23 +547,23 @@ class Replanning:
     def _plan(self, last: Plan | None) -> Plan:
         """Return the best plan for the estimated positions of the particles."""
         sent = len(self.apparatus.inputs)
-        left, cycle = (
+        remaining, cycle = (
             min(self.task.max_moves - sent, MOST_STEPS),
             min(self.cycle * IMPATIENCE**sent, 1e6),
         )
-        task = replace(self.task, start=self.belief.state, max_moves=left)
+        task = replace(self.task, start=self.belief.state, max_moves=remaining)
         errors = self.rng.normal(scale=self.deviation, size=(JUDGED, MOST_STEPS, 2))
-        judged = kernels.Noise(self.belief.states, errors, self.deviation, cycle)
-        few = kernels.Noise(
+        many_scenarios = kernels.Noise(self.belief.states, errors, self.deviation, cycle)
+        scenarios = kernels.Noise(
             self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle
         )
         annealing = Annealing(task, self.world, self.rng)
 
         def costs(plans: Iterable[Plan]) -> list[Plan]:
-            return [annealing.anneal(plan, changes=0, noise=judged) for plan in plans]
+            return [annealing.anneal(plan, changes=0, noise=many_scenarios) for plan in plans]
 
-        candidates = costs(self._plans_at_hand(task, last))
-        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
+        candidates = costs(self._candidate_plans(task, last))
+        useful = [plan for plan in candidates if self._moves_particles(plan, scenarios)]
         if last is None:
             candidates += costs(self._new_plans(annealing, FIRST_TREES))
         elif (
@@ -569,11 +572,13 @@ class Replanning:
         ):
             candidates += costs(self._new_plans(annealing, TREES))
         candidates.sort(key=lambda plan: plan.cost)
-        best = [plan for plan in candidates if self._moves_particles(plan, few)][:REFINED]
+        best = [plan for plan in candidates if self._moves_particles(plan, scenarios)][:REFINED]
         candidates += costs(
-            annealing.anneal(plan, changes=CHANGES, noise=few) for plan in best if not task.late
+            annealing.anneal(plan, changes=CHANGES, noise=scenarios)
+            for plan in best
+            if not task.late
         )
-        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
+        useful = [plan for plan in candidates if self._moves_particles(plan, scenarios)]
         return min(useful or candidates, key=lambda plan: plan.cost)
 
     def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
@@ -593,7 +598,7 @@ class Replanning:
                 return True
         return False
 
-    def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
+    def _candidate_plans(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
         """Yield the last plan, the last plan without its first step, and translations straight to
         the goals or around obstacles.
         """
@@ -611,12 +616,12 @@ class Replanning:
         contacts aim behind the walls.
         """
         task = annealing.task
-        whole = None if isinstance(self.workspace, Region) else Shortest().plan(task)
-        plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
-        for tree in range(trees if whole is None else 0):
+        shortest = None if isinstance(self.workspace, Region) else Shortest().plan(task)
+        plans = [steps_of(task, np.zeros((0, 2)) if shortest is None else shortest)]
+        for tree in range(trees if shortest is None else 0):
             if tree and task.late:
                 break
-            moves = Tree(task, self.world, self.rng, left=MORE_ROUNDS).search(self.exact)
+            moves = Tree(task, self.world, self.rng, rounds=MORE_ROUNDS).search(self.exact)
             if moves is not None:
                 plans.append(annealing.anneal(steps_of(task, moves), changes=SHORTENED))
         for plan in plans:
@@ -691,10 +696,10 @@ def _loop(
     goals.
     """
     convex = not isinstance(task.world.free_space, Region)
-    known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
-    return (Cycles if convex and (known or task.world.free_space.dimensions == 3) else Replanning)(
-        task, apparatus, noise
-    )
+    by_cycles = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
+    return (
+        Cycles if convex and (by_cycles or task.world.free_space.dimensions == 3) else Replanning
+    )(task, apparatus, noise)
 
 
 def _describe_tolerated_noise(task: SteeringTask, apparatus: Any) -> str:

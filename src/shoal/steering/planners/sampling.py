@@ -107,7 +107,7 @@ class Sampling:
                 task, world_of(task.world), np.random.default_rng(task.seed), simple=simple
             )
             plans, sensitive = plans + more_plans, sensitive + more_sensitive
-        plans = plans + sensitive if simple else plans or sensitive or _rearranged(task)
+        plans = plans + sensitive if simple else plans or sensitive or _plan_by_rearrangement(task)
         if simple and plans:
             plans = Annealing(task, world, rng).shorten(plans)
             plans = sorted(plans, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
@@ -116,7 +116,7 @@ class Sampling:
         return choose(task, [remove_moves(task, moves) for moves in plans])
 
 
-def _rearranged(task: SteeringTask) -> list[Points]:
+def _plan_by_rearrangement(task: SteeringTask) -> list[Points]:
     """Return the long plan of `rearrange` for any number of particles, if it applies."""
     world = task.world
     plain = isinstance(world, ContactWorld) and world.friction == np.inf and not world.radius
@@ -143,14 +143,14 @@ def _grow_trees(
     translations = Translations(task)
     plans: list[Points] = []
     sensitive: list[Points] = []
-    left = int(share * ALL_ROUNDS)
+    rounds_left = int(share * ALL_ROUNDS)
     for _tree in range(TREES):
-        if plans or left <= 0 or task.late:
+        if plans or rounds_left <= 0 or task.late:
             break
-        rounds = min(int(share * ROUNDS), left)
-        tree = Tree(task, world, rng, left=rounds)
+        rounds = min(int(share * ROUNDS), rounds_left)
+        tree = Tree(task, world, rng, rounds=rounds)
         moves = tree.search(translations)
-        left -= rounds - tree.left
+        rounds_left -= rounds - tree.rounds
         if moves is not None:
             (plans if task.is_sure(moves) else sensitive).append(moves)
         elif tree.total == 1:
@@ -160,7 +160,7 @@ def _grow_trees(
     ):  # these trees are smaller
         if task.late:
             break
-        moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
+        moves = Tree(task, world, rng, rounds=int(share * MORE_ROUNDS)).search(translations)
         if moves is not None:
             (plans if task.is_sure(moves) else sensitive).append(moves)
     return plans, sensitive
@@ -223,17 +223,17 @@ class Tree:
     task: SteeringTask
     world: kernels.World
     rng: np.random.Generator
-    left: int
+    rounds: int
     total: int = 1
     nodes: kernels.Tree = field(init=False)
 
     def __post_init__(self) -> None:
         n, steps = len(self.task.start), kernels.STEPS
         ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
-        states, made, keys = np.zeros((NODES, n, 2)), np.zeros((NODES, steps, 2)), np.zeros(NODES)
+        states, moves, keys = np.zeros((NODES, n, 2)), np.zeros((NODES, steps, 2)), np.zeros(NODES)
         states[0] = self.task.start
         keys[0] = 2 * n
-        self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
+        self.nodes = kernels.Tree(states, ints[0], moves, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
         """Grow the tree until it contains a plan; return this plan, or None if the search ends
@@ -266,12 +266,12 @@ class Tree:
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         hit, before = False, (0, 0)
-        while not hit and before != (self.total, self.left) and not task.late:
-            before, rounds = (self.total, self.left), min(self.left, STRETCH)
-            self.total, left, hit = grow(
+        while not hit and before != (self.total, self.rounds) and not task.late:
+            before, rounds = (self.total, self.rounds), min(self.rounds, STRETCH)
+            self.total, rounds_left, hit = grow(
                 self.nodes, self.total, rounds, *limits, self.world, self.rng
             )
-            self.left -= rounds - left
+            self.rounds -= rounds - rounds_left
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
@@ -279,7 +279,7 @@ class Tree:
         such translations exist.
         """
         state = self.nodes.states[self.total - 1]
-        x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
+        x, y, away = kernels.common_translation(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
             return None
         path = np.zeros((kernels.STEPS, 2))
@@ -298,10 +298,10 @@ class Tree:
         """Return the moves from the start to the last node of the tree; float64, shape
         (moves, 2).
         """
-        parents, made, counts = self.nodes.parents, self.nodes.made, self.nodes.counts
+        parents, moves, counts = self.nodes.parents, self.nodes.moves, self.nodes.counts
         parts, node = [np.zeros((0, 2))], self.total - 1
         while node:
-            parts.append(made[node, : counts[node]])
+            parts.append(moves[node, : counts[node]])
             node = parents[node]
         return np.concatenate(parts[::-1])
 
@@ -354,7 +354,7 @@ class FreeOffsets:
     reach : float
         Maximum distance of an offset from ``inner``. If an offset is farther away, the search does
         not connect it with ``inner``.
-    seen : dict of int to ndarray of bool, shape (n,)
+    visible : dict of int to ndarray of bool, shape (n,)
         Stored results, by the index of a place that the search has visited: whether a straight
         collision-free path leads from this place to each of the n places.
     """
@@ -363,7 +363,7 @@ class FreeOffsets:
     inner: Any
     places: Points
     reach: float
-    seen: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
+    visible: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
     def path(self, offset: Points, task: SteeringTask) -> Points | None:
         """Return the corners of the shortest path from ``offset`` to the goals; float64, shape
@@ -372,31 +372,31 @@ class FreeOffsets:
         The method is an A* search that starts at the goals. The result is None if no path exists,
         or if the planning time ends.
         """
-        first = _nearest(self.inner, offset, self.reach)
-        if first is None:
+        entry = _nearest(self.inner, offset, self.reach)
+        if entry is None:
             return None
-        left = np.linalg.norm(self.places - first, axis=1)
-        joined = _sees(self.free, first, self.places)
+        heuristic = np.linalg.norm(self.places - entry, axis=1)
+        connected = _are_visible(self.free, entry, self.places)
         lengths, before = (
-            np.where(np.arange(len(left)) == 0, 0.0, np.inf),
-            np.zeros(len(left), dtype=np.int64),
+            np.where(np.arange(len(heuristic)) == 0, 0.0, np.inf),
+            np.zeros(len(heuristic), dtype=np.int64),
         )
-        waiting = lengths + left
+        estimates = lengths + heuristic
         best, end = np.inf, -1
-        while waiting.min() < best and not task.late:
-            node = int(np.argmin(waiting))
-            waiting[node] = np.inf
-            if joined[node] and lengths[node] + left[node] < best:
-                best, end = lengths[node] + left[node], node
-            if node not in self.seen:
-                self.seen[node] = _sees(self.free, self.places[node], self.places)
-            through = lengths[node] + np.linalg.norm(self.places - self.places[node], axis=1)
-            shorter = self.seen[node] & (through < lengths)
-            lengths[shorter], before[shorter] = through[shorter], node
-            waiting[shorter] = (through + left)[shorter]
+        while estimates.min() < best and not task.late:
+            node = int(np.argmin(estimates))
+            estimates[node] = np.inf
+            if connected[node] and lengths[node] + heuristic[node] < best:
+                best, end = lengths[node] + heuristic[node], node
+            if node not in self.visible:
+                self.visible[node] = _are_visible(self.free, self.places[node], self.places)
+            reached = lengths[node] + np.linalg.norm(self.places - self.places[node], axis=1)
+            shorter = self.visible[node] & (reached < lengths)
+            lengths[shorter], before[shorter] = reached[shorter], node
+            estimates[shorter] = (reached + heuristic)[shorter]
         if end < 0:
             return None
-        corners = [first, self.places[end]]
+        corners = [entry, self.places[end]]
         while end != 0:
             end = int(before[end])
             corners.append(self.places[end])
@@ -415,17 +415,17 @@ def free_offsets(workspace: Region, goal: Points, margin: float) -> FreeOffsets 
     for place in goal[1:]:
         free = free.intersection(affinity.translate(near, *(-place)))
     reach = min(20 * margin, 0.02 * float(workspace.size))
-    for part in getattr(free, "geoms", [free]):
-        inner = part.buffer(-0.1 * margin, join_style="mitre")
-        last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
-        if last is not None:
-            shapely.prepare(part)
-            turned = shapely.orient_polygons(inner)
+    for component in getattr(free, "geoms", [free]):
+        inner = component.buffer(-0.1 * margin, join_style="mitre")
+        target = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
+        if target is not None:
+            shapely.prepare(component)
+            oriented = shapely.orient_polygons(inner)
             bends = [
                 _reflex_corners(np.asarray(ring.coords)[:-1])
-                for ring in (turned.exterior, *turned.interiors)
+                for ring in (oriented.exterior, *oriented.interiors)
             ]
-            return FreeOffsets(part, inner, np.vstack([last, *bends]), reach)
+            return FreeOffsets(component, inner, np.vstack([target, *bends]), reach)
     return None
 
 
@@ -440,13 +440,13 @@ def _reflex_corners(ring: Points) -> Points:
     return np.asarray(ring[x * y_after < y * x_after])
 
 
-def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
-    """Return, for each point of ``others``, whether a straight path inside the area ``free``
+def _are_visible(free: Any, place: Points, targets: Points) -> NDArray[np.bool_]:
+    """Return, for each point of ``targets``, whether a straight path inside the area ``free``
     connects it with ``place``.
     """
     import shapely
 
-    lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
+    lines = shapely.linestrings(np.stack([np.broadcast_to(place, targets.shape), targets], axis=1))
     return np.asarray(shapely.covers(free, lines))
 
 

@@ -121,7 +121,7 @@ def _least_vertical_moves(
             np.full(count - 1, most - start[particle]),
             np.full(count - 1, start[particle] - least),
         ]
-    found = linprog(
+    solution = linprog(
         np.concatenate([np.zeros(count), np.ones(count)]),
         A_ub=np.vstack(rows),
         b_ub=np.concatenate(limits),
@@ -129,7 +129,7 @@ def _least_vertical_moves(
         b_eq=goal - start,
         bounds=(None, None),
     )
-    return np.asarray(found.x[:count]) if found.success else None
+    return np.asarray(solution.x[:count]) if solution.success else None
 
 
 class Shortest:
@@ -157,9 +157,9 @@ class Shortest:
         plans: list[Points | None] = [Greedy().plan(task)]
         # the shortest chains may drive out all those whose plans stand disturbances
         for thorough in (True, False):
-            for first, query in task.departures():
+            for initial_moves, query in task.departures():
                 for chain in improved_chains(query, greedy_seeds(query, task), thorough=thorough):
-                    plans += plan_chain(task, first, chain, query)
+                    plans += plan_chain(task, initial_moves, chain, query)
             if task.late or any(task.is_sure(plan) for plan in plans[1:] if plan is not None):
                 break
         if task.world.free_space.dimensions == 3 and not task.late:

@@ -242,10 +242,10 @@ class SteeringTask(StartAndGoal):
             approach = contact - state[toucher]
             length = float(np.linalg.norm(approach))
             sign = 1.0 if toucher == 0 else -1.0
-            there = length <= 2 * self.margin * workspace.size and self._touches(
+            in_contact = length <= 2 * self.margin * workspace.size and self._touches(
                 state[toucher], int(wall)
             )
-            if length > 1e-12 * workspace.size and not there:
+            if length > 1e-12 * workspace.size and not in_contact:
                 over = self._overshoot(
                     walls.inward(int(wall), contact),
                     approach / length,
@@ -388,9 +388,9 @@ class SteeringTask(StartAndGoal):
                 apart - 2 * self.tolerance,
                 0.0,
             )
-        one = float(lengths.min()) + apart - 3 * self.tolerance
-        both = (float(lengths.sum()) + apart) / 2 - 2 * self.tolerance
-        return max(min(one, both), direct - self.tolerance, 0.0)
+        single_toucher = float(lengths.min()) + apart - 3 * self.tolerance
+        two_touchers = (float(lengths.sum()) + apart) / 2 - 2 * self.tolerance
+        return max(min(single_toucher, two_touchers), direct - self.tolerance, 0.0)
 
 
 def why_unreachable(task: SteeringTask) -> str | None:
@@ -510,9 +510,9 @@ def choose(
     with fewer moves by at least 0.1 %. With ``by_moves``, it is the shortest of the plans with the
     fewest moves. Among equal plans, the least sensitive plan is the best one.
     """
-    known = [moves for moves in plans if moves is not None]
-    arriving = [moves for moves in known if not misses(task, moves)]
-    best = [moves for moves in arriving if task.is_sure(moves)] or arriving or known
+    candidates = [moves for moves in plans if moves is not None]
+    arriving = [moves for moves in candidates if not misses(task, moves)]
+    best = [moves for moves in arriving if task.is_sure(moves)] or arriving or candidates
     if not best:
         return None
     sizes = [(len(moves), path_length(moves)) for moves in best]
@@ -562,16 +562,16 @@ def _amplification(task: SteeringTask, moves: Points) -> float:
 
 
 def plan_chain(
-    task: SteeringTask, first: Sequence[Points], chain: Chain, query: ChainQuery
+    task: SteeringTask, initial_moves: Sequence[Points], chain: Chain, query: ChainQuery
 ) -> list[Points]:
-    """Return the plans that make the moves ``first`` and then the moves of a chain, without useless
+    """Return the plans that make ``initial_moves`` and then the moves of a chain, without useless
     moves.
 
     If a plan has tiny moves, which only lead to the distance from walls that the clearance asks
     for, the function also makes the plan of the same chain nearer to walls.
     """
-    found = [task.moves_of(chain, query)]
-    moves = found[0]
+    variants = [task.moves_of(chain, query)]
+    moves = variants[0]
     if (
         moves is not None
         and task.margin
@@ -579,10 +579,10 @@ def plan_chain(
     ):
         near = replace(task, margin=0.0)
         close = replace(query, margin=near.chain_query().margin)
-        found.append(near.moves_of(refine_chain(close, chain), close))
+        variants.append(near.moves_of(refine_chain(close, chain), close))
     plans = [
-        without_useless_moves(task, np.array([*first, *moves]))
-        for moves in found
+        without_useless_moves(task, np.array([*initial_moves, *moves]))
+        for moves in variants
         if moves is not None
     ]
     return [plan for plan in plans if plan is not None]

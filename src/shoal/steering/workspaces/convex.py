@@ -41,14 +41,14 @@ def convex_outline(vertices: ArrayLike) -> Points:
     """
     from shapely import LinearRing
 
-    given = check_points(vertices, what="polygon", dimensions=2)
-    places = np.arange(len(given))
-    kept = (
-        np.any(given != np.roll(given, 1, axis=0), axis=1)
-        if len(given) > 1
-        else np.ones(len(given), dtype=np.bool_)
+    points = check_points(vertices, what="polygon", dimensions=2)
+    places = np.arange(len(points))
+    distinct = (
+        np.any(points != np.roll(points, 1, axis=0), axis=1)
+        if len(points) > 1
+        else np.ones(len(points), dtype=np.bool_)
     )
-    corners, places = given[kept], places[kept]
+    corners, places = points[distinct], places[distinct]
     if len(corners) < 3:
         raise InvalidInputError(
             f"polygon: expected 3 different vertices or more, got {len(corners)}"
@@ -58,7 +58,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
     ring = LinearRing(corners)
     if abs(area) <= _FLAT * size * size and _thickness(corners) <= _FLAT * size:
         raise InvalidInputError(
-            f"polygon: expected an outline with an interior, got a flat one, {len(given)} vertices"
+            f"polygon: expected an outline with an interior, got a flat one, {len(points)} vertices"
             " on a line"
         )
     if not ring.is_simple:
@@ -88,26 +88,26 @@ def hull(points: Points) -> Points:
     """
     from shapely import MultiPoint
 
-    whole = MultiPoint(points).convex_hull
+    shape = MultiPoint(points).convex_hull
     return (
-        np.asarray(whole.exterior.coords)[:-1]
-        if whole.geom_type == "Polygon"
-        else np.asarray(whole.coords)
+        np.asarray(shape.exterior.coords)[:-1]
+        if shape.geom_type == "Polygon"
+        else np.asarray(shape.coords)
     )
 
 
-def clipped(corners: Points, normal: Points, most: float) -> Points:
+def clip_polygon(corners: Points, normal: Points, most: float) -> Points:
     """Return the corners of the part of a convex polygon in which ``normal @ point <= most``."""
-    kept = []
+    inside = []
     depths = corners @ normal - most
     for point, following, depth, next_depth in zip(
         corners, np.roll(corners, -1, axis=0), depths, np.roll(depths, -1), strict=True
     ):
         if depth <= 0:
-            kept.append(point)
+            inside.append(point)
         if (depth < 0 < next_depth) or (next_depth < 0 < depth):
-            kept.append(point + depth / (depth - next_depth) * (following - point))
-    return np.array(kept).reshape(-1, 2)
+            inside.append(point + depth / (depth - next_depth) * (following - point))
+    return np.array(inside).reshape(-1, 2)
 
 
 def signed_area(corners: Points) -> float:
@@ -133,8 +133,12 @@ def _crossing(corners: Points) -> str:
     from shapely import Polygon
     from shapely.validation import explain_validity
 
-    said = explain_validity(Polygon(corners))
-    return f" at ({said.partition('[')[2].rstrip(']').replace(' ', ', ')})" if "[" in said else ""
+    explanation = explain_validity(Polygon(corners))
+    return (
+        f" at ({explanation.partition('[')[2].rstrip(']').replace(' ', ', ')})"
+        if "[" in explanation
+        else ""
+    )
 
 
 TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
@@ -419,15 +423,15 @@ class ConvexWorkspace(SteeringWorkspace):
                 f"{what}: expected a plane workspace, got a {self.kind}, which has no inset"
             )
         if self.round:
-            left = self.radius - margin
-            if left <= 0:
+            radius = self.radius - margin
+            if radius <= 0:
                 raise InvalidInputError(
                     f"{what}: expected less than the radius {self.radius:g}, got {margin:g}"
                 )
-            return disk(left, center=self.center)
+            return disk(radius, center=self.center)
         corners = self.vertices
         for normal, offset in zip(self.normals, self.offsets, strict=True):
-            corners = clipped(corners, -normal, -(float(offset) + margin))
+            corners = clip_polygon(corners, -normal, -(float(offset) + margin))
         try:
             return polygon(corners)
         except InvalidInputError:

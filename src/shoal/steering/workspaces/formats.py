@@ -57,12 +57,12 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
     _check_size(text, where)
     try:
         _check_numbers(text, where)
-        found = _rings([Path(text)], where)
+        rings = _rings([Path(text)], where)
     except InvalidInputError:
         raise
     except Exception as error:  # a third-party parser that may raise any exception
-        raise _refused(error, "path", where) from None
-    return _checked(found, where)
+        raise _refusal(error, "path", where) from None
+    return _check_rings(rings, where)
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
@@ -85,9 +85,9 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
         for name in _FRAME:
             root.attrib.pop(name, None)
         shapes = [
-            one
-            for one in SVG.parse(BytesIO(Tree.tostring(root))).elements()
-            if isinstance(one, Shape)
+            element
+            for element in SVG.parse(BytesIO(Tree.tostring(root))).elements()
+            if isinstance(element, Shape)
         ]
         if len(shapes) == 1 and isinstance(shapes[0], Circle | Ellipse):
             radii, center = (
@@ -100,12 +100,12 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
                 and shapes[0].transform.is_identity()
             ):
                 return disk(radii[1], center=(float(center.x), -float(center.y)))
-        found = _rings(shapes, where)
+        rings = _rings(shapes, where)
     except InvalidInputError:
         raise
     except Exception as error:  # as above
-        raise _refused(error, "drawing", where) from None
-    return sorted(_checked(found, where), key=lambda ring: -abs(signed_area(ring)))
+        raise _refusal(error, "drawing", where) from None
+    return sorted(_check_rings(rings, where), key=lambda ring: -abs(signed_area(ring)))
 
 
 def _check_size(text: str, where: str) -> None:
@@ -167,7 +167,7 @@ def _check_numbers(text: str, where: str) -> None:
         )
 
 
-def _refused(error: Exception, what: str, where: str) -> InvalidInputError:
+def _refusal(error: Exception, what: str, where: str) -> InvalidInputError:
     why = " ".join(str(error).split())[:120] or type(error).__name__
     return InvalidInputError(f"{where}: expected an SVG {what}, got something else: {why}")
 
@@ -180,7 +180,7 @@ def _rings(shapes: list[Any], where: str) -> list[Points]:
     """
     from svgelements import Close, Line, Move, Path
 
-    done: list[Points] = []
+    closed: list[Points] = []
     count = 0
     for shape in shapes:
         rings: list[list[Points]] = []
@@ -199,15 +199,15 @@ def _rings(shapes: list[Any], where: str) -> list[Points]:
             else:
                 rings[-1] += [_points(segment.point(k / _CURVE)) for k in range(1, _CURVE + 1)]
         count += sum(len(ring) for ring in rings[-1:] if len(ring) > 2)
-        done += [np.array(ring) for ring in rings if len(ring) > 2]
-    return done
+        closed += [np.array(ring) for ring in rings if len(ring) > 2]
+    return closed
 
 
 def _points(point: Any) -> Points:
     return np.array([float(point.x), -float(point.y)]) + 0.0
 
 
-def _checked(rings: list[Points], where: str) -> list[Points]:
+def _check_rings(rings: list[Points], where: str) -> list[Points]:
     if not rings:
         raise InvalidInputError(f"{where}: expected a closed path, got a path without lines")
     if not all(np.isfinite(ring).all() and np.abs(ring).max() < 1e15 for ring in rings):
@@ -302,10 +302,10 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
     needed, more = _TYPES[kind]
     for name in data:
         if name not in ("type", *needed, *more):
-            known = ", ".join((*needed, *(f"{one} (optional)" for one in more)))
+            fields_of_type = ", ".join((*needed, *(f"{allowed} (optional)" for allowed in more)))
             near = suggestion(name, (*needed, *more))
             raise InvalidInputError(
-                f"{where}: expected the fields of a {kind}, which are {known}, got"
+                f"{where}: expected the fields of a {kind}, which are {fields_of_type}, got"
                 f" {shortened(name)}{near}"
             )
     for name in needed:
@@ -319,7 +319,7 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
         return _from_svg(data["text"], where=where)
     fields = {name: value for name, value in data.items() if name != "type"}
     try:
-        return _built(kind, fields, where)
+        return _build(kind, fields, where)
     except InvalidInputError as error:
         message = str(error)
         raise InvalidInputError(
@@ -327,7 +327,7 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
         ) from None
 
 
-def _built(kind: str, fields: dict[str, Any], where: str) -> Workspace:
+def _build(kind: str, fields: dict[str, Any], where: str) -> Workspace:
     if kind in _MAKERS:
         return _MAKERS[kind](**fields)
     if kind == "region":
@@ -352,7 +352,7 @@ def describe(workspace: Workspace) -> dict[str, Any]:
     {'type': 'disk', 'center': [0.0, 0.0], 'radius': 0.5}
     """
     if isinstance(workspace, Region):
-        obstacles = [part.tolist() for part in workspace.obstacles]
+        obstacles = [obstacle.tolist() for obstacle in workspace.obstacles]
         return {"type": "region", "outline": workspace.outline.tolist(), "obstacles": obstacles}
     if workspace.kind == "disk":
         return {"type": "disk", "center": workspace.center.tolist(), "radius": workspace.radius}

@@ -82,21 +82,21 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
             raise InvalidInputError(
                 f"{name}: expected 3 different vertices or more, got {len(np.unique(ring, axis=0))}"
             )
-        alone = Polygon(ring)
-        if not alone.is_valid or alone.area <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
-            why = explain_validity(alone)
+        polygon = Polygon(ring)
+        if not polygon.is_valid or polygon.area <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
+            why = explain_validity(polygon)
             raise InvalidInputError(
                 f"{name}: expected an outline that encloses an area and does not cross itself, got:"
                 f" {why}"
             )
-    whole = Polygon(rings[0], rings[1:])
-    if not whole.is_valid:
+    area = Polygon(rings[0], rings[1:])
+    if not area.is_valid:
         raise InvalidInputError(
             "region: expected obstacles inside the outline and apart from each other, got"
-            f" {explain_validity(whole)}"
+            f" {explain_validity(area)}"
         )
-    turned = orient(whole)
-    corners = [np.asarray(ring.coords)[:-1] for ring in (turned.exterior, *turned.interiors)]
+    oriented = orient(area)
+    corners = [np.asarray(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)]
     return Region(
         _without_repeats(corners[0]), tuple(_without_repeats(ring) for ring in corners[1:])
     )

@@ -199,7 +199,7 @@ def with_round_wall(walls: NormalizedWalls) -> NormalizedWalls | None:
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
     """Return the walls of a polygon or prism with at most ``count`` of its sides, or None if the
-    kept sides enclose no area.
+    chosen sides enclose no area.
 
     The function divides the sides, in their order, into ``count`` groups of about equal size, and
     keeps the longest side of each group. The size of a group is the mean of two fractions: the
@@ -210,28 +210,28 @@ def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)
     turns = np.arccos(np.clip(np.sum(flat * np.roll(flat, 1, axis=0), axis=1), -1, 1))
     around = np.cumsum(lengths / lengths.sum() + turns / turns.sum()) / 2
-    parts = np.minimum((count * (around - around[0] / 2)).astype(np.int64), count - 1)
-    kept = np.array(
+    groups = np.minimum((count * (around - around[0] / 2)).astype(np.int64), count - 1)
+    chosen = np.array(
         [
-            min(np.flatnonzero(parts == part), key=lambda side: -lengths[side])
-            for part in np.unique(parts)
+            min(np.flatnonzero(groups == group), key=lambda side: -lengths[side])
+            for group in np.unique(groups)
         ]
     )
-    normals, offsets = flat[kept], walls.offsets[kept]
+    normals, offsets = flat[chosen], walls.offsets[chosen]
     across = (
         normals[:, 0] * np.roll(normals, -1, axis=0)[:, 1]
         - normals[:, 1] * np.roll(normals, -1, axis=0)[:, 0]
     )
-    if len(kept) < 3 or (across <= 0).any():
+    if len(chosen) < 3 or (across <= 0).any():
         return None
     ends = np.array(
-        [np.linalg.solve(normals[[k, k - 1]], offsets[[k, k - 1]]) for k in range(len(kept))]
+        [np.linalg.solve(normals[[k, k - 1]], offsets[[k, k - 1]]) for k in range(len(chosen))]
     )
-    kept = np.concatenate([kept, np.arange(walls.sides, len(walls.normals))])
+    chosen = np.concatenate([chosen, np.arange(walls.sides, len(walls.normals))])
     return _with_frames(
         ends,
-        walls.normals[kept],
-        walls.offsets[kept],
+        walls.normals[chosen],
+        walls.offsets[chosen],
         walls.circle,
         walls.height,
         walls.scale,

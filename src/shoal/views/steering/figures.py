@@ -32,7 +32,7 @@ from shoal.views.drawing.charts import (
     set_title,
     text_size,
 )
-from shoal.views.steering.trajectories import Frame3D, camera_for, flattened
+from shoal.views.steering.trajectories import Frame3D, camera_for, project_to_floor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +76,9 @@ class MoveNumbers:
         text = ", ".join(numbers[:_MOST]) + ("…" if len(numbers) > _MOST else "")
         half = text_size() * np.array([0.3 * len(text), 0.4])
         offsets = [
-            apart * way + half * way / np.abs(way).max() for apart in _APART for way in _WAYS
+            apart * direction + half * direction / np.abs(direction).max()
+            for apart in _APART
+            for direction in _WAYS
         ]
         free = [min(self._space(place * self._scale + offset, half), _ENOUGH) for offset in offsets]
         best = offsets[int(np.argmax(free))]
@@ -120,11 +122,11 @@ def _dense(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points on a line, at most two units from each point to the next point; float64, shape
     (n, 2).
     """
-    parts = [line[-1:]]
-    for here, there in pairwise(line):
-        count = int(np.ceil(np.hypot(*(there - here)) / 2.0)) + 1
-        parts.append(here + np.linspace(0.0, 1.0, count)[:, None] * (there - here))
-    return np.concatenate(parts)
+    points = [line[-1:]]
+    for begin, end in pairwise(line):
+        count = int(np.ceil(np.hypot(*(end - begin)) / 2.0)) + 1
+        points.append(begin + np.linspace(0.0, 1.0, count)[:, None] * (end - begin))
+    return np.concatenate(points)
 
 
 PARTICLES = (BLUE, ORANGE, PURPLE, "#009e73", "#b8860b")
@@ -180,36 +182,36 @@ def draw_trajectories(
 
     size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
-        way, colour = episode.states[:, particle], colour_of(particle)
-        for here, there in pairwise(way):
-            if np.linalg.norm(there - here) > 1e-4 * size:
-                arrow_between(axes, at(here), at(there), colour, width=1.5)
-        axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        path, colour = episode.states[:, particle], colour_of(particle)
+        for begin, end in pairwise(path):
+            if np.linalg.norm(end - begin) > 1e-4 * size:
+                arrow_between(axes, at(begin), at(end), colour, width=1.5)
+        axes.plot(*at(path[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
     axes.plot([], [], "o", mfc="white", mec=MUTED, mew=2, ms=9, label="goal")
-    ways = [at(episode.states[:, particle]) for particle in range(episode.problem.n_particles)]
+    paths = [at(episode.states[:, particle]) for particle in range(episode.problem.n_particles)]
     walls = [line.get_xydata() for line in axes.lines] + [
         patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)
     ]
-    numbers = MoveNumbers(axes, [*ways, *walls], at([*episode.states[0], *episode.goal]))
-    for particle, way in enumerate(ways):
-        for place, moves in _ends(way, size):
+    numbers = MoveNumbers(axes, [*paths, *walls], at([*episode.states[0], *episode.goal]))
+    for particle, path in enumerate(paths):
+        for place, moves in _ends(path, size):
             numbers.write(place, moves, colour_of(particle))
     legend_below(axes)
 
 
 def arrow_between(
     axes: Axes,
-    here: NDArray[np.float64],
-    there: NDArray[np.float64],
+    tail: NDArray[np.float64],
+    tip: NDArray[np.float64],
     colour: str,
     *,
     width: float = 1.6,
     order: float = 3,
 ) -> None:
-    """Draw an arrow from the point ``here`` to the point ``there``, each of shape (2,)."""
+    """Draw an arrow from the point ``tail`` to the point ``tip``, each of shape (2,)."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=order, arrowprops=style)
+    axes.annotate("", xy=tuple(tip), xytext=tuple(tail), zorder=order, arrowprops=style)
 
 
 def legend_below(axes: Axes, *, off: float = 0.06) -> None:
@@ -231,7 +233,7 @@ def legend_below(axes: Axes, *, off: float = 0.06) -> None:
     )
 
 
-def _ends(way: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float64], list[str]]]:
+def _ends(path: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float64], list[str]]]:
     """Return the points of a particle's path at which moves end, each with the numbers of these
     moves.
 
@@ -239,17 +241,17 @@ def _ends(way: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float6
     If the path has more than `_BENT` moves, the list is empty.
     """
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []
-    if len(way) - 1 > _BENT:
+    if len(path) - 1 > _BENT:
         return labelled
-    for number in range(1, len(way)):
-        if np.linalg.norm(way[number] - way[number - 1]) <= 1e-4 * size:
+    for number in range(1, len(path)):
+        if np.linalg.norm(path[number] - path[number - 1]) <= 1e-4 * size:
             continue
         near = next(
-            (entry for entry in labelled if np.linalg.norm(entry[0] - way[number]) < 0.03 * size),
+            (entry for entry in labelled if np.linalg.norm(entry[0] - path[number]) < 0.03 * size),
             None,
         )
         if near is None:
-            labelled.append((way[number], [str(number)]))
+            labelled.append((path[number], [str(number)]))
         else:
             near[1].append(str(number))
     return labelled
@@ -276,18 +278,18 @@ def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
     for edge in behind:
         axes.plot(*at(edge).T, color=_FAINT, lw=1, zorder=0.5)
     for particle in range(episode.problem.n_particles):
-        way, goal = states[:, particle], episode.goal[particle]
-        axes.plot(*at(flattened(way)).T, color=_SHADOW, lw=1.2, alpha=0.6, zorder=1)
-        for end in (way[0], goal):
+        path, goal = states[:, particle], episode.goal[particle]
+        axes.plot(*at(project_to_floor(path)).T, color=_SHADOW, lw=1.2, alpha=0.6, zorder=1)
+        for end in (path[0], goal):
             axes.plot(
-                *at([flattened(end), end]).T,
+                *at([project_to_floor(end), end]).T,
                 color=colour_of(particle),
                 lw=1,
                 ls=(0, (2, 2)),
                 alpha=0.7,
                 zorder=1.5,
             )
-            axes.plot(*at(flattened(end)), ".", color=_SHADOW, ms=6, zorder=1.5)
+            axes.plot(*at(project_to_floor(end)), ".", color=_SHADOW, ms=6, zorder=1.5)
     draw_trajectories(axes, episode, at)
     for edge in front:
         axes.plot(*at(edge).T, color=INK, lw=1.3, alpha=0.8, zorder=3.5)
@@ -330,7 +332,7 @@ def plan_figure(episode: SteeringEpisode, *, moves: int | None = None) -> Figure
         If the plan has fewer than ``moves`` moves.
     """
     problem = episode.problem
-    whole = episode
+    plan = episode
     if moves is not None:
         count = check_integer(moves, what="moves", least=0, most=episode.moves)
         episode = replace(
@@ -345,11 +347,11 @@ def plan_figure(episode: SteeringEpisode, *, moves: int | None = None) -> Figure
         draw_trajectories(grid[0], episode)
     else:
         draw_space(grid[0], episode)
-    missed = "" if whole else f"{whole.status}: "
-    part = "" if moves is None else f"{episode.moves} of "
+    failure = "" if plan else f"{plan.status}: "
+    shown_moves = "" if moves is None else f"{episode.moves} of "
     set_title(
         grid[0],
-        f"{missed}{whole.planner}, {part}{whole.moves} moves, length {episode.length:.4g}",
+        f"{failure}{plan.planner}, {shown_moves}{plan.moves} moves, length {episode.length:.4g}",
         in_print="Workspace" if two else "",
     )
     if not plane:
@@ -368,13 +370,13 @@ def drive_figure(drive: SteeringDrive) -> Figure:
     figure, (plan, errors) = new_panels(10.4, 5.6, 2)
     draw_workspace(plan, drive.problem.place)
     for particle in range(drive.seen.shape[1]):
-        way, colour = drive.seen[:, particle], colour_of(particle)
-        plan.plot(*way.T, "-", color=colour, lw=1.2, alpha=0.6, zorder=2)
-        plan.plot(*way.T, ".", color=colour, ms=6, zorder=3)
-        plan.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        path, colour = drive.seen[:, particle], colour_of(particle)
+        plan.plot(*path.T, "-", color=colour, lw=1.2, alpha=0.6, zorder=2)
+        plan.plot(*path.T, ".", color=colour, ms=6, zorder=3)
+        plan.plot(*path[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         goal = drive.goal[particle]
         plan.plot(*goal, "o", mfc="none", mec=colour, mew=2, ms=10, zorder=4)
-        away = np.linalg.norm(way - goal, axis=1)
+        away = np.linalg.norm(path - goal, axis=1)
         errors.semilogy(np.arange(len(away)), np.maximum(away, 1e-9), ".-", color=colour)
     legend_below(plan)
     errors.axhline(drive.problem.tolerance, color=INK, lw=1, ls="--", label="tolerance")
@@ -405,9 +407,13 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
         and np.isinf(episode.problem.friction)
     )
     if ideal:  # otherwise the set has another shape
-        for piece in two_move_pieces(workspace, deltas[0]):
+        for corners in two_move_pieces(workspace, deltas[0]):
             axes.fill(
-                *piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1
+                *corners.T,
+                color="#9ecae1",
+                alpha=0.9 if not workspace.round else 1.0,
+                lw=0,
+                zorder=1,
             )
         axes.fill([], [], color="#9ecae1", label="reached in two moves")
     axes.plot(*deltas.T, "-", color=INK, lw=1.4, zorder=3)

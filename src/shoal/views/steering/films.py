@@ -25,9 +25,9 @@ from shoal.views.steering.trajectories import (
     MoveTrajectory,
     camera_for,
     delta_outline,
-    flattened,
     has_delta,
     picture_extent,
+    project_to_floor,
     trajectories_of,
     two_move_rings,
 )
@@ -157,13 +157,13 @@ class PlanePanel(Panel):
         """Draw the moving parts of the panel at a moment of the film."""
         canvas, unit = self._canvas, self._unit
         workspace = self._episode.problem.place
-        here = points_at(self._episode, self._trajectories, moment)
+        positions = points_at(self._episode, self._trajectories, moment)
         if self._trajectories:
             for particle, wall in self._trajectories[moment.move].holders(moment.share):
-                line = self._view.at(wall_shape(workspace, wall, here[particle]))
+                line = self._view.at(wall_shape(workspace, wall, positions[particle]))
                 canvas.line(line, colour_of(particle), 7 * unit)
         draw_trails(canvas, self._trajectories, moment, self._view.at, unit)
-        for particle, place in enumerate(self._view.at(here)):
+        for particle, place in enumerate(self._view.at(positions)):
             draw_particle(canvas, place, self._radius, particle, unit)
 
 
@@ -186,28 +186,28 @@ class SpacePanel(Panel):
         """
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
-        here = points_at(self._episode, self._trajectories, moment)
+        positions = points_at(self._episode, self._trajectories, moment)
         behind, front = self._frame.edges(self._camera.eye)
         canvas.area([self._at(self._frame.floor)], FLOOR)
         canvas.lines(list(self._at(np.array(behind))), FAINT, 1.3 * unit)
         if self._trajectories:
             for particle, wall in self._trajectories[moment.move].holders(moment.share):
-                shape = self._at(wall_shape(self._workspace, wall, here[particle]))
+                shape = self._at(wall_shape(self._workspace, wall, positions[particle]))
                 canvas.area([shape], colour_of(particle), alpha=0.16)
                 canvas.line(shape, colour_of(particle), 1.6 * unit, closed=True, alpha=0.55)
-        self._draw_shadows(here, moment)
+        self._draw_shadows(positions, moment)
         self._draw_ends()
         draw_trails(canvas, self._trajectories, moment, self._at, unit)
-        places, sizes = self._at(here), 10.5 * unit * self._camera.project(here)[:, 2]
+        places, sizes = self._at(positions), 10.5 * unit * self._camera.project(positions)[:, 2]
         for particle in np.argsort(sizes):  # the nearest last
             draw_particle(canvas, places[particle], sizes[particle], int(particle), unit)
         canvas.lines(list(self._at(np.array(front))), INK, 1.6 * unit, alpha=0.75)
 
     def _at(self, points: ArrayLike) -> NDArray[np.float64]:
-        seen = self._camera.project(points)
-        return np.asarray(self._center + self._scale * seen[..., :2] * np.array([1, -1]))
+        projected = self._camera.project(points)
+        return np.asarray(self._center + self._scale * projected[..., :2] * np.array([1, -1]))
 
-    def _draw_shadows(self, here: NDArray[np.float64], moment: FilmMoment) -> None:
+    def _draw_shadows(self, positions: NDArray[np.float64], moment: FilmMoment) -> None:
         """Draw the vertical projections of paths and particles on the floor, and a line from each
         particle down to the floor.
         """
@@ -216,14 +216,14 @@ class SpacePanel(Panel):
             self._canvas,
             self._trajectories,
             moment,
-            lambda points: self._at(flattened(points)),
+            lambda points: self._at(project_to_floor(points)),
             unit,
             shadow=True,
         )
-        for particle, point in enumerate(here):
+        for particle, point in enumerate(positions):
             self._canvas.area([self._floor_ring(point, 10 * unit)], "#2b3038", alpha=0.22)
             self._canvas.line(
-                self._at([flattened(point), point]),
+                self._at([project_to_floor(point), point]),
                 colour_of(particle),
                 1.3 * unit,
                 alpha=0.8,
@@ -236,7 +236,7 @@ class SpacePanel(Panel):
         """
         angles = 2 * np.pi * np.arange(24) / 24
         return self._at(
-            flattened(point)
+            project_to_floor(point)
             + radius / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
         )
 
@@ -252,7 +252,7 @@ class SpacePanel(Panel):
             canvas.line(
                 self._floor_ring(goal, 7 * unit), colour, 1.2 * unit, closed=True, alpha=0.6
             )
-            canvas.line(self._at([flattened(goal), goal]), colour, 1.1 * unit, alpha=0.35)
+            canvas.line(self._at([project_to_floor(goal), goal]), colour, 1.1 * unit, alpha=0.35)
             of_start, of_goal = (
                 float(larger) for larger in self._camera.project([start, goal])[:, 2]
             )
@@ -301,8 +301,10 @@ class DeltaPanel(Panel):
                 2 * unit,
                 alpha=_OLD if k < moment.move else 0.9,
             )
-        here = points_at(self._episode, self._trajectories, moment)
-        canvas.disc(view.at(here[1] - here[0]), 7 * unit, INK, edge="#ffffff", width=1.5 * unit)
+        positions = points_at(self._episode, self._trajectories, moment)
+        canvas.disc(
+            view.at(positions[1] - positions[0]), 7 * unit, INK, edge="#ffffff", width=1.5 * unit
+        )
 
 
 def points_at(
@@ -330,14 +332,14 @@ def draw_trails(
     """
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
-        ways = trajectory.points if old else trajectory.until(moment.share)
-        for particle in range(ways.shape[1]):
-            way = at(ways[:, particle])
-            if np.abs(way - way[0]).max() < 0.5:
+        paths = trajectory.points if old else trajectory.until(moment.share)
+        for particle in range(paths.shape[1]):
+            path = at(paths[:, particle])
+            if np.abs(path - path[0]).max() < 0.5:
                 continue
             colour = "#2b3038" if shadow else colour_of(particle)
             alpha = (0.5 * _OLD if old else 0.3) if shadow else (_OLD if old else 0.95)
-            canvas.line(way, colour, (2 if shadow else 2.6) * unit, alpha=alpha)
+            canvas.line(path, colour, (2 if shadow else 2.6) * unit, alpha=alpha)
 
 
 def draw_particle(
@@ -455,7 +457,7 @@ class SteeringFilm:
         middle = np.array([76 * unit, self.height - 66 * unit])
         self._draw_command(middle, 38 * unit, moment, turn)
         left, right = 136 * unit, self.width - 40 * unit
-        done = sum(trajectory.length for trajectory in trajectories[: moment.move]) + (
+        length = sum(trajectory.length for trajectory in trajectories[: moment.move]) + (
             trajectories[moment.move].length * moment.share if trajectories else 0.0
         )
         total = self._episode.length
@@ -471,7 +473,7 @@ class SteeringFilm:
             )
         canvas.text((left, self.height - 74 * unit), words, INK, 19 * unit, bold=True)
         canvas.text(
-            (left, self.height - 49 * unit), f"{done:.2f} of {total:.2f} in all", MUTED, 14 * unit
+            (left, self.height - 49 * unit), f"{length:.2f} of {total:.2f} in all", MUTED, 14 * unit
         )
         level = self.height - 30 * unit
         gap = (9 if len(trajectories) < 30 else 6.5) * unit  # the ends of the segments are round
@@ -500,17 +502,17 @@ class SteeringFilm:
         if not self._trajectories:
             return
         trajectory = self._trajectories[moment.move]
-        longest = max(one.length for one in self._trajectories)
+        longest = max(trajectory.length for trajectory in self._trajectories)
         if trajectory.length == 0:
             return
         sent = trajectory.sent * (0.35 + 0.6 * trajectory.length / longest) / trajectory.length
         if len(sent) == 3:
             camera = Camera(np.zeros(3), 1.0, azimuth=turn)
             angles = 2 * pi * np.arange(40) / 40
-            seen = camera.project(
+            dial = camera.project(
                 np.stack([0.9 * np.cos(angles), 0.9 * np.sin(angles), 0 * angles], axis=1)
             )[:, :2]
-            canvas.area([middle + radius * 0.95 * seen * np.array([1, -1])], "#eef1f4")
+            canvas.area([middle + radius * 0.95 * dial * np.array([1, -1])], "#eef1f4")
             tip, below = (
                 camera.project(point)[:2] * 0.9 for point in (sent, sent * np.array([1, 1, 0]))
             )

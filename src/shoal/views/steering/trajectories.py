@@ -64,10 +64,12 @@ class MoveTrajectory:
         """Return the positions of all particles after a given fraction of the move; float64, shape
         (n, d).
         """
-        piece = self._piece(share)
-        first, last = self.shares[piece], self.shares[piece + 1]
-        part = min(max((share - first) / (last - first), 0.0), 1.0)
-        return np.asarray(self.points[piece] + part * (self.points[piece + 1] - self.points[piece]))
+        segment = self._piece(share)
+        first, last = self.shares[segment], self.shares[segment + 1]
+        fraction = min(max((share - first) / (last - first), 0.0), 1.0)
+        return np.asarray(
+            self.points[segment] + fraction * (self.points[segment + 1] - self.points[segment])
+        )
 
     def until(self, share: float) -> Points:
         """Return the end points of all path segments up to a given fraction of the move; float64,
@@ -111,14 +113,14 @@ def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
         ) -> Points:
             return after if share == 1 else np.asarray(world.step(before, share * moved))
 
-        shares, points = _in_pieces(at, before, FINE * workspace.size)
-        touches = [_touching(workspace, state, moved, problem.particle_radius) for state in points]
-        held = tuple(tuple(sorted(one & other)) for one, other in pairwise(touches))
+        shares, points = _sample_move(at, before, FINE * workspace.size)
+        touches = [_contacts(workspace, state, moved, problem.particle_radius) for state in points]
+        held = tuple(tuple(sorted(begin & end)) for begin, end in pairwise(touches))
         trajectories.append(MoveTrajectory(sent, shares, points, held))
     return trajectories
 
 
-def _in_pieces(
+def _sample_move(
     at: Callable[[float], Points], start: Points, fine: float
 ) -> tuple[NDArray[np.float64], Points]:
     """Return increasing fractions of a move, and the positions of the particles at these fractions.
@@ -126,31 +128,35 @@ def _in_pieces(
     The fractions are so close together that straight segments between the positions deviate from
     the true path by at most ``fine``.
     """
-    known = {0.0: start} | {share: at(share) for share in np.linspace(0, 1, 9)[1:].tolist()}
-    open_ = list(pairwise(sorted(known)))
+    positions = {0.0: start} | {share: at(share) for share in np.linspace(0, 1, 9)[1:].tolist()}
+    open_ = list(pairwise(sorted(positions)))
     while open_:
         first, last = open_.pop()
         middle = (first + last) / 2
         point = at(middle)
-        if np.abs(point - (known[first] + known[last]) / 2).max() > fine and last - first > _LEAST:
-            known[middle] = point
-            open_ += [(first, middle), (middle, last)]
-    shares = sorted(known)
-    kept, dropped = [shares[0]], [shares[1]]
-    for here, following in pairwise(shares[1:]):
-        chord = (known[following] - known[kept[-1]]) / (following - kept[-1])
-        if any(
-            np.abs(known[kept[-1]] + (one - kept[-1]) * chord - known[one]).max() > fine / 50
-            for one in dropped
+        if (
+            np.abs(point - (positions[first] + positions[last]) / 2).max() > fine
+            and last - first > _LEAST
         ):
-            kept.append(here)
-            dropped = []
-        dropped.append(following)
-    kept.append(shares[-1])
-    return np.array(kept), np.array([known[share] for share in kept])
+            positions[middle] = point
+            open_ += [(first, middle), (middle, last)]
+    shares = sorted(positions)
+    corners, between = [shares[0]], [shares[1]]
+    for key, following in pairwise(shares[1:]):
+        chord = (positions[following] - positions[corners[-1]]) / (following - corners[-1])
+        if any(
+            np.abs(positions[corners[-1]] + (inner - corners[-1]) * chord - positions[inner]).max()
+            > fine / 50
+            for inner in between
+        ):
+            corners.append(key)
+            between = []
+        between.append(following)
+    corners.append(shares[-1])
+    return np.array(corners), np.array([positions[share] for share in corners])
 
 
-def _touching(
+def _contacts(
     workspace: ConvexWorkspace | Region, points: Points, move: Points, radius: float
 ) -> set[tuple[int, int]]:
     """Return all pairs (particle, wall) in which the particle touches the wall and the move does
@@ -161,15 +167,15 @@ def _touching(
         ends = workspace.edges.reshape(-1, 2, 2)
         along = ends[:, 1] - ends[:, 0]
         normals = left_of(along)
-        part = np.sum((points[:, None] - ends[:, 0]) * along, axis=-1) / np.sum(
+        fraction = np.sum((points[:, None] - ends[:, 0]) * along, axis=-1) / np.sum(
             along * along, axis=-1
         )
-        nearest = ends[:, 0] + np.clip(part, 0, 1)[..., None] * along
+        nearest = ends[:, 0] + np.clip(fraction, 0, 1)[..., None] * along
         away = np.linalg.norm(points[:, None] - nearest, axis=-1)
         pushes = normals @ move <= least * np.linalg.norm(normals, axis=1)
         return {(int(p), int(w)) for p, w in np.argwhere((away <= reach) & pushes)}
     pushes = workspace.normals @ move <= least
-    found = {
+    touches = {
         (int(p), int(w))
         for p, w in np.argwhere((workspace.wall_distances(points) <= reach) & pushes)
     }
@@ -177,7 +183,7 @@ def _touching(
     round_ = (workspace.circle_distance(points) <= reach) & (
         outward @ move[:2] >= -least * np.linalg.norm(outward, axis=1)
     )
-    return found | {(int(p), len(workspace.normals)) for p in np.flatnonzero(round_)}
+    return touches | {(int(p), len(workspace.normals)) for p in np.flatnonzero(round_)}
 
 
 @dataclass(frozen=True)
@@ -228,8 +234,8 @@ class FilmSchedule:
         if not self.lasting:
             return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
-        part = min(max((seconds - self.starts[move]) / self.lasting[move], 0.0), 1.0)
-        return FilmMoment(move, part * part * (3 - 2 * part))
+        fraction = min(max((seconds - self.starts[move]) / self.lasting[move], 0.0), 1.0)
+        return FilmMoment(move, fraction * fraction * (3 - 2 * fraction))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
         """Return the moments of a film's frames, and the frame rate. For a long film, the frame
@@ -289,15 +295,15 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
         ):
             rings.append(rings[-1])
             continue
-        pieces = [
-            Polygon(piece)
-            for piece in two_move_pieces(space, state[1] - state[0])
-            if len(piece) > 2
+        polygons = [
+            Polygon(corners)
+            for corners in two_move_pieces(space, state[1] - state[0])
+            if len(corners) > 2
         ]
-        whole = union_all([piece.buffer(0) for piece in pieces if piece.area > 0]).simplify(
+        union = union_all([corners.buffer(0) for corners in polygons if corners.area > 0]).simplify(
             space.size / 1000
         )
-        rings.append([ring[:-1] for part in rings_of(whole) for ring in part])
+        rings.append([ring[:-1] for polygon in rings_of(union) for ring in polygon])
     return rings
 
 
@@ -450,10 +456,14 @@ def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, floa
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)
     cameras = [camera_for(workspace, states, azimuth=turn) for turn in turns]
-    seen = np.concatenate([camera.project(corners) for camera in cameras])
-    return float(np.abs(seen[:, 0]).max()), float(seen[:, 1].max()), float(-seen[:, 1].min())
+    projected = np.concatenate([camera.project(corners) for camera in cameras])
+    return (
+        float(np.abs(projected[:, 0]).max()),
+        float(projected[:, 1].max()),
+        float(-projected[:, 1].min()),
+    )
 
 
-def flattened(points: ArrayLike) -> NDArray[np.float64]:
+def project_to_floor(points: ArrayLike) -> NDArray[np.float64]:
     """Return ``points`` after a vertical projection onto the floor z = 0; shape (..., 3)."""
     return np.asarray(np.asarray(points) * np.array([1.0, 1.0, 0.0]))
