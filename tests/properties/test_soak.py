@@ -134,7 +134,7 @@ def test_bug_1_done_when_the_own_part_is_done(monkeypatch):
 
 
 def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
-    true = robots.heard
+    true = robots.receive
 
     def heard(robot, beacon, time):
         after = true(robot, beacon, time)
@@ -143,7 +143,7 @@ def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
             for part in robot.parts
             if part.robot in after.peers and part.robot != robot.number
         }
-        return after.but(searched={**after.searched, **claimed})
+        return after.replaced(searched={**after.searched, **claimed})
 
     monkeypatch.setattr(robots, "heard", heard)
     assert found_within(60)

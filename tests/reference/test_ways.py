@@ -17,7 +17,7 @@ from shoal.search.cells.visibility_graph import (
     inside,
     leg_lengths,
     length_of,
-    pulled,
+    pull_string,
 )
 
 
@@ -138,7 +138,7 @@ def test_straightened_paths(region):
         # on the way, on and beside straight lines
         dense = np.vstack([np.linspace(*leg, 7) for leg in np.stack([way[:-1], way[1:]], axis=1)])
         for path in (way, dense, dense[::-1]):
-            found = pulled(region, path)
+            found = pull_string(region, path)
             shorter += len(found) < len(path)
             assert found.tolist() == plain_pulled(region, path).tolist()
         if len(way) > 4:

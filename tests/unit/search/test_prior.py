@@ -432,7 +432,7 @@ def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path,
         looks = [[] for _ in range(100)]
         for robot, log in enumerate(episode.trace.robots):
             for seen, moment in zip(
-                episode.plan.seen(robot, log.cells),
+                episode.plan.visible_cells(robot, log.cells),
                 episode.clock(log.times, robot).tolist(),
                 strict=True,
             ):

@@ -197,9 +197,9 @@ class SearchBatch:
             0 for a robot that continues or waits. Robots ignore an action that `masks` excludes.
         where : ndarray of bool, shape (worlds,), optional
         """
-        chosen, searches, done, begun = self.chosen(where), self._searches, 0, False
+        chosen, searches, progress, begun = self.chosen(where), self._searches, 0, False
         while True:
-            done = agents.step(
+            progress = agents.step(
                 searches.tour,
                 searches.rules,
                 searches.partitions,
@@ -210,12 +210,12 @@ class SearchBatch:
                 chosen,
                 actions,
                 self._length,
-                done,
+                progress,
                 begun,
             )
-            if done == len(chosen):
+            if progress == len(chosen):
                 break
-            searches.serve(int(chosen[done]))
+            searches.serve(int(chosen[progress]))
             begun = True
         self.terminated[chosen] = (self._agents.left[chosen] == 0) | ~self.alive[chosen].any(axis=1)
         self.truncated[chosen] = ~self.terminated[chosen] & (
@@ -253,8 +253,8 @@ class SearchBatch:
         """
         w, m = self._searches.worlds, self.problem.robots
         codes = (self.tour.position >= 0).astype(np.int64)
-        done = self._agents.scored[world] >= self.problem.multiplicity
-        codes[tuple(self.tour.cells[done].T)] = 2
+        searched = self._agents.scored[world] >= self.problem.multiplicity
+        codes[tuple(self.tour.cells[searched].T)] = 2
         for i in range(m):
             robot = w.robots[world, i]
             codes[tuple(self.tour.cells[int(robot.place)])] = 3 + i + m * (not robot.alive)
