@@ -124,9 +124,9 @@ class SearchEpisode(Episode):
         """One sentence that explains the status of the episode."""
         cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
         if self.trace.covered_at == inf:
-            left = int(np.isinf(search_times(self.scenario, self.trace.robots)).sum())
+            unsearched = int(np.isinf(search_times(self.scenario, self.trace.robots)).sum())
             often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
-            return f"{left} of {cells} cells that robots can reach were {often}"
+            return f"{unsearched} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
         back = ", and every vehicle that works was back," if self.plan.flies else ""
         text = (

@@ -630,9 +630,9 @@ def _allot(
     except (Exception, SystemExit) as error:
         if ":" not in allocator:
             raise
-        problem = f"{type(error).__name__}: {shortened(str(error))}"
+        reason = f"{type(error).__name__}: {shortened(str(error))}"
         raise InvalidInputError(
-            f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {problem}"
+            f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {reason}"
         ) from error
     return tuple(arcs)
 

@@ -81,10 +81,10 @@ def _best_around(
     stops = inner[usable]
     bonus = _EDGE * ((width + 2) ** 2 - _sums(unseen_in_window, width + 2)[usable])
     places = tour_cost.points[stops] - tour_cost.points[position]
-    hoped = (new[usable] + bonus) / np.maximum(np.sqrt((places * places).sum(axis=1)), 1.0)
+    bounds = (new[usable] + bonus) / np.maximum(np.sqrt((places * places).sum(axis=1)), 1.0)
     best, chosen, evaluated = 0.0, None, 0
-    for k in np.lexsort((stops, -hoped)):
-        if hoped[k] <= best or evaluated == _TRIED:
+    for k in np.lexsort((stops, -bounds)):
+        if bounds[k] <= best or evaluated == _TRIED:
             break
         stop = int(stops[k])
         if shut >> stop & 1:

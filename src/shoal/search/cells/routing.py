@@ -178,10 +178,10 @@ class Transits:
             else check_plane_points(landing, what="landing points")
         )
         places = np.vstack([launches, landings])
-        launch_points = shapely.multipoints(places)
+        endpoints = shapely.multipoints(places)
         # No path to a place or to a part of the region inside a hole avoids the hole.
         crossed = [
-            hole.intersects(launch_points) or hole.intersection(region.outline).area > 0
+            hole.intersects(endpoints) or hole.intersection(region.outline).area > 0
             for hole in region.holes
         ]
         barred = shapely.union_all(
@@ -190,7 +190,7 @@ class Transits:
                 *(hole for hole, open_ in zip(region.holes, crossed, strict=True) if not open_),
             ]
         )
-        low, high = np.array(region.outline.union(launch_points).bounds).reshape(2, 2)
+        low, high = np.array(region.outline.union(endpoints).bounds).reshape(2, 2)
         distance = _SURROUNDINGS * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - distance), *(high + distance))
         space = polygons_in(

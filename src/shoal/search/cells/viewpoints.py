@@ -121,32 +121,32 @@ def _within(
     import shapely
 
     chosen: list[list[Points]] = [[] for _ in pieces]
-    left, near = pieces.copy(), centers.copy()
-    unseen, rounds = np.flatnonzero(shapely.area(left) > speck), 0
+    remainders, near = pieces.copy(), centers.copy()
+    unseen, rounds = np.flatnonzero(shapely.area(remainders) > speck), 0
     while len(unseen) and rounds < most:
-        places = _common_viewpoints(areas[unseen], left[unseen], near[unseen], half)
+        places = _common_viewpoints(areas[unseen], remainders[unseen], near[unseen], half)
         for k, place in zip(unseen.tolist(), places, strict=True):
             if np.isnan(place[0]):
-                place[:] = _in_part(pieces[k], areas[k], left[k], near[k], begun=rounds > 0)
+                place[:] = _in_part(pieces[k], areas[k], remainders[k], near[k], begun=rounds > 0)
             chosen[k].append(place)
         near[unseen] = places
         squares = shapely.box(*(places - half).T, *(places + half).T)
-        left[unseen] = shapely.difference(left[unseen], squares)
-        unseen, rounds = unseen[shapely.area(left[unseen]) > speck], rounds + 1
-    return [np.array(places).reshape(-1, 2) for places in chosen], left
+        remainders[unseen] = shapely.difference(remainders[unseen], squares)
+        unseen, rounds = unseen[shapely.area(remainders[unseen]) > speck], rounds + 1
+    return [np.array(places).reshape(-1, 2) for places in chosen], remainders
 
 
-def _common_viewpoints(areas: Any, lefts: Any, near: Points, half: float) -> Points:
-    """Return, for each area, among all its points that see the whole part of ``lefts`` of a piece,
+def _common_viewpoints(areas: Any, remainders: Any, near: Points, half: float) -> Points:
+    """Return, for each area, among all its points that see the whole part of ``remainders`` of a piece,
     the point nearest to ``near``; float64, shape (n, 2).
 
     If no point sees the whole part, the result is not a number.
     """
     import shapely
 
-    low, high = np.split(shapely.bounds(lefts), 2, axis=1)
+    low, high = np.split(shapely.bounds(remainders), 2, axis=1)
     least, most, hair = high - half, low + half, 2 * _HAIR * half
-    nearest = np.full((len(lefts), 2), np.nan)
+    nearest = np.full((len(remainders), 2), np.nan)
     some = np.flatnonzero((least <= most + hair).all(axis=1))
     corners = np.minimum(least, most)[some] - hair, np.maximum(least, most)[some] + hair
     among = shapely.intersection(areas[some], shapely.box(*corners[0].T, *corners[1].T))
@@ -156,15 +156,15 @@ def _common_viewpoints(areas: Any, lefts: Any, near: Points, half: float) -> Poi
     return nearest
 
 
-def _in_part(piece: Any, area: Any, left: Any, near: Points, *, begun: bool) -> Points:
+def _in_part(piece: Any, area: Any, remainder: Any, near: Points, *, begun: bool) -> Points:
     """Return a point in ``area`` from which a robot sees a part of what it did not see.
 
     A point of the remaining part sees at least its own surroundings.
     """
     import shapely
 
-    part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
-    low, high = np.reshape(left.bounds, (2, 2))
+    part = max(shapely.get_parts(remainder), key=lambda shape: float(shape.area))
+    low, high = np.reshape(remainder.bounds, (2, 2))
     place = _nearest(part, (low + high) / 2) if begun else _nearest(piece, near)
     return place if area is piece else _nearest(area, place)
 

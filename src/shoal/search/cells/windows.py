@@ -43,14 +43,14 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
         return grid
     starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
     moved = grid.viewpoints.copy()
-    entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
+    entered, exits = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
     chains = _chains(np.flatnonzero(np.isin(index, np.array(list(windows)))), n)
     first, last = (np.array([chain[end] for chain in chains]) for end in (0, -1))
     fixed = lattice.from_region(
         np.stack(
             [
-                left[(first - 2) % n],
-                left[(first - 1) % n],
+                exits[(first - 2) % n],
+                exits[(first - 1) % n],
                 entered[(last + 1) % n],
                 entered[(last + 2) % n],
             ],

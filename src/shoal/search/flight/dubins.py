@@ -502,11 +502,11 @@ def _shorten_straight_legs(
         count = ceil(length / step - _SAME) if whole else int(reach / step)
         far = np.arange(1, count + (not whole)) * (1 / count if whole else step / length)
         shares = far if leg == vertex else 1.0 - far[::-1]
-        left = np.zeros(len(shares) + 1, dtype=np.bool_)
-        left[-1 if leg == vertex else 0] = not whole
+        still_straight = np.zeros(len(shares) + 1, dtype=np.bool_)
+        still_straight[-1 if leg == vertex else 0] = not whole
         points = np.insert(points, leg + 1, points[leg] + shares[:, None] * along, axis=0)
         marks = np.insert(marks, leg + 1, np.zeros(len(shares), dtype=np.int8))
-        straight = np.concatenate([straight[:leg], left, straight[leg + 1 :]])
+        straight = np.concatenate([straight[:leg], still_straight, straight[leg + 1 :]])
     return points, straight, marks
 
 

@@ -176,7 +176,7 @@ def _handle_sensed(robot: Robot, event: Sensed) -> Robot:
     for cell in (*((event.cell,) if event.found else ()), *event.beside):
         findings[cell] = findings.get(cell, 0) | 1 << robot.number
     searched = {**robot.searched, robot.number: robot.mine | _visible_cells(robot, event.cell)}
-    stopped = _handle_stopped(robot, event.cell, robot.through, left=robot.left - robot.cost)
+    stopped = _handle_stopped(robot, event.cell, robot.through, energy=robot.left - robot.cost)
     return stopped.replaced(searched=searched, found=findings, fresh=False)
 
 
@@ -193,7 +193,7 @@ def _handle_blocked(robot: Robot, cell: int, time: float) -> Robot:
 
     Otherwise, two robots could wait for each other forever.
     """
-    stopped = _handle_stopped(robot, cell, robot.through, left=robot.left - robot.cost)
+    stopped = _handle_stopped(robot, cell, robot.through, energy=robot.left - robot.cost)
     avoided = robot.avoided | 1 << cell
     return stopped.replaced(fresh=True, avoided=avoided, avoided_until=time + AVOIDED)
 
@@ -203,13 +203,15 @@ def _handle_obstructed(robot: Robot, cell: int, at: int) -> Robot:
     obstacle as blocked.
     """
     path = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
-    left = robot.left - robot.brief.tour_cost.length(robot.cell, at) - robot.launch_cost(at) - LOOK
+    energy = (
+        robot.left - robot.brief.tour_cost.length(robot.cell, at) - robot.launch_cost(at) - LOOK
+    )
     closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
     fresh = robot.fresh or at != robot.cell
-    return _handle_stopped(robot, at, path, left=left).replaced(fresh=fresh, closed=closed)
+    return _handle_stopped(robot, at, path, energy=energy).replaced(fresh=fresh, closed=closed)
 
 
-def _handle_stopped(robot: Robot, cell: int, path: tuple[int, ...], *, left: float) -> Robot:
+def _handle_stopped(robot: Robot, cell: int, path: tuple[int, ...], *, energy: float) -> Robot:
     """Return the state of a robot that has stopped in a cell after the cells of a path, which are
     therefore free.
     """
@@ -217,7 +219,7 @@ def _handle_stopped(robot: Robot, cell: int, path: tuple[int, ...], *, left: flo
     if path and isinstance(distances, CellDistances):
         passed |= distances.crossed(robot.cell, path)
     return robot.replaced(
-        cell=cell, at_launch=False, target=None, through=(), passed=passed, left=left
+        cell=cell, at_launch=False, target=None, through=(), passed=passed, left=energy
     )
 
 

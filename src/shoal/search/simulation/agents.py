@@ -237,13 +237,13 @@ class SearchBatch:
         views, m = self._views, self.problem.robots
         planes, cells = self._seen(views.planes, where), self._seen(views.cells, where)
         full, steps = self._searches.rules.energy, self._seen(self._agents.steps, where)
-        left = np.ones(cells.shape) if full == inf else self._seen(views.left, where) / full
+        energy_share = np.ones(cells.shape) if full == inf else self._seen(views.left, where) / full
         return {
             "planes": planes.reshape(len(cells), m, PLANES, *self.tour.position.shape),
             "position": self.tour.cells[cells].astype(np.int64),
             "heard": self._seen(views.heard, where),
             "told": self._seen(self._searches.worlds.told, where),
-            "energy": left[..., None].astype(np.float32).clip(0, 1),
+            "energy": energy_share[..., None].astype(np.float32).clip(0, 1),
             "time": np.repeat(steps, m).reshape(-1, m, 1),
         }
 

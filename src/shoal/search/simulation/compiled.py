@@ -514,9 +514,9 @@ class CompiledSearches:
             self.worlds = self.worlds._replace(random=longer)
         random = self.worlds.random[world]
         drawn = int(control.drawn)
-        left = len(random) - drawn
-        random[:left] = random[drawn:]
-        random[left:] = self._rngs[world].random(drawn)
+        unused = len(random) - drawn
+        random[:unused] = random[drawn:]
+        random[unused:] = self._rngs[world].random(drawn)
         control.drawn = 0
 
     def _add_path(self, key: int, length: float) -> None:

@@ -271,24 +271,24 @@ def _with_recharging(
     holds the times without recharging.
     """
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
-    completion, left = lasting.copy(), brief.energy
+    completion, energy = lasting.copy(), brief.energy
     away = [
         length + brief.from_launch(robot + 1, start, cell)
         for cell, length in zip(cells.tolist(), tour_cost.lengths_from(start, cells), strict=True)
     ]
     for k, cell in enumerate(cells.tolist()):
         cost = lasting[k] * rate
-        if cost + away[k] > left and k:
+        if cost + away[k] > energy and k:
             cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(
                 robot + 1, start, cell
             )
-            completion[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
-        if cost + away[k] > left:
+            completion[k], energy = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
+        if cost + away[k] > energy:
             raise InvalidInputError(
                 f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home"
                 f" of robot {robot + 1}, got {brief.energy:.4g} cells"
             )
-        left -= cost
+        energy -= cost
     return completion
 
 

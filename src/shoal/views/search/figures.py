@@ -494,9 +494,11 @@ def _draw_legend(figure: Figure, history: SearchHistory, time: float) -> None:
         handles.append(dashes(path_label, ls=(0, (3, 1.8))))
     if holes := _holes_text(episode.plan.grid.region):
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label=holes))
-    left = _not_seen(history).area if whole else 0.0
-    if left > 1e-6 * episode.plan.grid.region.area_m2:
-        handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
+    missed_area = _not_seen(history).area if whole else 0.0
+    if missed_area > 1e-6 * episode.plan.grid.region.area_m2:
+        handles.append(
+            Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {missed_area:.4g} m²")
+        )
     add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)
 
 

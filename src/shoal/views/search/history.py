@@ -704,10 +704,10 @@ class SearchHistory:
         seconds = start + unit * float(np.clip(time, 0.0, self.end))
         past = looks.times <= time
         searches = np.bincount(looks.pieces[past], minlength=len(ground.masses))
-        left = ground.masses * (1.0 - self.episode.problem.chosen_detection) ** searches
+        masses = ground.masses * (1.0 - self.episode.problem.chosen_detection) ** searches
         still = ground if isinstance(ground, Ground) else ground.still(seconds)
         for column in still.cells.T:
-            np.add.at(probabilities, column[column >= 0], left[column >= 0])
+            np.add.at(probabilities, column[column >= 0], masses[column >= 0])
         return probabilities
 
     def heat(self, time: float) -> Floats:

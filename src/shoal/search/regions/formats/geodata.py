@@ -419,7 +419,7 @@ def _open_database(path: Path) -> Iterator[sqlite3.Connection]:
     The function converts any SQLite error to an `InvalidInputError` of one sentence. If another
     program has stored changes in a second file beside the SQLite file, SQLite reads both files.
     """
-    left = _STEPS // _AT_ONCE
+    budget = _STEPS // _AT_ONCE
     changes = [
         name
         for end in ("-wal", "-journal")
@@ -430,9 +430,9 @@ def _open_database(path: Path) -> Iterator[sqlite3.Connection]:
     how = "mode=ro" if changes else "mode=ro&immutable=1"
 
     def step() -> bool:
-        nonlocal left
-        left -= 1
-        return left < 0
+        nonlocal budget
+        budget -= 1
+        return budget < 0
 
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
@@ -444,11 +444,11 @@ def _open_database(path: Path) -> Iterator[sqlite3.Connection]:
                 _check_table(database, path, table)
             yield database
     except (sqlite3.Error, sqlite3.Warning, OverflowError, UnicodeError) as error:
-        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and left >= 0:
+        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and budget >= 0:
             raise KeyboardInterrupt from error
         why = (
             f"one that keeps SQLite busy for more than {_STEPS} steps"
-            if left < 0
+            if budget < 0
             else f"a damaged one or another format: {error}"
         )
         if changes and getattr(error, "sqlite_errorcode", 0) & 0xFF in _UNFINISHED:

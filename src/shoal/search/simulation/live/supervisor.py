@@ -376,12 +376,12 @@ class _Watch:
         failed = {event.robot: event.reason for event in self._events if event.kind == "failed"}
         events = tuple(sorted(self._events, key=lambda event: event.time))
         covered = covered_share(events, self._task.scenario.goal)
-        left = members.keys() - killed.keys() - failed.keys()
+        survivors = members.keys() - killed.keys() - failed.keys()
         sent, heard, lost, dropped = (
             sum(member.counts[k] for member in members.values()) for k in range(4)
         )
         return LiveOutcome(
-            complete=covered == 1.0 and bool(declared) and left <= declared.keys(),
+            complete=covered == 1.0 and bool(declared) and survivors <= declared.keys(),
             covered=covered,
             declared=declared,
             killed=killed,
