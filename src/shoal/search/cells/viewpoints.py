@@ -137,8 +137,8 @@ def _within(
 
 
 def _common_viewpoints(areas: Any, remainders: Any, near: Points, half: float) -> Points:
-    """Return, for each area, among all its points that see the whole part of ``remainders`` of a piece,
-    the point nearest to ``near``; float64, shape (n, 2).
+    """Return, for each area, among all its points that see the whole part of ``remainders`` of a
+    piece, the point nearest to ``near``; float64, shape (n, 2).
 
     If no point sees the whole part, the result is not a number.
     """

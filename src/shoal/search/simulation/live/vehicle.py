@@ -36,7 +36,7 @@ class MovingPoint:
     length : float
         Length of the leg in cells: the length of the path, plus the cost of turns and search at the
         end of the path.
-    done : float
+    travelled : float
         Completed length of the leg in cells.
     limit : float
         Position on the leg, in cells from its start, at which the vehicle waits until the agent
@@ -47,8 +47,8 @@ class MovingPoint:
     Examples
     --------
     >>> start = MovingPoint(0.0, (0.0, 0.0), (4.0, 0.0), distance=4.0, length=4.0, limit=4.0)
-    >>> later = start.moved(2.0, rate=1.0)
-    >>> round(later.done, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
+    >>> later = start.at(2.0, rate=1.0)
+    >>> round(later.travelled, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
     (1.9, 1.0, [1.9, 0.0])
     """
 
@@ -57,14 +57,14 @@ class MovingPoint:
     goal: tuple[float, ...]
     distance: float = 0.0
     length: float = 0.0
-    done: float = 0.0
+    travelled: float = 0.0
     limit: float = 0.0
     speed: float = 0.0
 
     @property
     def place(self) -> tuple[float, ...]:
         """Position of the vehicle in cell sides, as in `TourCost.points`."""
-        share = min(1.0, self.done / self.distance) if self.distance > 0 else 1.0
+        share = min(1.0, self.travelled / self.distance) if self.distance > 0 else 1.0
         return tuple(
             begin + share * (end - begin) for begin, end in zip(self.origin, self.goal, strict=True)
         )
@@ -72,36 +72,36 @@ class MovingPoint:
     @property
     def arrived(self) -> bool:
         """Whether the vehicle has reached the position ``limit`` on its leg."""
-        return self.done >= self.limit - _NEAR
+        return self.travelled >= self.limit - _NEAR
 
-    def moved(self, time: float, *, rate: float) -> MovingPoint:
+    def at(self, time: float, *, rate: float) -> MovingPoint:
         """Return the vehicle at a later time, for the desired speed ``rate``. The motion is exact
         for time steps of any length.
 
         The vehicle never passes the position ``limit``. At the position ``limit``, `speed` keeps
-        its value until `stopped` sets it to 0.
+        its value until `halt` sets it to 0.
         """
         if self.arrived:
             return replace(self, time=time)
         passed = time - self.time
         decay = exp(-passed / LAG)
-        travelled = self.done + rate * passed + (self.speed - rate) * LAG * (1 - decay)
+        travelled = self.travelled + rate * passed + (self.speed - rate) * LAG * (1 - decay)
         return replace(
             self,
             time=time,
-            done=min(travelled, self.limit),
+            travelled=min(travelled, self.limit),
             speed=rate + (self.speed - rate) * decay,
         )
 
     def earliest(self, *, rate: float) -> float:
         """Return a lower bound on the time at which the vehicle reaches the position ``limit``."""
-        return self.time + (self.limit - self.done) / max(rate, self.speed)
+        return self.time + (self.limit - self.travelled) / max(rate, self.speed)
 
-    def stopped(self) -> MovingPoint:
+    def halt(self) -> MovingPoint:
         """Return the vehicle with the speed 0."""
         return replace(self, speed=0.0)
 
-    def sent(self, goal: tuple[float, ...], *, distance: float, length: float) -> MovingPoint:
+    def start_leg(self, goal: tuple[float, ...], *, distance: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg that begins at its position. At first, ``limit`` is one
         cell before the leg's end.
 
@@ -114,7 +114,7 @@ class MovingPoint:
             goal=goal,
             distance=distance,
             length=length,
-            done=0.0,
+            travelled=0.0,
             limit=max(length - 1.0, 0.0),
         )
 
@@ -169,7 +169,7 @@ class PointVehicle:
 
     def go(self, leg: Leg, time: float) -> None:
         """Begin a leg."""
-        self.point = replace(self.point, time=time).sent(
+        self.point = replace(self.point, time=time).start_leg(
             leg.goal, distance=leg.distance, length=leg.length
         )
         self._going = True
@@ -181,7 +181,7 @@ class PointVehicle:
     def step(self, time: float) -> bool:
         """Move, and return whether the vehicle is where it may go."""
         if self._going:
-            self.point = self.point.moved(time, rate=self._rate(time))
+            self.point = self.point.at(time, rate=self._rate(time))
         return self._going and self.point.arrived
 
     def due(self, time: float) -> float:
@@ -190,7 +190,7 @@ class PointVehicle:
 
     def stop(self, time: float) -> None:
         """Stand still."""
-        self.point = self.point.stopped()
+        self.point = self.point.halt()
 
     def left(self) -> float | None:
         """Return None: the robot's program computes what is left."""
