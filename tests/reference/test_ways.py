@@ -154,7 +154,7 @@ def test_without_the_compiler():
     script = """
 import numpy as np
 from tests.reference.test_ways import (
-    VisibilityGraph, length_of, pulled, with_fewer_bends, yard
+    VisibilityGraph, length_of, pull_string, with_fewer_bends, yard
 )
 region = yard(3)
 graph = VisibilityGraph(region)
@@ -163,7 +163,7 @@ for end in ((95.0, 90.0), (3.0, 97.0), (97.0, 4.0)):
     way = graph.shortest(*ends, np.arange(len(graph.corners)))
     print(way if way is None else way.tolist())
     if way is not None:
-        print(pulled(region, way), with_fewer_bends(region, way, 30.0), len(graph.around(way, 5.0)))
+        print(pull_string(region, way), with_fewer_bends(region, way, 30.0), len(graph.around(way, 5.0)))
 """
     told = printed(script)
     assert told == printed(script, compiled=True)

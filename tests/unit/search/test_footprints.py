@@ -32,7 +32,9 @@ def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
 
     def sense(world, vehicle, cell):
         with monkeypatch.context() as patch:
-            patch.setattr(type(world.scenario), "seen", lambda scenario, number, one: 1 << one)
+            patch.setattr(
+                type(world.scenario), "visible_cells", lambda scenario, number, one: 1 << one
+            )
             true(world, vehicle, cell)
 
     monkeypatch.setattr(SearchWorld, "_do_sense", sense)

@@ -181,7 +181,7 @@ class CellDistances:
         return {
             name: value
             for name, value in self.__dict__.items()
-            if name not in ("_found", "_graph", "_parts")
+            if name not in ("_lengths_from", "_graph", "_components_of")
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -354,7 +354,7 @@ class RegionPaths:
         # Plans compare routes that have most of their legs in common, and the plan that is chosen
         # has the legs of its tour. So all paths between the same pieces share what they have found.
         self._cache: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
-            vars(grid.clipped).setdefault("ways", {}).setdefault(transit, {})
+            vars(grid.clipped).setdefault("paths", {}).setdefault(transit, {})
         )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:

@@ -1,7 +1,7 @@
 """What a robot does next.
 
 Counterpart: `next_action`, `head_for` and what they call in `shoal.search.protocol.robot`, and
-`settled` and `reachable` in `shoal.search.protocol.state`. Footprints of one cell.
+`settled_cells` and `reachable_cells` in `shoal.search.protocol.state`. Footprints of one cell.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def is_settled_by_able(tour, w, b, i, cell, time, limit, waits, closed):
 @in_place_kernel
 def write_reachable(tour, rules, w, b, i, time):
     """Write the cells that a robot can reach, and those that a live robot can reach, to the work
-    space; see `shoal.search.protocol.state.reachable`. Robots never are in closed cells.
+    space; see `shoal.search.protocol.state.reachable_cells`. Robots never are in closed cells.
     """
     robot, own, anyone = w.robots[b, i], w.reach[b], w.anyone[b]
     if not tour.stepwise:
@@ -143,7 +143,7 @@ def add_part(labels, cell, bits):
 
 @in_place_kernel
 def write_unsettled(tour, rules, w, b, i, time, out):
-    """Write to a bitset the cells that need further search; see `settled`."""
+    """Write to a bitset the cells that need further search; see `settled_cells`."""
     robot = w.robots[b, i]
     fill(out, tour.cells)
     for k in range(out.shape[0]):
@@ -167,7 +167,7 @@ def write_unsettled(tour, rules, w, b, i, time, out):
 @in_place_kernel
 def allot(tour, rules, partitions, w, b, i, time):
     """Let a robot divide the tour among all robots that it knows; see
-    `shoal.search.protocol.robot._allotted`. Return False if the world needs something first.
+    `shoal.search.protocol.robot._allot`. Return False if the world needs something first.
     """
     robot, control = w.robots[b, i], w.control[b]
     if robot.offered_for != robot.peers + 1:
@@ -515,7 +515,7 @@ def head_along_steps(tour, rules, w, b, i, cell, time):
 @in_place_kernel
 def write_unsure(tour, rules, w, b, i, unsure):
     """Write the cells that a robot does not know to be free; see
-    `shoal.search.protocol.state.known_free`.
+    `shoal.search.protocol.state.free_cells`.
     """
     fill(unsure, tour.cells)
     if rules.multiplicity == 1:

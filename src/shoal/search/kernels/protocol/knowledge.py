@@ -1,6 +1,6 @@
 """What a robot learns from a beacon, and what its own beacons tell.
 
-Counterparts: `heard`, `with_beacon` and what they call in `shoal.search.protocol.robot`, and the
+Counterparts: `receive`, `with_beacon` and what they call in `shoal.search.protocol.robot`, and the
 failure detector of `shoal.search.protocol.state`.
 """
 
