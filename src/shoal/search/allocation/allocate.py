@@ -406,17 +406,17 @@ def _from_nearer_end(
     if not arc.count:
         return work
     first, last, start = arc.first % n, (arc.first + arc.count - 1) % n, int(team.starts[robot])
-    ways = [
+    distances = [
         float(team.far[robot, cell])
         if len(team.far)
         else float(np.linalg.norm(tour_cost.points[cell] - team.places[robot]))
         for cell in (first, last)
     ]
     behind = (start - first) % n
-    direct = sum(ways) if home else min(ways)
+    direct = sum(distances) if home else min(distances)
     if behind < arc.count - 1 and tour_cost.between(first, last) < direct:
         return [Arc(start, behind + 1, -1), Arc(last, arc.count - 1 - behind, -1)]
-    return [Arc(last, arc.count, -1)] if ways[1] < ways[0] else work
+    return [Arc(last, arc.count, -1)] if distances[1] < distances[0] else work
 
 
 @ALLOCATORS.register("hop")

@@ -349,9 +349,9 @@ def _turns(points: Floats) -> Floats:
     steps = np.roll(points, -1, axis=0) - points
     lengths = np.linalg.norm(steps, axis=1)
     moves = np.flatnonzero(lengths > 1e-9)
-    ways = steps[moves] / lengths[moves, None]
+    directions = steps[moves] / lengths[moves, None]
     turns = np.zeros(len(points))
-    turns[moves] = np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > STRAIGHT
+    turns[moves] = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1) > STRAIGHT
     return turns
 
 

@@ -125,9 +125,9 @@ class CellDistances:
     --------
     >>> from shoal.search.tours import make_tour
     >>> tour = make_tour("comb", (3, 3))
-    >>> ways = CellDistances(tour)
-    >>> here, cell = int(tour.position[0, 0]), int(tour.position[0, 2])
-    >>> ways.length(here, cell), round(ways.length(here, cell, closed=1 << int(tour.position[0, 1])), 3)
+    >>> distances = CellDistances(tour)
+    >>> source, between, cell = tour.position[0].tolist()
+    >>> distances.length(source, cell), round(distances.length(source, cell, closed=1 << between), 3)
     (2.0, 4.0)
     """
 

@@ -378,14 +378,14 @@ class Vehicle(Problem):
             self.sink_speed or inf
         )
 
-    def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
+    def ground_speed(self, directions: ArrayLike) -> NDArray[np.float64]:
         """Return the ground speed in m/s along given directions, for a vehicle at cruise speed that
         compensates crosswind.
 
-        The array ``ways`` of shape (k, 2) holds direction vectors (east, north) of any positive
+        The array ``directions`` of shape (k, 2) holds direction vectors (east, north) of any positive
         length.
         """
-        along = np.asarray(ways, dtype=np.float64)
+        along = np.asarray(directions, dtype=np.float64)
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
         wind = self.wind_vector
         helped, across = along @ wind, along[..., 0] * wind[1] - along[..., 1] * wind[0]

@@ -471,11 +471,11 @@ class SearchPlan:
         """
         shape = shapely.union_all([layer.region.area for layer in layers_of(self.grid)])
         corners = shapely.get_coordinates(shape.convex_hull)
-        ways = (
+        distances = (
             np.linalg.norm(corners[:, None] - self.places[None], axis=2)
             - self._widest_views / 2**0.5
         )
-        return float((ways / speeds).min(axis=1).max())
+        return float((distances / speeds).min(axis=1).max())
 
     @cached_property
     def paths(self) -> Paths:

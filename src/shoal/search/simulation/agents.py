@@ -75,10 +75,10 @@ class SearchBatch:
         position, cells = self.tour.position, self.tour.cells
         n, m = len(cells), problem.robots
         flat = np.ravel_multi_index(tuple(cells.T), position.shape)
-        ways = np.asarray(directions, dtype=np.int64).reshape(-1, 3)
+        offsets = np.asarray(directions, dtype=np.int64).reshape(-1, 3)
         if cells.shape[1] == 2:
-            ways = ways[ways[:, 0] == 0, 1:]
-        around = cells[:, None] + ways
+            offsets = offsets[offsets[:, 0] == 0, 1:]
+        around = cells[:, None] + offsets
         inside = np.all((around >= 0) & (around < position.shape), axis=2)
         beside = np.where(
             inside, position[tuple(np.moveaxis(np.where(inside[..., None], around, 0), 2, 0))], -1

@@ -257,7 +257,7 @@ class CompiledSearches:
         words, media = (n + 63) // 64, len(self.rules.media)
         bursts = "bursts" in {medium.kind for medium in self.scenario.network.media}
         relayed = min(m, 1 + max(RELAYED, min((m + 3) // 4, MOST_RELAYED)))
-        facts, findings, ways = words + m, 1, self.tour.stepwise
+        facts, findings, stepwise = words + m, 1, self.tour.stepwise
         split, late = self.rules.longest > 0, self.rules.longest > 0 and self.rules.remembered
         self.worlds = Worlds(
             control=np.zeros(b, dtype=CONTROL),
@@ -272,8 +272,8 @@ class CompiledSearches:
             claims=np.zeros((b, m, n if self.rules.multiplicity > 1 else 0), dtype=np.int32),
             goal=np.zeros((b, words), dtype=np.uint64),
             blocked=np.zeros((b, words), dtype=np.uint64),
-            passed=np.zeros((b, m, words if ways else 0), dtype=np.uint64),
-            path=np.zeros((b, m, n + 4 if ways else 0), dtype=np.int64),
+            passed=np.zeros((b, m, words if stepwise else 0), dtype=np.uint64),
+            path=np.zeros((b, m, n + 4 if stepwise else 0), dtype=np.int64),
             covered=np.zeros((b, n), dtype=np.int32),
             occupied=np.zeros((b, n), dtype=np.int32),
             owner=np.zeros((b, facts), dtype=np.int32),
@@ -324,7 +324,7 @@ class CompiledSearches:
             visited=np.zeros((b, 64)),
             states=np.zeros((b, 8 * m + 16, 2), dtype=np.int64),
             stated=np.zeros((b, 8 * m + 16)),
-            passes=np.zeros((b, 2 * n + 64 if ways else 1, 2), dtype=np.int64),
+            passes=np.zeros((b, 2 * n + 64 if stepwise else 1, 2), dtype=np.int64),
             stops=np.zeros((b, 4, 2), dtype=np.int64),
             stopped=np.zeros((b, 4)),
             wanted=np.zeros((b, words), dtype=np.uint64),

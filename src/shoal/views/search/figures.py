@@ -423,14 +423,14 @@ def spread_out(
         [np.cos(2.4 * np.arange(len(places))), np.sin(2.4 * np.arange(len(places)))], axis=1
     )
     for _ in range(300):
-        ways = moved[:, None] - moved[None]
-        apart = np.hypot(ways[..., 0], ways[..., 1])
+        offsets = moved[:, None] - moved[None]
+        apart = np.hypot(offsets[..., 0], offsets[..., 1])
         np.fill_diagonal(apart, inf)
         push = np.clip(least - apart, 0, None)
         if not (push > 0.01).any():
             break
         moved = np.clip(
-            moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * ways).sum(axis=1), *box
+            moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * offsets).sum(axis=1), *box
         )
     return np.asarray(np.clip(moved, *box))
 

@@ -539,7 +539,7 @@ def has_news(w, b, i, turn, cell):
 @in_place_kernel
 def write_heartbeats(w, b, i, slot, time):
     """Write the robot's own heartbeat and those that it relays; see
-    `shoal.search.protocol.robot.relayed`.
+    `shoal.search.protocol.robot.relayed_heartbeats`.
     """
     robot, message = w.robots[b, i], w.messages[b, slot]
     beats, lags = w.beats[b, slot], w.lags[b, slot]

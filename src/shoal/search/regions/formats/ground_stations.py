@@ -153,11 +153,11 @@ def _circle(centre: Any, radius: Any, place: str, *, around: bool) -> Any:
             f" {centre[0]:g}"
         )
     far = radius / math.cos(math.pi / _CORNERS) if around else radius
-    ways = np.linspace(0, 360, _CORNERS, endpoint=False)
+    bearings = np.linspace(0, 360, _CORNERS, endpoint=False)
     longitude, latitude, _ = Geod(ellps="WGS84").fwd(
         np.full(_CORNERS, centre[0]),
         np.full(_CORNERS, centre[1]),
-        ways,
+        bearings,
         np.full(_CORNERS, float(far)),
     )
     return np.stack([longitude, latitude], axis=1)
