@@ -26,7 +26,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionSet
 from shoal.missions.options import MissionOptions
 from shoal.search import SearchProblem, region_of
-from shoal.search.flight.deviation import deviated
+from shoal.search.flight.deviation import deviate
 from shoal.search.regions.projection import LocalFrame
 
 SHOWN = 10  # worst plans
@@ -96,7 +96,7 @@ def fly(number: int, **changes: Any) -> Flown:
     in_zones, depth, rng = 0.0, 0.0, np.random.default_rng(number)
     for mission in missions.missions:
         way = FRAME.to_metres(np.vstack([mission.home, mission.waypoints[:, :2], mission.end]))
-        line = shapely.linestrings(deviated(way, vehicle, rng))
+        line = shapely.linestrings(deviate(way, vehicle, rng))
         inside = shapely.intersection(line, zones)
         in_zones += float(inside.length)
         places = shapely.points(shapely.get_coordinates(shapely.segmentize(inside, 1.0)))

@@ -165,7 +165,7 @@ def in_turn(lines: np.ndarray, start: np.ndarray) -> np.ndarray:
 def path(order: np.ndarray, home: np.ndarray, ways: Ways) -> np.ndarray:
     """Return the way from home along lines and back."""
     stops = np.vstack([home[None], order.reshape(-1, 2), home[None]])
-    pieces = [ways.way(a, b)[:-1] for a, b in pairwise(stops)]
+    pieces = [ways.path(a, b)[:-1] for a, b in pairwise(stops)]
     return np.vstack([*pieces, stops[-1:]])
 
 

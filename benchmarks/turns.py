@@ -32,7 +32,7 @@ from shoal.search import (
     plan_search,
     region_of,
 )
-from shoal.search.cells.clipping import clip_to_cells, lattice_over, rotated_shape
+from shoal.search.cells.clipping import clip_to_cells, lattice_over, rotate_shape
 from shoal.search.flight.timing import turns_of
 
 AREA = 9e6  # square metres
@@ -100,7 +100,7 @@ def around_blocks(region: SearchRegion, size: float) -> tuple[int, float, float]
     """Return turns, length and share seen of the tour round the blocks that lie inside."""
     best: Any = None
     for angle, *shift in product(range(0, 90, 5), (0.0, 0.25, 0.5, 0.75), (0.0, 0.25, 0.5, 0.75)):
-        area = rotated_shape(region.area, -angle)
+        area = rotate_shape(region.area, -angle)
         labels, count = label(
             clip_to_cells(area, lattice_over(area, 2 * size, offset=(shift[0], shift[1]))).whole
         )

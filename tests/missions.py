@@ -8,7 +8,7 @@ from shoal.search.flight.flight import Altitudes, Flight
 
 OF_ALTITUDES = {"altitude_frame": "frame", "terrain": "terrain", "terrain_error": "error"}
 OF_AIRSPACE = ("blocked", "area", "free")
-OF_SPLIT = ("robot", "autopilot", "cap", "tolerance", "ways", "out")
+OF_SPLIT = ("robot", "autopilot", "cap", "tolerance", "find_path", "out")
 
 
 def flight_of(frame=None, **fields):

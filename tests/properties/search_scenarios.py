@@ -111,8 +111,8 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
 
 @dataclass(frozen=True)
 class FarLaunches:
-    """Launch points outside, as `WaysOut` tells of them: each so far from the cell in which its
-    robot starts, by number.
+    """Launch points outside, as `LaunchDistances` tells of them: each so far from the cell in which
+    its robot starts, by number.
     """
 
     away: dict[int, float]
@@ -141,7 +141,7 @@ def with_launches(brief: Brief, starts: tuple[int, ...], rng: Generator) -> Brie
     return replace(
         brief,
         delays=tuple(delays.tolist()) if late else (),
-        ways_out=far if outside and brief.energy == inf else None,
+        launch_distances=far if outside and brief.energy == inf else None,
     )  # type: ignore[arg-type]  # it is asked for nothing else
 
 

@@ -50,10 +50,10 @@ def test_a_jump_costs_no_more_than_searching_what_lies_between(
     step = data.draw(st.sampled_from([1, -1])) if stepwise else 1
     stops = [(here + step * k) % n for k in range(count + 1)]
     each = sum(
-        1.0 + tour_cost.way(one, other, fresh=fresh and one == here)
+        1.0 + tour_cost.move_cost(one, other, fresh=fresh and one == here)
         for one, other in pairwise(stops)
     )
-    assert 1.0 + tour_cost.way(here, stops[-1], fresh=fresh) <= each + 1e-9
+    assert 1.0 + tour_cost.move_cost(here, stops[-1], fresh=fresh) <= each + 1e-9
 
 
 @settings(max_examples=60, deadline=None)
@@ -70,7 +70,7 @@ def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_mi
     )
     bits = bitset_of(closed - {here, cell})
     cost, through = (
-        tour_cost.way(here, cell, closed=bits),
+        tour_cost.move_cost(here, cell, closed=bits),
         tour_cost.through(here, cell, closed=bits),
     )
     if here == cell:
@@ -90,5 +90,5 @@ def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_mi
 def test_cells_searched_on_a_straight_way_are_no_turn():
     tour = make_tour("hilbert-rectangle", (1, 10))
     tour_cost = TourCost(tour, turn_cost=1.0, distances=CellDistances(tour))
-    assert tour_cost.way(5, 8) == pytest.approx(2.0)
+    assert tour_cost.move_cost(5, 8) == pytest.approx(2.0)
     assert tour_cost.through(5, 8) == (6, 7, 8)

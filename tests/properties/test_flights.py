@@ -27,7 +27,7 @@ from shoal.search.flight.dubins import (
 )
 from shoal.search.planning.plan import SearchPlan, plan_search
 from shoal.search.problem import SearchProblem
-from shoal.search.regions.margin import grown
+from shoal.search.regions.margin import grow
 
 # a plan in whose file rounding turns a leg of 1.4 m by .04 degrees, so that a bend of 1 degree
 # becomes a turn
@@ -146,7 +146,7 @@ def test_a_fixed_wing_flies_out_of_a_gap_between_zones_before_it_turns(boxes, tm
     region = plan.grid.region
     assert not plan.refusal
     assert region.margin == problem.place.margin > 8
-    missions = missions_of_plan(plan, blocked=grown(region.no_go, region.margin))
+    missions = missions_of_plan(plan, blocked=grow(region.no_go, region.margin))
     write_missions(missions, tmp_path / "m", formats=["plan"])
     way = region.frame.to_metres(np.asarray(missions[0].waypoints))
     assert shapely.distance(region.no_go, shapely.linestrings(way)) > region.margin - 0.02

@@ -120,10 +120,10 @@ def test_no_planted_bug_no_finding():
 
 
 def test_bug_1_done_when_the_own_part_is_done(monkeypatch):
-    true = robots.settled
+    true = robots.settled_cells
     monkeypatch.setattr(
         robots,
-        "settled",
+        "settled_cells",
         lambda robot, time: (
             robot.brief.everything
             if robot.parts[robot.own].bits & ~robot.mine == 0
@@ -134,7 +134,7 @@ def test_bug_1_done_when_the_own_part_is_done(monkeypatch):
 
 
 def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
-    true = robots.heard
+    true = robots.receive
 
     def heard(robot, beacon, time):
         after = true(robot, beacon, time)
@@ -143,9 +143,9 @@ def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
             for part in robot.parts
             if part.robot in after.peers and part.robot != robot.number
         }
-        return after.but(searched={**after.searched, **claimed})
+        return after.replaced(searched={**after.searched, **claimed})
 
-    monkeypatch.setattr(robots, "heard", heard)
+    monkeypatch.setattr(robots, "receive", heard)
     assert found_within(60)
 
 

@@ -42,20 +42,20 @@ def plain_way(one, other, lengths, away, node):
 
 def compare(seed, n=30):
     one, other, lengths = edges(seed, n)
-    graph = Graph.of_pairs(one, other, lengths, n)
+    graph = Graph.from_edges(one, other, lengths, n)
     plain = [relaxed(one, other, lengths, n, here) for here in range(n)]
     steps = [relaxed(one, other, np.ones(len(one)), n, here) for here in range(n)]
     for here in range(n):
         away = graph.distances(here)
         assert away.tolist() == plain[here]
         for node in range(n):
-            assert graph.way(away, node).tolist() == plain_way(one, other, lengths, away, node)
-        before = graph.before(here).tolist()
+            assert graph.path(away, node).tolist() == plain_way(one, other, lengths, away, node)
+        before = graph.predecessors(here).tolist()
         for node, prior in enumerate(before):
             assert (prior < 0) == (node == here or steps[here][node] == inf)
             assert prior < 0 or steps[here][prior] + 1 == steps[here][node]
             assert prior < 0 or steps[prior][node] == 1
-    labels = graph.parts()
+    labels = graph.components()
     together = labels[:, None] == labels
     assert together.tolist() == [[away < inf for away in row] for row in plain]
 

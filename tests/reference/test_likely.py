@@ -19,7 +19,7 @@ from shoal.search.protocol.state import Brief, Robot
 
 def searched_at(tour_cost, allocation, places, rates, way=None):
     """Return when each cell is searched, and when the last robot is done, in cells."""
-    n, way = len(tour_cost), way or tour_cost.way
+    n, way = len(tour_cost), way or tour_cost.move_cost
     times, last = np.full(n, np.inf), 0.0
     for work, place, rate in zip(allocation.work, places, rates, strict=True):
         cells = numbers_of(work, n).tolist()
@@ -78,7 +78,7 @@ def test_small_searches_are_nearly_the_best_of_all_orders(seed):
         time = 1.0 + float(np.linalg.norm(tour_cost.points[order[0]] - tour_cost.points[start]))
         total = time * tour_cost.odds[order[0]]
         for here, cell in pairwise(order):
-            time += 1.0 + tour_cost.way(here, cell)
+            time += 1.0 + tour_cost.move_cost(here, cell)
             total += time * tour_cost.odds[cell]
         best = min(best, total)
     assert best - 1e-9 <= found <= 1.05 * best
@@ -97,7 +97,7 @@ def test_the_latency_of_an_order_is_the_sum_over_its_cells(seed, monkeypatch):
     def step(here, cell):
         """Straight, or one step along the tour."""
         if abs(here - cell) in (1, n - 1):
-            return tour_cost.way(here, cell)
+            return tour_cost.move_cost(here, cell)
         straight = float(np.linalg.norm(tour_cost.points[here] - tour_cost.points[cell]))
         return max(straight - 1.0, 0.0) + tour_cost.turn_cost
 
@@ -118,7 +118,7 @@ def greedily_searched_at(tour_cost, starts, rates):
         if here[robot] is None:
             ways = [1.0 + float(np.linalg.norm(points[k] - points[starts[robot]])) for k in left]
         else:
-            ways = [1.0 + tour_cost.way(here[robot], k) for k in left.tolist()]
+            ways = [1.0 + tour_cost.move_cost(here[robot], k) for k in left.tolist()]
         near = np.ones(len(left)) if tour_cost.turn_cost else np.array(ways)
         chosen = int(np.argmax(weights[left] / (ways * near**3)))
         here[robot] = int(left[chosen])

@@ -217,7 +217,7 @@ def assert_equal_robots(both):
             (robot.deadline, plain.deadline),
             (robot.left, plain.left),
             (robot.lag, plain.lag),
-            ((robot.lost, robot.got), (plain.lost, plain.got)),
+            ((robot.lost, robot.received), (plain.lost, plain.received)),
             (robot.window, plain.window),
             (robot.place, vehicle.place),
             (robot.energy, vehicle.energy),

@@ -17,7 +17,7 @@ from shoal.search.cells.visibility_graph import (
     inside,
     leg_lengths,
     length_of,
-    pulled,
+    pull_string,
 )
 
 
@@ -138,7 +138,7 @@ def test_straightened_paths(region):
         # on the way, on and beside straight lines
         dense = np.vstack([np.linspace(*leg, 7) for leg in np.stack([way[:-1], way[1:]], axis=1)])
         for path in (way, dense, dense[::-1]):
-            found = pulled(region, path)
+            found = pull_string(region, path)
             shorter += len(found) < len(path)
             assert found.tolist() == plain_pulled(region, path).tolist()
         if len(way) > 4:
@@ -154,7 +154,7 @@ def test_without_the_compiler():
     script = """
 import numpy as np
 from tests.reference.test_ways import (
-    VisibilityGraph, length_of, pulled, with_fewer_bends, yard
+    VisibilityGraph, length_of, pull_string, with_fewer_bends, yard
 )
 region = yard(3)
 graph = VisibilityGraph(region)
@@ -163,7 +163,7 @@ for end in ((95.0, 90.0), (3.0, 97.0), (97.0, 4.0)):
     way = graph.shortest(*ends, np.arange(len(graph.corners)))
     print(way if way is None else way.tolist())
     if way is not None:
-        print(pulled(region, way), with_fewer_bends(region, way, 30.0), len(graph.around(way, 5.0)))
+        print(pull_string(region, way), with_fewer_bends(region, way, 30.0), len(graph.around(way, 5.0)))
 """
     told = printed(script)
     assert told == printed(script, compiled=True)

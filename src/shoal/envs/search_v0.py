@@ -35,7 +35,7 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
 from shoal.search.protocol.robot import Decision, head_for
-from shoal.search.protocol.state import Robot, obstacles, reachable
+from shoal.search.protocol.state import Robot, obstacles, reachable_cells
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import at_least, bits_to_array, bitset_of
@@ -327,7 +327,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             robot, visits = self._robot(number), self._world.vehicles[number].visits
             own = 0
             for _, cell in visits[belief.visits :]:
-                seen = self._world.scenario.seen(number, cell)
+                seen = self._world.scenario.visible_cells(number, cell)
                 belief.odds[bits_to_array(seen, n)] *= 1.0 - detection
                 own |= seen
             known = reduce(or_, robot.searched.values(), 0)
@@ -369,9 +369,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         """
         cell = self._orders.pop(robot.number, None)
         return (
-            (robot.but(status="waiting"), None, inf)
+            (robot.replaced(status="waiting"), None, inf)
             if cell is None
-            else head_for(robot.but(aim=cell), cell, time)
+            else head_for(robot.replaced(aim=cell), cell, time)
         )
 
     def _robot(self, number: int) -> Robot:
@@ -402,7 +402,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             and robot.target is None
             and vehicle.paused_until <= self.steps * self._length
         ):
-            there = reachable(robot, -inf)[0] & ~obstacles(robot)
+            there = reachable_cells(robot, -inf)[0] & ~obstacles(robot)
             cells = [self._cell(number, choice) for choice in range(1, len(mask))]
             mask[1:] = [cell >= 0 and there >> cell & 1 for cell in cells]
         return mask

@@ -26,15 +26,15 @@ from shoal.missions.linting import Limits, lint_sheets
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, path_of, search_slice
-from shoal.search.flight.deviation import deviated
+from shoal.search.flight.deviation import deviate
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
 from shoal.search.regions.coverage import (
     TURNING,
     AreaCoverage,
     Image,
+    combine_coverages,
     coverage_check,
-    together,
 )
 from shoal.search.regions.margin import visible_region, without_margin
 from shoal.search.regions.region import SearchRegion
@@ -78,7 +78,7 @@ class MissionCheck:
         empty without a vehicle.
     with_errors : AreaCoverage or None
         The coverage of all altitude bands together if the vehicles cut corners and are wrong about
-        their positions, as `deviated` flies them, and what they then fly outside the region without
+        their positions, as `deviate` flies them, and what they then fly outside the region without
         its margin. It is None without a footprint, and for a vehicle without such errors.
     """
 
@@ -99,7 +99,7 @@ class MissionCheck:
     @property
     def coverage(self) -> AreaCoverage | None:
         """The coverage of all altitude bands together, or None without a footprint."""
-        return together(self.coverages) if self.coverages else None
+        return combine_coverages(self.coverages) if self.coverages else None
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
@@ -376,14 +376,14 @@ def _coverage_with_errors(
     shapely.prepare(inside)
     coverages, outside = [], 0.0
     for own, widths in stretches:
-        flown = [deviated(path, vehicle, rng) for path in own]
+        flown = [deviate(path, vehicle, rng) for path in own]
         for planned, path in zip(own, flown, strict=True):
             if len(path) > 1 and inside.covers(shapely.linestrings(planned)):
                 line = shapely.linestrings(path)
                 if not inside.covers(line):
                     outside += float(line.difference(inside).length)
         coverages.append(coverage_check(region, flown, widths if own else least, **checked))
-    return replace(together(coverages), outside_m=outside)
+    return replace(combine_coverages(coverages), outside_m=outside)
 
 
 def facing_of(

@@ -24,7 +24,7 @@ from shoal.search.flight.separation import Separation, stagger_starts
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.plan import SearchPlan
-from shoal.search.regions.margin import grown
+from shoal.search.regions.margin import grow
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import ROUNDED
 
@@ -89,7 +89,7 @@ def plan_missions(
         where = plan.airspace  # its curves are known already
     else:
         where = Airspace(
-            grown(region.barred, region.margin),
+            grow(region.barred, region.margin),
             None if airspace is None else region.free.buffer(airspace),
             region.free,
             # exclusion polygons contain the zones: where these leave no room, there is none
@@ -151,7 +151,7 @@ def _split_route(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) ->
     out, path = plan.flown_route(robot, stops)
     if path.shape[1] == 3:
         path = path + np.array([0.0, 0.0, flight.vehicle.height - plan.vehicle.height])
-    return split_missions(path, flight, robot=robot + 1, ways=plan.leg, out=out, **limits)
+    return split_missions(path, flight, robot=robot + 1, find_path=plan.leg, out=out, **limits)
 
 
 def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:

@@ -17,7 +17,7 @@ from shoal.missions.fence import Fence
 from shoal.search.flight.dubins import Airspace
 from shoal.search.flight.flight import FRAMES, Altitudes, Flight
 from shoal.search.flight.legs import complete_path, merge_straight_legs
-from shoal.search.flight.sorties import Sorties, Ways
+from shoal.search.flight.sorties import PathFinder, Sorties
 from shoal.search.flight.timing import trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline import Points, check_plane_points, text_of
@@ -393,7 +393,7 @@ def split_missions(
     autopilot: Autopilot = "px4",
     cap: int | None = None,
     tolerance: float = 0.001,
-    ways: Ways | None = None,
+    find_path: PathFinder | None = None,
     out: int = 0,
 ) -> tuple[Mission, ...]:
     """Divide a robot's route into missions, one for each sortie.
@@ -421,9 +421,9 @@ def split_missions(
         Maximum distance in metres between an omitted point of the route and the straight leg that
         replaces it. With the tolerance 0, the function omits a point only if it lies exactly on a
         leg.
-    ways : callable, optional
-        Function ``ways(start, end)`` that computes the path between home and a point of the route,
-        such as `shoal.search.RegionPaths.leg`. A path is an array of points, shape (n, 2),
+    find_path : callable, optional
+        Function ``find_path(start, end)`` that computes the path between home and a point of the
+        route, such as `shoal.search.RegionPaths.leg`. A path is an array of points, shape (n, 2),
         including both ends. The bends of the path become waypoints. By default, the path between
         home and the route is straight.
     out : int
@@ -468,7 +468,7 @@ def split_missions(
         merge_straight_legs(points[out:], tolerance),
     )
     parts = Sorties(
-        np.vstack([path_out, path]), flight, most_waypoints, ways, robot, len(path_out)
+        np.vstack([path_out, path]), flight, most_waypoints, find_path, robot, len(path_out)
     ).parts()
 
     def to_frame(array: Points) -> Points:

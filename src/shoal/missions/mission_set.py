@@ -143,7 +143,7 @@ class MissionSet:
                 narrower = problem.replaced(margin=share * widest).at_place(problem.place)
                 fenced = _add_barriers(narrower, options)
             try:
-                plan = plan_at_margin(fenced, seed=seed, turned=turned)
+                plan = plan_at_margin(fenced, seed=seed, rotated_rows=turned)
                 if turned:  # a run of the problem makes the same plan
                     fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
                 missions = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
@@ -494,12 +494,12 @@ def _add_barriers(problem: SearchProblem, options: MissionOptions) -> SearchProb
     """Return a problem with the margin of missions, and with exclusion polygons that the autopilot
     can store.
     """
-    region = problem.kept_margin(without_margin(problem.place), fenced=True)
+    region = problem.with_own_margin(without_margin(problem.place), fenced=True)
     if options.fenced:
         region = region_with_barriers(
             region,
             CORNERS[options.autopilot],
-            places=np.concatenate(problem.known_places(region)),
+            places=np.concatenate(problem.fixed_places(region)),
             wing=problem.chosen_vehicle.kind == "fixed-wing",
         )
     return problem.replaced(margin=region.margin).at_place(region)

@@ -14,7 +14,7 @@ from shoal.core.geometry import segments_of
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import Fence
 from shoal.missions.mission import CAPS, FASTEST, OVERHEAD, circle_around
-from shoal.search.regions.margin import grown
+from shoal.search.regions.margin import grow
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import REACH, LocalFrame
 from shoal.search.regions.region import SearchRegion
@@ -494,7 +494,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 
     near = np.asarray(np.isfinite(path).all(axis=1))
     allowed = region.free.buffer(ROUNDING)
-    forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
+    forbidden = grow(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
     zones = region.no_go.buffer(-ROUNDING)
     for number, rally in enumerate(sheet.rally, start=1):

@@ -201,7 +201,7 @@ class Journal:
             robot, _ = advance(robot, event)
         if not self.events:
             return robot
-        return robot.but(count=max(robot.count, int(time / robot.brief.beat)) + _AHEAD)
+        return robot.replaced(count=max(robot.count, int(time / robot.brief.beat)) + _AHEAD)
 
     def close(self) -> None:
         """Close the file."""

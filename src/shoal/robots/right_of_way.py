@@ -19,7 +19,7 @@ from collections.abc import Callable
 from math import inf
 
 from shoal.search.allocation.allocate import partition
-from shoal.search.protocol.robot import relayed
+from shoal.search.protocol.robot import relayed_heartbeats
 from shoal.search.protocol.state import Event, Heard, Robot, silence_limit
 from shoal.search.simulation.live.ports import CellFinding
 from shoal.search.simulation.scenario import Scenario
@@ -105,7 +105,7 @@ class RadioSensor:
         place = robot.cell if robot.target is None or robot.target < 0 else robot.target
         if robot.count > self._count:
             self._count = robot.count
-            for heartbeat in relayed(robot):
+            for heartbeat in relayed_heartbeats(robot):
                 if heartbeat.place != place:
                     self._let_go[heartbeat.robot] = heartbeat.place
             if place != self._cell or robot.status != "searching":

@@ -43,7 +43,7 @@ from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
 from shoal.search.problem.target import MovingGround
-from shoal.search.regions.coverage import AreaCoverage, together
+from shoal.search.regions.coverage import AreaCoverage, combine_coverages
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
     Finding,
@@ -52,7 +52,7 @@ from shoal.search.simulation.trace import (
     coverages,
     merge_findings,
     planned_trace,
-    searched_at,
+    search_times,
     simulated_trace,
 )
 from shoal.search.tours.masks import array_to_bits
@@ -124,9 +124,9 @@ class SearchEpisode(Episode):
         """One sentence that explains the status of the episode."""
         cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
         if self.trace.covered_at == inf:
-            left = int(np.isinf(searched_at(self.scenario, self.trace.robots)).sum())
+            unsearched = int(np.isinf(search_times(self.scenario, self.trace.robots)).sum())
             often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
-            return f"{left} of {cells} cells that robots can reach were {often}"
+            return f"{unsearched} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
         back = ", and every vehicle that works was back," if self.plan.flies else ""
         text = (
@@ -295,7 +295,7 @@ class SearchEpisode(Episode):
         """Coverage of all layers together, computed from the paths of the robots and not from
         cells.
         """
-        return together(self.coverages)
+        return combine_coverages(self.coverages)
 
     @cached_property
     def coverages(self) -> tuple[AreaCoverage, ...]:
@@ -308,12 +308,13 @@ class SearchEpisode(Episode):
         return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
-    def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
+    def visible_cells(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
         """For each stop of each robot, the tour indices of the cells that the robot saw from this
         stop.
         """
         return tuple(
-            tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots)
+            tuple(self.plan.visible_cells(robot, log.cells))
+            for robot, log in enumerate(self.trace.robots)
         )
 
     @cached_property
@@ -348,8 +349,8 @@ class SearchEpisode(Episode):
             if robot + 1 in self.liars or not log.cells.size:
                 continue
             moments = self.sightings[robot].times.tolist()
-            for seen, moment in zip(self.seen[robot], moments, strict=True):
-                earlier = seen[moment < times[seen]]
+            for cells, moment in zip(self.visible_cells[robot], moments, strict=True):
+                earlier = cells[moment < times[cells]]
                 robots[earlier], times[earlier] = robot, moment
         return Visits(robots, times)
 
@@ -371,7 +372,7 @@ class SearchEpisode(Episode):
         return success_of(
             self.plan,
             [own if true else none for own, true in zip(self.sightings, honest, strict=True)],
-            [own if true else () for own, true in zip(self.seen, honest, strict=True)],
+            [own if true else () for own, true in zip(self.visible_cells, honest, strict=True)],
             view=self.problem.view,
             detection=self.problem.chosen_detection,
             limit=self.problem.at_most * (self.plan.plain_seconds or 0.0)
@@ -475,8 +476,8 @@ class SearchEpisode(Episode):
             return ()
         numbers = np.arange(len(self.plan.tour_cost))
         searched = {
-            number: array_to_bits(np.isin(numbers, np.concatenate([numbers[:0], *seen])))
-            for number, seen in enumerate(self.seen, start=1)
+            number: array_to_bits(np.isin(numbers, np.concatenate([numbers[:0], *cells_of_stops])))
+            for number, cells_of_stops in enumerate(self.visible_cells, start=1)
         }
         return merge_findings(self.scenario, reports, searched)
 
@@ -485,10 +486,10 @@ class SearchEpisode(Episode):
         """The time of discovery, in units of `cell_time`, of each obstacle that robots found, by
         the tour index of its cell.
         """
-        found: dict[int, float] = {}
+        discovered: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
-            found.setdefault(cell, moment)
-        return dict(sorted(found.items()))
+            discovered.setdefault(cell, moment)
+        return dict(sorted(discovered.items()))
 
     @property
     def unreachable(self) -> int:
@@ -512,8 +513,8 @@ class SearchEpisode(Episode):
                 "no_go_zones": grid.region.no_go_zones,
             },
             "layers": [
-                self._layer(number, seen)
-                for number, seen in zip(self._whole_layers, self.coverages, strict=True)
+                self._layer(number, coverage)
+                for number, coverage in zip(self._whole_layers, self.coverages, strict=True)
             ],
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
@@ -540,7 +541,9 @@ class SearchEpisode(Episode):
             "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
             "targets": {
                 "there": len(self.scenario.targets),
-                "found": len({one.cell for one in self.findings} & {*self.scenario.targets}),
+                "found": len(
+                    {finding.cell for finding in self.findings} & {*self.scenario.targets}
+                ),
             },
             "findings": [self._finding_report(finding) for finding in self.findings],
             "routes": [self._route(robot) for robot in range(len(trace.robots))],
@@ -560,7 +563,7 @@ class SearchEpisode(Episode):
         layers = layers_of(self.plan.grid)
         return [number for number, layer in enumerate(layers) if layer.whole is None]
 
-    def _layer(self, number: int, seen: AreaCoverage) -> dict[str, Any]:
+    def _layer(self, number: int, coverage: AreaCoverage) -> dict[str, Any]:
         grid = layers_of(self.plan.grid)[number]
         return {
             "altitude_m": self.plan.altitudes[number],
@@ -568,7 +571,7 @@ class SearchEpisode(Episode):
             "angle_degrees": self.plan.tour.row_angle(grid.angle, number),
             "cells": grid.n_cells,
             "cell_m": grid.size,
-            "covered_fraction": seen.covered_fraction,
+            "covered_fraction": coverage.covered_fraction,
         }
 
     def _route(self, robot: int) -> dict[str, Any]:
@@ -586,7 +589,7 @@ class SearchEpisode(Episode):
             "cells": (
                 len(log.cells)
                 if self.plan.widths[robot] == 1
-                else len(np.unique(np.concatenate([*self.seen[robot], []])))
+                else len(np.unique(np.concatenate([*self.visible_cells[robot], []])))
             ),
             "stops": len(log.cells),
             "length_m": route.length,
@@ -618,7 +621,7 @@ class SearchEpisode(Episode):
         """
         if self.problem.live is not None:
             good = (
-                float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
+                float(search_times(self.scenario, self.trace.robots).max()) == self.trace.covered_at
             )
             return Verification(
                 good,
@@ -757,9 +760,9 @@ def _schedule_from(data: Any, robots: int) -> tuple[SortieTimes, ...] | None:
                 check_number(start, what="start", least=0),
                 check_number(time, what="duration", least=0),
             )
-            for start, time in one
+            for start, time in sorties
         )
-        for one in data
+        for sorties in data
     )
 
 
@@ -774,5 +777,5 @@ def duration_text(seconds: float) -> str:
     """
     if round(seconds) < 60:
         return f"{seconds:.3g} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+    minutes, remainder = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{remainder:02d}"

@@ -111,9 +111,9 @@ def check(problem: SearchProblem) -> None:
     if problem.land is not None:
         places_of(problem.land, region, robots, what="land")
     for name in ("targets", "obstacles"):
-        given = getattr(problem, name)
-        if not isinstance(given, int):
-            points_inside(given, region, what=name)
+        value = getattr(problem, name)
+        if not isinstance(value, int):
+            points_inside(value, region, what=name)
     fewest = max(1, int(region.area_m2 / side**2))
     many = any(
         isinstance(number, int) and number > fewest - robots
@@ -150,22 +150,22 @@ def _refuse_unsimulated(problem: SearchProblem, plan: SearchPlan, scenario: Scen
     needs = _simulated_only(scenario)
     if not needs or problem.live is not None:
         return
-    what = (
+    expectation = (
         f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no"
         " such event"
     )
     if problem.simulate is False:
-        raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
+        raise InvalidInputError(f"{expectation}, got simulate = false (--no-simulate)")
     raise InvalidInputError(
-        f"{what}, got {len(plan.tour_cost)} cells and {problem.robots} robots, which are simulated"
-        " only on request; request the simulation with simulate = true (--simulate)"
+        f"{expectation}, got {len(plan.tour_cost)} cells and {problem.robots} robots, which are"
+        " simulated only on request; request the simulation with simulate = true (--simulate)"
     )
 
 
 def _simulated_only(scenario: Scenario) -> list[str]:
     """Return the names of the scenario's settings that have an effect only in a simulation."""
     brief = scenario.brief
-    there = {
+    settings = {
         "faults": bool(scenario.faults),
         "loss or a network": bool(scenario.network.media),
         "a key": scenario.signed,
@@ -175,4 +175,4 @@ def _simulated_only(scenario: Scenario) -> list[str]:
         "targets": bool(scenario.targets),
         "false alarms": scenario.false_alarm > 0,
     }
-    return [name for name, is_there in there.items() if is_there]
+    return [name for name, is_set in settings.items() if is_set]

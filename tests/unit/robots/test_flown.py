@@ -15,7 +15,7 @@ from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.missions import read_mission
 from shoal.search import LocalFrame, read_tracks, region_of
-from shoal.search.regions.places import seen_along
+from shoal.search.regions.places import swept_area
 
 pytest.importorskip("pymavlink")
 
@@ -314,14 +314,14 @@ def test_a_search_reads_flight_logs_and_gpx_as_tracks(tmp_path):
     times = BEGIN + along + np.where(along > 200, 60.0, 0.0)  # 60 s without a position
     degrees = frame.to_degrees(np.column_stack([along, np.full(len(along), 20.0)]))
     log = write_tlog(tmp_path / "flown.tlog", {1: np.column_stack([times, degrees, heights])})
-    assert seen_along(str(log), region, 20.0).area == pytest.approx(
+    assert swept_area(str(log), region, 20.0).area == pytest.approx(
         (200 + 20 + 96 + 20 - 18) * 20, rel=1e-3
     )
     points = [f"<trkpt lat='{y:.7f}' lon='{x:.7f}'/>" for x, y in degrees.tolist()]
     segments = "".join(f"<trkseg>{''.join(points[a:b])}</trkseg>" for a, b in ((0, 51), (101, 151)))
     (tmp_path / "flown.gpx").write_text(f"<gpx><trk>{segments}</trk></gpx>")
-    seen = seen_along(str(tmp_path / "flown.gpx"), region, 20.0)
+    seen = swept_area(str(tmp_path / "flown.gpx"), region, 20.0)
     assert seen.area == pytest.approx((100 + 20 + 98 + 20) * 20, rel=1e-3)
     (tmp_path / "planned.gpx").write_text("<gpx><rte><rtept lat='1' lon='2'/></rte></gpx>")
     with pytest.raises(InvalidInputError, match="a track that was flown"):
-        seen_along(str(tmp_path / "planned.gpx"), region, 20.0)
+        swept_area(str(tmp_path / "planned.gpx"), region, 20.0)

@@ -151,7 +151,7 @@ class Onboard:
 
     def start_again(self):
         self.alive, self.life = True, self.life + 1
-        self.robot = self.robot.but(count=self.robot.count + 64)
+        self.robot = self.robot.replaced(count=self.robot.count + 64)
         self.sensor = self.new_sensor(restarted=True)
         self.feed(Wake(self.field.now))
         if self.robot.target is not None:

@@ -193,7 +193,7 @@ def test_a_slow_radio_sends_whole_beacons_and_no_more(folder, tmp_path):
     assert robots[0].brief.hello >= 4 * robots[0].brief.beat
     assert robots[1].brief == task.scenario.brief
     # a beacon in the middle of a search takes no more than that
-    robot = robots[0].but(
+    robot = robots[0].replaced(
         searched={number: 0b11 << number for number in (1, 2, 3)}, count=1000, status="searching"
     )
     _, beacon = with_beacon(robot, 100.0)

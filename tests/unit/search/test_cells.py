@@ -22,7 +22,7 @@ from shoal.search import (
 from shoal.search.cells import routing
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.visibility_graph import VisibilityGraph
-from shoal.search.regions.boxes import clipped_to
+from shoal.search.regions.boxes import clip_to_boxes
 from shoal.search.regions.margin import with_margin
 
 
@@ -146,7 +146,7 @@ def test_many_boxes_cut_a_shape_as_one_box_does():
     low = rng.uniform(-110, 90, (200, 2))
     high = low + rng.uniform(1, 30, (200, 2))
     for whole in (shape, shape.boundary):
-        cut = clipped_to(whole, low, high)
+        cut = clip_to_boxes(whole, low, high)
         expected = shapely.intersection(whole, shapely.box(*low.T, *high.T))
         assert shapely.area(shapely.symmetric_difference(cut, expected)).max() < 1e-9
         assert shapely.length(cut) == pytest.approx(shapely.length(expected), abs=1e-9)

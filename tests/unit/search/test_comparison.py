@@ -8,7 +8,7 @@ import pytest
 from shoal.cli import run
 from shoal.search import SearchProblem, compare_plans, plan_search
 from shoal.search.allocation.allocate import ALLOCATORS
-from shoal.search.planning.comparison import ways_of
+from shoal.search.planning.comparison import routes_of
 from shoal.search.planning.patterns import PATTERNS, pattern_plans
 from shoal.search.tours import TOURS
 
@@ -25,11 +25,11 @@ def test_each_tour_with_each_allocation_from_the_same_starts():
     ranks = [(one.share < 1, one.price) for one in found]
     assert ranks == sorted(ranks)
     for one in found:
-        lengths = [float(np.hypot(*np.diff(way, axis=0).T).sum()) for _, way in ways_of(one.plan)]
+        lengths = [float(np.hypot(*np.diff(way, axis=0).T).sum()) for _, way in routes_of(one.plan)]
         assert one.length == pytest.approx(sum(lengths))
         assert one.seconds == one.plan.planned_seconds
         assert 1 / 3 <= one.evenness <= 1 + 1e-9
-        for robot, way in ways_of(one.plan):  # out and home
+        for robot, way in routes_of(one.plan):  # out and home
             np.testing.assert_allclose(way[[0, -1]], one.plan.places[[robot, robot]], atol=1e-6)
     # what the planner takes is none of the worse ones
     fixed = problem.replaced(starts=[tuple(place) for place in found[0].plan.places.tolist()])

@@ -32,7 +32,9 @@ def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
 
     def sense(world, vehicle, cell):
         with monkeypatch.context() as patch:
-            patch.setattr(type(world.scenario), "seen", lambda scenario, number, one: 1 << one)
+            patch.setattr(
+                type(world.scenario), "visible_cells", lambda scenario, number, one: 1 << one
+            )
             true(world, vehicle, cell)
 
     monkeypatch.setattr(SearchWorld, "_do_sense", sense)
@@ -49,19 +51,19 @@ def test_what_is_behind_a_wall_is_not_seen():
     plan = planned(walled, robots=1, footprint=10)
     footprint = RegionFootprint(plan.grid, plan.tour)
     middle, beyond = (int(plan.tour.position[3, col]) for col in (1, 2))
-    seen = footprint.seen(middle, 3).tolist()
+    seen = footprint.visible_cells(middle, 3).tolist()
     assert middle in seen
     assert beyond not in seen
     assert len(seen) == 6
     open_tour = make_tour("comb", (6, 6))
-    assert len(MaskFootprint(open_tour).seen(int(open_tour.position[3, 3]), 3)) == 9
+    assert len(MaskFootprint(open_tour).visible_cells(int(open_tour.position[3, 3]), 3)) == 9
 
 
 def test_in_a_ring_the_cells_on_a_curved_border_are_seen_from_beside():
     grid = cells_of(open_region("ring:30x20"), 2)
     tour = make_tour("spanning-tree", grid.mask)
     footprint = RegionFootprint(grid, tour)
-    assert np.mean([len(footprint.seen(cell, 3)) for cell in range(len(tour))]) > 7
+    assert np.mean([len(footprint.visible_cells(cell, 3)) for cell in range(len(tour))]) > 7
 
 
 @pytest.mark.parametrize("region", ["ring:40x25", "rectangle:80x46"])
@@ -127,7 +129,9 @@ def test_each_cell_is_seen_by_two_and_one_that_lies_is_outvoted():
         faults=[Liar(3)],
     )
     assert episode
-    seen = [bitset_of(int(cell) for cells in robot for cell in cells) for robot in episode.seen]
+    seen = [
+        bitset_of(int(cell) for cells in robot for cell in cells) for robot in episode.visible_cells
+    ]
     everything = episode.scenario.brief.everything
     assert at_least(seen, 2) == everything
     assert at_least([seen[robot] for robot in (0, 1, 3)], 1) == everything
@@ -147,7 +151,9 @@ def test_gains(tour):
     assert 1.7 < gain_of(tour_cost, 3) < 3
     assert 2.5 < gain_of(tour_cost, 5) < 5
     stops, cost = select_viewpoints(tour_cost, 5, np.arange(200))
-    assert set(range(200)) <= {int(cell) for stop in stops for cell in tour_cost.seen(int(stop), 5)}
+    assert set(range(200)) <= {
+        int(cell) for stop in stops for cell in tour_cost.visible_cells(int(stop), 5)
+    }
     assert cost < 120
 
 

@@ -31,7 +31,7 @@ def test_transits_lead_round_no_go_zones_outside_and_inside(margin):
     region = with_margin(region_of(FIELD, no_go=ZONES), margin)
     transits = Transits(region, [(-100, 50)])
     for end in ((20.0, 50.0), (190.0, 50.0), (73.0, 50.0)):
-        way = transits.way((-100.0, 50.0), end)
+        way = transits.path((-100.0, 50.0), end)
         assert shapely.distance(shapely.linestrings(way), ZONES) >= margin * (1 - 1e-3)
         assert len(way) < 8  # few bends, not an arc of many
         shortest = np.hypot(120, 70 + margin)  # not even that short
@@ -44,8 +44,8 @@ def test_transits_lead_round_no_go_zones_outside_and_inside(margin):
 
 def test_a_launch_point_in_a_hole_may_leave_it_and_others_go_round_it():
     ring = open_region("ring:100x60")
-    assert len(Transits(ring, [(0, 0)]).way((0, 0), (80, 0))) == 2
-    round_it = Transits(ring, [(-120, 0)]).way((-120, 0), (80, 0))
+    assert len(Transits(ring, [(0, 0)]).path((0, 0), (80, 0))) == 2
+    round_it = Transits(ring, [(-120, 0)]).path((-120, 0), (80, 0))
     assert shapely.distance(shapely.linestrings(round_it), shapely.Point(0, 0)) > 59
 
 

@@ -20,7 +20,7 @@ from shoal.search.flight.legs import separate_climbs
 from shoal.search.flight.separation import Separation
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.tours.curves import joined
+from shoal.search.tours.curves import join_layers
 from shoal.views import figure
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.missions import missions_figure
@@ -131,7 +131,7 @@ def test_rows_of_the_second_pass_cross_those_of_the_first(passes):
 def test_wide_footprints_see_their_own_layer():
     plan = plan_search(SearchProblem("box:90x90x20", robots=2, footprint=(10, 30)), seed=1)
     middle = int(plan.tour.position[1, 4, 4])
-    seen = plan.tour.cells[plan.seen(1, [middle])[0]]
+    seen = plan.tour.cells[plan.visible_cells(1, [middle])[0]]
     assert len(seen) == 9
     assert {*seen[:, 0]} == {1}
 
@@ -300,7 +300,9 @@ def test_pictures_show_all_layers(box, bands, passes):
 
 
 def test_layers_of_one_cell_and_of_different_ones_are_joined():
-    tour = joined([make_tour("comb", (1, 1)), make_tour("comb", (2, 3)), make_tour("comb", (1, 1))])
+    tour = join_layers(
+        [make_tour("comb", (1, 1)), make_tour("comb", (2, 3)), make_tour("comb", (1, 1))]
+    )
     assert len(tour) == 8
     assert tour.metrics().longest_step <= np.sqrt(6)
 

@@ -475,22 +475,22 @@ def test_bad_input(options, message):
 
 
 def test_vehicle_moves_the_same_in_one_step_or_many():
-    leg = MovingPoint(0.0, (0.0, 0.0), (3.0, 4.0)).sent((3.0, 4.0), way=5.0, length=5.0)
-    many = MovingPoint(0.0, (0.0, 0.0), (0.0, 0.0)).sent((3.0, 4.0), way=5.0, length=5.0)
-    once = many.moved(3.0, rate=1.0)
+    leg = MovingPoint(0.0, (0.0, 0.0), (3.0, 4.0)).start_leg((3.0, 4.0), distance=5.0, length=5.0)
+    many = MovingPoint(0.0, (0.0, 0.0), (0.0, 0.0)).start_leg((3.0, 4.0), distance=5.0, length=5.0)
+    once = many.at(3.0, rate=1.0)
     for tick in range(1, 301):
-        many = many.moved(tick / 100, rate=1.0)
-    assert many.done == pytest.approx(once.done)
+        many = many.at(tick / 100, rate=1.0)
+    assert many.travelled == pytest.approx(once.travelled)
     assert many.speed == pytest.approx(once.speed)
-    assert many.place == pytest.approx((many.done * 0.6, many.done * 0.8))
+    assert many.place == pytest.approx((many.travelled * 0.6, many.travelled * 0.8))
     assert leg.place == (3.0, 4.0)
 
 
 def test_vehicle_stops_before_a_cell_until_it_may_enter():
-    vehicle = MovingPoint(0.0, (0.0,), (0.0,)).sent((5.0,), way=5.0, length=5.0)
+    vehicle = MovingPoint(0.0, (0.0,), (0.0,)).start_leg((5.0,), distance=5.0, length=5.0)
     while not vehicle.arrived:
-        vehicle = vehicle.moved(vehicle.earliest(rate=1.0), rate=1.0)
-    assert vehicle.moved(99.0, rate=1.0).done == vehicle.done == pytest.approx(4.0, abs=1e-3)
+        vehicle = vehicle.at(vehicle.earliest(rate=1.0), rate=1.0)
+    assert vehicle.at(99.0, rate=1.0).travelled == vehicle.travelled == pytest.approx(4.0, abs=1e-3)
     assert vehicle.time >= 4.0
 
 

@@ -189,7 +189,7 @@ def test_ways_home_around_obstacles():
     paths = RegionPaths(grid)
     order = grid.cells[np.argsort(np.arctan2(*grid.waypoints().T[::-1]), kind="stable")]
     call = {"home": (50.0, 0.0), "vehicle": "rover,turn_time=0,endurance=10,reserve=0", "cap": 250}
-    missions = missions_of(paths.route(order).points, None, ways=paths.leg, **call)
+    missions = missions_of(paths.route(order).points, None, find_path=paths.leg, **call)
     assert len(missions) > 2
     for mission in missions:
         way = shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home]))
@@ -200,7 +200,7 @@ def test_ways_home_around_obstacles():
         InvalidInputError,
         match="cap: expected room for more waypoints of robot 1, got 5: the paths",
     ):
-        missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 8})
+        missions_of(paths.route(order).points, None, find_path=paths.leg, **{**call, "cap": 8})
     straight = missions_of(paths.route(order).points, None, **call)
     assert not all(
         shapely.covers(
@@ -230,7 +230,7 @@ def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():
             None,
             home=(0, -10),
             vehicle="multirotor,endurance=2,reserve=0",
-            ways=detour,
+            find_path=detour,
         )
     needed, got = re.search(
         r"more than ([\d.]+) min .*\(0, 0\) and back take as long, got ([\d.]+) min",
@@ -585,7 +585,7 @@ def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
     drawn as if searched.
     """
     (mission,) = missions_of(
-        [(250, 0), *LANES], FRAME, vehicle=CAMERA, home=(400, -100), ways=round_the_zone, out=1
+        [(250, 0), *LANES], FRAME, vehicle=CAMERA, home=(400, -100), find_path=round_the_zone, out=1
     )
     assert (mission.waypoints_out, mission.waypoints_home) == (1, 1)
     np.testing.assert_allclose(
@@ -624,7 +624,7 @@ def test_sorties_search_from_where_they_join_the_route_to_where_they_leave_it():
         FRAME,
         vehicle=vehicle,
         home=(-90, -80),
-        ways=lambda start, end: [start, (-90.0, -60.0), end],
+        find_path=lambda start, end: [start, (-90.0, -60.0), end],
     )
     assert len(missions) > 1
     ends = [FRAME.to_metres(mission.waypoints[mission.searched])[[0, -1]] for mission in missions]

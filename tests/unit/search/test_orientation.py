@@ -25,7 +25,7 @@ from shoal.search import (
     plan_search,
 )
 from shoal.search.allocation.allocate import ALLOCATORS
-from shoal.search.cells.clipping import rotated, rotated_shape
+from shoal.search.cells.clipping import rotate, rotate_shape
 from shoal.search.cells.grid import cells_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.flight.dubins import NoRoomError
@@ -57,10 +57,10 @@ def blob(seed, *, corners=14, holes=1, size=400.0):
 
 def test_turning():
     points = np.array([(3.0, 1.0), (-2.0, 5.0)])
-    np.testing.assert_allclose(rotated(rotated(points, 33.3), -33.3), points, atol=1e-12)
-    assert rotated(points, 180).tolist() == (-points).tolist()
-    assert rotated(points, -90).tolist() == [[1.0, -3.0], [5.0, 2.0]]
-    assert rotated_shape(shapely.box(0, 0, 2, 1), 90).bounds == (-1.0, 0.0, 0.0, 2.0)
+    np.testing.assert_allclose(rotate(rotate(points, 33.3), -33.3), points, atol=1e-12)
+    assert rotate(points, 180).tolist() == (-points).tolist()
+    assert rotate(points, -90).tolist() == [[1.0, -3.0], [5.0, 2.0]]
+    assert rotate_shape(shapely.box(0, 0, 2, 1), 90).bounds == (-1.0, 0.0, 0.0, 2.0)
 
 
 @pytest.mark.parametrize(("angle", "offset"), [(0.0, 0.0), (33.0, 0.5), (90.0, 0.3), (127.3, 0.9)])
@@ -83,7 +83,7 @@ def test_at_any_angle_all_is_seen_from_inside(tour, angle, offset, seed):
 
 def test_turning_the_region_and_the_rows_changes_nothing_else():
     region = blob(7)
-    other = region_of(rotated_shape(region.area, 25), frame=None, name="turned")
+    other = region_of(rotate_shape(region.area, 25), frame=None, name="turned")
     one, two = (
         grid_tour(place, 37.0, "boustrophedon", angle=angle)
         for place, angle in ((region, 0.0), (other, 25.0))
@@ -312,7 +312,7 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
     """A region on the earth as an operator has it; the same in metres, and one with an angle of its
     own, keep that.
     """
-    field = rotated_shape(shapely.box(0, 0, 400, 60), 38)
+    field = rotate_shape(shapely.box(0, 0, 400, 60), 38)
     frame = LocalFrame(8.5, 47.4)
     earth, plane = (
         region_of(field, frame=frame, name="field"),
@@ -373,8 +373,8 @@ def test_missions_are_checked_at_the_angle_of_their_rows(tmp_path, capfd):
 
 def test_the_angle_of_ways():
     rows = np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 10.0), (0.0, 10.0)])
-    assert angle_of([rotated(rows, 37.0)]) == pytest.approx(37.0, abs=1e-9)
-    assert angle_of([rotated(rows, 89.99)]) == pytest.approx(89.99)
+    assert angle_of([rotate(rows, 37.0)]) == pytest.approx(37.0, abs=1e-9)
+    assert angle_of([rotate(rows, 89.99)]) == pytest.approx(89.99)
     assert angle_of([rows[:1]]) == angle_of([]) == 0.0
 
 

@@ -432,7 +432,7 @@ def test_success_and_expected_time_are_those_of_many_simulated_targets(tmp_path,
         looks = [[] for _ in range(100)]
         for robot, log in enumerate(episode.trace.robots):
             for seen, moment in zip(
-                episode.plan.seen(robot, log.cells),
+                episode.plan.visible_cells(robot, log.cells),
                 episode.clock(log.times, robot).tolist(),
                 strict=True,
             ):
@@ -802,7 +802,7 @@ def test_a_limit_that_no_order_keeps_is_said(tmp_path, monkeypatch):
     file, _ = corner(tmp_path)
     said = []
     monkeypatch.setattr(planning, "tell_once", said.append)
-    monkeypatch.setattr(planning, "_allocated", lambda trial, *_: replace(trial, flies=True))
+    monkeypatch.setattr(planning, "_reallocate", lambda trial, *_: replace(trial, flies=True))
     monkeypatch.setattr(SearchPlan, "planned_seconds", property(lambda self: 1.0 + 9 * self.flies))
     kept = plan_search(SearchProblem(**SQUARE, prior=[file]), seed=1)
     assert kept.tour_cost.at_most == 0

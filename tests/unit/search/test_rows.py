@@ -12,7 +12,7 @@ from shoal.search import SearchProblem, coverage_check, make_tour, plan_search, 
 from shoal.search.allocation.allocate import allocate, numbers_of
 from shoal.search.allocation.costs import TourCost
 from shoal.search.cells.bends import with_fewer_bends
-from shoal.search.flight.deviation import cut_corners, deviated
+from shoal.search.flight.deviation import cut_corners, deviate
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.kernels import runs
@@ -337,14 +337,14 @@ def test_a_flown_path_stays_as_near_as_its_errors():
     rng = np.random.default_rng(4)
     way = rng.uniform(0, 500, (40, 2))
     vehicle = vehicle_of("multirotor,position_error=3,acceptance_radius=2")
-    flown = deviated(way, vehicle, rng)
+    flown = deviate(way, vehicle, rng)
     away = shapely.distance(shapely.points(flown), shapely.linestrings(way))
     assert 1 < away.max() <= 3 + 2
     cut = cut_corners(way, 2.0)
     corners = shapely.distance(shapely.points(way[1:-1]), shapely.linestrings(cut))
     assert 0.1 < corners.max() <= 2.0
     np.testing.assert_array_equal(cut[[0, -1]], way[[0, -1]])
-    ideal = deviated(way, vehicle_of("ideal"), rng)
+    ideal = deviate(way, vehicle_of("ideal"), rng)
     np.testing.assert_allclose(
         shapely.hausdorff_distance(*map(shapely.linestrings, (ideal, way))), 0, atol=1e-9
     )

@@ -347,7 +347,7 @@ def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_f
     sag = abs(FRAME60.to_metres([(middle[0], ends[:, 1].mean())])[0, 1])
     assert sag_of(region) == pytest.approx(sag, rel=0.02)
     assert sag > 0.8
-    assert SearchProblem(region, vehicle="multirotor").kept_margin(
+    assert SearchProblem(region, vehicle="multirotor").with_own_margin(
         region, fenced=True
     ).margin == pytest.approx(3 + sag, abs=0.03)
 

@@ -46,7 +46,7 @@ from shoal.search.simulation.live.supervisor import takeovers_of
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.masks import arc_bits, at_least, members, next_in, runs, turned
+from shoal.search.tours.masks import arc_bits, at_least, members, next_in, rotate_bits, runs
 
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 
@@ -259,7 +259,7 @@ def test_bits_against_sets():
         assert [(start + k) % n for start, length in stretches for k in range(length)] == [
             c for c in order if c in cells
         ]
-        assert set(members(turned(bits, first, n))) == {(cell - first) % n for cell in cells}
+        assert set(members(rotate_bits(bits, first, n))) == {(cell - first) % n for cell in cells}
         sets = [int(rng.integers(0, 1 << min(n, 60))) for _ in range(4)]
         for k in (1, 2, 3):
             assert set(members(at_least(sets, k))) == {

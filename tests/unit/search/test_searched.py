@@ -10,7 +10,7 @@ import shoal
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, coverage_check, open_region, plan_search
-from shoal.search.regions.places import seen_along
+from shoal.search.regions.places import swept_area
 from shoal.search.run import run as search
 
 FLOWN = [(10.0, 10.0), (190.0, 10.0), (190.0, 30.0), (10.0, 30.0), (10.0, 50.0), (120.0, 50.0)]
@@ -65,12 +65,12 @@ def test_zones_and_margins_stay_those_of_the_whole_region():
 
 def test_what_is_seen_along_a_track():
     region = open_region("square:100")
-    assert seen_along([(10.0, 10.0), (50.0, 10.0)], region, 20.0).area == pytest.approx(60 * 20)
+    assert swept_area([(10.0, 10.0), (50.0, 10.0)], region, 20.0).area == pytest.approx(60 * 20)
     rows = [(10.0, 10.0), (90.0, 10.0), (90.0, 30.0), (10.0, 30.0)]
-    assert seen_along(rows, region, 20.0).area == pytest.approx(100 * 40)
+    assert swept_area(rows, region, 20.0).area == pytest.approx(100 * 40)
     rng = np.random.default_rng(1)
     shaky = np.column_stack([np.linspace(10, 90, 400), 50 + rng.uniform(-0.05, 0.05, 400)])
-    assert seen_along(shaky, region, 20.0).area == pytest.approx(100 * 20, rel=0.01)
+    assert swept_area(shaky, region, 20.0).area == pytest.approx(100 * 20, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_tracks_of_no_place_are_refused(tmp_path, number):
     track = tmp_path / "track.csv"
     track.write_text(f"x_m,y_m\n10,10\n{number},50\n")
     with pytest.raises(InvalidInputError, match=r"searched: .*track.csv: expected"):
-        seen_along(str(track), open_region("square:100"), 20.0)
+        swept_area(str(track), open_region("square:100"), 20.0)
 
 
 def test_a_track_beside_the_region_is_refused():

@@ -82,7 +82,7 @@ def test_the_first_of_several_looks_counts_from_when_the_footprint_reaches_a_pla
         stated = episode.expected_find
     else:  # of the first look alone
         sure = success_of(
-            plan, episode.sightings, episode.seen, view=20.0, detection=1.0, limit=1e4
+            plan, episode.sightings, episode.visible_cells, view=20.0, detection=1.0, limit=1e4
         )
         stated = sure.mean
     assert np.isfinite(first[weights > 0]).mean() > 0.999
@@ -107,7 +107,7 @@ def test_tiny_detections_have_a_finite_time(detection):
 def test_a_probability_of_success_is_at_most_1():
     plan = plan_search(SearchProblem(**FIELD, angle=17), seed=1)
     looks = [sightings_of(plan, robot, plan.stops(robot)) for robot in range(2)]
-    seen = [plan.seen(robot, plan.stops(robot)) for robot in range(2)]
+    seen = [plan.visible_cells(robot, plan.stops(robot)) for robot in range(2)]
     success = success_of(plan, looks, seen, view=20.0, detection=1.0, limit=1e4)
     assert success.probability == pytest.approx(1)
     assert success.probabilities.max() <= 1

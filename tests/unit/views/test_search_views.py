@@ -27,7 +27,7 @@ from shoal.views.search.figures import cell_colours, routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.missions import label_offsets
-from shoal.views.search.page import page_data, simplified
+from shoal.views.search.page import page_data, simplify
 from shoal.views.search.timeline import timeline_figure
 
 TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
@@ -94,7 +94,7 @@ def test_stretches_follow_one_another(history):
         assert activities[-1].end == history.end
         assert all(one.end == two.begin for one, two in pairwise(activities))
         log = history.logs[robot]
-        for time, other in zip(log.times, history.others(robot), strict=True):
+        for time, other in zip(log.times, history.foreign_owners(robot), strict=True):
             doing = [one for one in activities if one.begin < max(time, 1e-9) <= one.end]
             assert [(one.kind, one.other) for one in doing] == [
                 ("taken", other) if other else ("own", 0)
@@ -107,7 +107,7 @@ def test_robots_are_in_each_cell_when_they_have_searched_it(history):
         assert (np.diff(trajectory.times) >= 0).all()
         np.testing.assert_array_equal(trajectory.at(0.0), plan.places[robot])
         ends = (
-            history.episode.routes[robot].points[history.ways.stop_ends(robot)[1:]]
+            history.episode.routes[robot].points[history.routes.stop_ends(robot)[1:]]
             if len(log.cells)
             else np.zeros((0, 2))
         )
@@ -119,13 +119,13 @@ def test_robots_are_in_each_cell_when_they_have_searched_it(history):
         # what the player is told is the same, to a millimetre or so
         for time in np.linspace(0, history.end, 60):
             np.testing.assert_allclose(
-                simplified(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05
+                simplify(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05
             )
 
 
 def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
     region, size = history.episode.plan.grid.region, history.episode.plan.grid.size
-    for robot, trajectory in enumerate(map(history.ways.trajectory, range(history.n_robots))):
+    for robot, trajectory in enumerate(map(history.routes.trajectory, range(history.n_robots))):
         points = np.array([trajectory.at(time) for time in np.linspace(0, history.end, 100)])
         if not history.episode.plan.transit:
             assert region.contains(points).all()
@@ -151,7 +151,7 @@ def test_robots_go_home_to_recharge():
             seed=2,
         )
     )
-    for robot, trajectory in enumerate(map(found.ways.trajectory, range(2))):
+    for robot, trajectory in enumerate(map(found.routes.trajectory, range(2))):
         log, home = found.episode.trace.robots[robot], found.episode.plan.places[robot]
         gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
         resting = [
@@ -224,8 +224,8 @@ def test_taken_over_is_from_the_dead():
         one.other for activities in found.activities for one in activities if one.kind == "taken"
     }
     assert taken == {2}
-    assert found.taken.any()
-    assert (found.owners[0][found.taken] == 2).all()
+    assert found.taken_over.any()
+    assert (found.owners[0][found.taken_over] == 2).all()
     assert found.death(1) == 9.0
     takers = [robot for robot in range(4) if len(found.outline(robot))]
     around = np.concatenate([found.outline(robot) for robot in takers])
@@ -237,7 +237,7 @@ def test_taken_over_is_from_the_dead():
 def test_outline_goes_round_the_cells():
     found = SearchHistory(episode("ring"))
     for robot in range(found.n_robots):
-        mask = found.raster((found.first[1] == robot + 1) & found.taken, False)
+        mask = found.raster((found.first[1] == robot + 1) & found.taken_over, False)
         padded = np.pad(mask, 1)
         sides = sum(
             int((padded & ~np.roll(padded, step, axis)).sum())
@@ -528,9 +528,9 @@ def test_heat_cools_where_robots_look():
     episode = run(SearchProblem("square:80", robots=2, **ring), seed=1)
     history, odds = SearchHistory(episode), episode.plan.tour_cost.odds
     first, middle = history.first[0], history.end / 3
-    np.testing.assert_allclose(history.likely(-np.inf), odds)
+    np.testing.assert_allclose(history.probabilities(-np.inf), odds)
     left = np.where(first <= middle, 0.3, 1.0)
-    np.testing.assert_allclose(history.likely(middle), odds * left)
+    np.testing.assert_allclose(history.probabilities(middle), odds * left)
     assert history.success_at(middle) == pytest.approx(0.7 * odds[first <= middle].sum())
     assert history.success_at(history.end) == pytest.approx(episode.success.probability)
     warm, cold = cell_colours(history, -1.0), cell_colours(history, middle)
@@ -596,7 +596,7 @@ def test_second_looks_cool_the_ground_again():
     looks = (ground.cells >= 0).sum(axis=1)
     again = looks > 1
     assert again.any()
-    before, after = history.likely(-np.inf), history.likely(history.end)
+    before, after = history.probabilities(-np.inf), history.probabilities(history.end)
     cells = ground.cells[again, 0]
     np.testing.assert_allclose(after[cells], 0.3 ** looks[again] * before[cells])
     np.testing.assert_allclose(before[ground.cells[again, 1]], before[cells])
@@ -611,7 +611,7 @@ def test_heat_follows_a_target_that_moves():
     episode = run(SearchProblem("square:80", robots=2, **drift), seed=1)
     history = SearchHistory(episode)
     across = episode.plan.positions(np.arange(history.n_cells))[:, 0]
-    start, late = history.likely(-np.inf), history.likely(history.end / 8)
+    start, late = history.probabilities(-np.inf), history.probabilities(history.end / 8)
     assert across @ late / late.sum() > across @ start / start.sum() + 5
     assert history.success_at(history.end) == pytest.approx(episode.success.probability, abs=0.02)
     assert np.isfinite(cell_colours(history)).all()

@@ -20,7 +20,7 @@ from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
 from shoal.search.cells.footprint import check_widths
 from shoal.search.kernels import shares
 from shoal.search.kernels.shares import Team as Team  # noqa: PLC0414 - an argument of allocators
-from shoal.search.tours.masks import arc_bits, runs, turned
+from shoal.search.tours.masks import arc_bits, rotate_bits, runs
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class Arc:
             (self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n
         )
 
-    def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return the sections of the arc whose cells are in the bitset ``wanted``, on a tour of n
+    def stretches(self, cells: int, n: int) -> list[tuple[int, int]]:
+        """Return the sections of the arc whose cells are in the bitset ``cells``, on a tour of n
         cells.
 
         A section is a pair: the tour index of the cell that the robot searches first, and the
@@ -60,15 +60,15 @@ class Arc:
         [(3, 2), (0, 1)]
         """
         low = self.first if self.step > 0 else self.first - self.count + 1
-        spans = list(runs(self.bits(n) & wanted, low, n))
+        spans = list(runs(self.bits(n) & cells, low, n))
         return (
             spans
             if self.step > 0
             else [((first + count - 1) % n, count) for first, count in reversed(spans)]
         )
 
-    def next_of(self, wanted: int, n: int) -> int | None:
-        """Return the tour index of the arc's first cell that is in the bitset ``wanted``, for a
+    def next_of(self, cells: int, n: int) -> int | None:
+        """Return the tour index of the arc's first cell that is in the bitset ``cells``, for a
         tour of n cells.
 
         The first cell is the cell that the robot searches first. The result is None if no cell of
@@ -80,14 +80,18 @@ class Arc:
         2
         """
         if self.step > 0:
-            here = turned(wanted, self.first, n) & ((1 << self.count) - 1)
-            return ((here & -here).bit_length() - 1 + self.first) % n if here else None
+            candidates = rotate_bits(cells, self.first, n) & ((1 << self.count) - 1)
+            return (
+                ((candidates & -candidates).bit_length() - 1 + self.first) % n
+                if candidates
+                else None
+            )
         low = self.first - self.count + 1
-        here = turned(wanted, low, n) & ((1 << self.count) - 1)
-        return (here.bit_length() - 1 + low) % n if here else None
+        candidates = rotate_bits(cells, low, n) & ((1 << self.count) - 1)
+        return (candidates.bit_length() - 1 + low) % n if candidates else None
 
 
-def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
+def approach_cost(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
     """Return the straight distance, in cell sides, from the position ``place`` to the cell
     ``first``.
 
@@ -108,17 +112,19 @@ def work_time(
     """Return the cost, in cells, of searching arcs one after another, for a robot at the position
     ``place``.
 
-    The cost contains the path to the first arc, as computed by `way_to`.
+    The cost contains the path to the first arc, as computed by `approach_cost`.
     """
     total, n = 0.0, len(tour_cost)
-    here: int | None = None
+    position: int | None = None
     for arc in arcs:
         first = arc.first % n
         total += (
-            way_to(tour_cost, first, place, start) if here is None else tour_cost.way(here, first)
+            approach_cost(tour_cost, first, place, start)
+            if position is None
+            else tour_cost.move_cost(position, first)
         )
         total += tour_cost.search_cost(arc.first, arc.count, arc.step)
-        here = (arc.first + arc.step * (arc.count - 1)) % n
+        position = (arc.first + arc.step * (arc.count - 1)) % n
     return total
 
 
@@ -168,17 +174,25 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     n, m = len(tour_cost), len(starts)
     at = tour_cost.ahead[np.concatenate([starts, starts + n])]
     # the largest sum of k consecutive gaps
-    ways = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])
+    largest_sums = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])
     share = tour_cost.whole / m
     counts = np.arange(1, m)
 
     def gap(shift: float) -> float:
-        return max(share, float(((ways - 2 * shift) / counts).max())) if m > 1 else tour_cost.whole
+        return (
+            max(share, float(((largest_sums - 2 * shift) / counts).max()))
+            if m > 1
+            else tour_cost.whole
+        )
 
     low, high = 0.0, tour_cost.whole
     for _ in range(100):  # D + G is convex in D
-        one, other = low + (high - low) / 3, high - (high - low) / 3
-        low, high = (low, other) if one + gap(one) <= other + gap(other) else (one, high)
+        lower_third, upper_third = low + (high - low) / 3, high - (high - low) / 3
+        low, high = (
+            (low, upper_third)
+            if lower_third + gap(lower_third) <= upper_third + gap(upper_third)
+            else (lower_third, high)
+        )
     shift, span = low, gap(low)
     # The farthest borders that the limits allow: s + D, and G after the previous border.
     rounds = np.concatenate([at[:m] - tour_cost.whole, at]) + shift
@@ -196,7 +210,7 @@ def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
     The allocator minimizes the time until the last robot finishes.
     """
-    return _arcs_between(_bisected(False, tour_cost, team))
+    return _arcs_between(_bisect(False, tour_cost, team))
 
 
 @ALLOCATORS.register("two-way")
@@ -205,7 +219,7 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     is cheaper.
     """
     n = len(tour_cost)
-    borders = _bisected(True, tour_cost, team)
+    borders = _bisect(True, tour_cost, team)
     allocations = []
     for start, low, high in zip(team.starts + n, borders[:-1], borders[1:], strict=True):
         if not low <= start < high:
@@ -224,7 +238,7 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
             min(
                 back,
                 forth,
-                key=lambda work: work_time(tour_cost, [one for one in work if one.count], place),
+                key=lambda work: work_time(tour_cost, [arc for arc in work if arc.count], place),
             )
         )
     return allocations
@@ -254,7 +268,7 @@ def loop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 
 def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]:
-    """Return the arcs that `either_end` and `loop` describe; ``home`` tells whether the way back
+    """Return the arcs that `either_end` and `loop` describe; ``home`` tells whether the path back
     counts.
     """
     n, m = len(tour_cost), len(team.starts)
@@ -271,23 +285,23 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
     powers = _powers(team)
     around = np.argsort(-tour_cost.costs, kind="stable")[:_CUTS]
     firsts = np.unique(np.concatenate([around, np.linspace(0, n - 1, _CUTS).astype(np.int64)]))
-    tried = []
+    candidates = []
     for first in firsts.tolist():
         levels = tour_cost.ahead[first + 1 : first + n + 1] - tour_cost.ahead[first + 1] + 1.0
         shares = levels[-1] * np.cumsum(powers) / powers.sum()
         ends = np.minimum(np.searchsorted(levels, shares - 1e-9), n - 1)
         begins = np.append(0, ends[:-1] + 1) % n
         low, high = (first + begins) % n, (first + ends) % n
-        ways = far[:, low] + far[:, high] if home else np.minimum(far[:, low], far[:, high])
+        travel = far[:, low] + far[:, high] if home else np.minimum(far[:, low], far[:, high])
         across = np.linalg.norm(tour_cost.points[high] - tour_cost.points[low], axis=1)
         inside = (team.starts[:, None] - low) % n < (high - low) % n
-        ways = np.where(inside, np.minimum(ways, across), ways) / team.rates[:, None]
+        travel = np.where(inside, np.minimum(travel, across), travel) / team.rates[:, None]
         for turn in range(m):
             robots = (np.arange(m) + turn) % m
-            latest = float(ways[robots, np.arange(m)].max() + levels[-1] / powers.sum())
-            tried.append((latest, first, turn))
-    best, found = np.inf, (np.arange(m + 1), 0)
-    for latest, first, turn in sorted(tried)[:_CANDIDATES]:
+            latest = float(travel[robots, np.arange(m)].max() + levels[-1] / powers.sum())
+            candidates.append((latest, first, turn))
+    best, best_cut = np.inf, (np.arange(m + 1), 0)
+    for latest, first, turn in sorted(candidates)[:_CANDIDATES]:
         low, high = n / float(powers.sum()) / 2, min(2 * latest, best)
         borders = _either_pass(tour_cost, team, far, high, first, turn, home)
         while borders is None and best == np.inf:
@@ -299,8 +313,8 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
             low, high = (middle, high) if trial is None else (low, middle)
             borders = borders if trial is None else trial
         if borders is not None and high < best:
-            best, found = high, (borders, turn)
-    borders, turn = found
+            best, best_cut = high, (borders, turn)
+    borders, turn = best_cut
     arcs = _arcs_between(_between_rows(tour_cost, team, far, best, borders, turn, home))
     return [
         _from_nearer_end(tour_cost, team, robot, arcs[(robot - turn) % m], home=home)
@@ -316,12 +330,12 @@ def _either_time(
     """
     n, ahead, points = len(tour_cost), tour_cost.ahead, tour_cost.points
     work = (ahead[ends + 1] - ahead[first + 1] + 1.0) / team.gains[robot]
-    one, other = far[robot, first % n], far[robot, ends % n]
-    ways = one + other if home else np.minimum(one, other)
+    to_first, to_last = far[robot, first % n], far[robot, ends % n]
+    travel = to_first + to_last if home else np.minimum(to_first, to_last)
     inside = (int(team.starts[robot]) - first) % n < ends - first
     across = np.linalg.norm(points[ends % n] - points[first % n], axis=1)
-    ways = np.where(inside, np.minimum(ways, across), ways)
-    return np.asarray((work + ways) / team.rates[robot])
+    travel = np.where(inside, np.minimum(travel, across), travel)
+    return np.asarray((work + travel) / team.rates[robot])
 
 
 def _either_pass(
@@ -332,19 +346,19 @@ def _either_pass(
     """
     n, m = len(tour_cost), len(team.starts)
     borders = np.full(m + 1, first + n)
-    here = first
+    begin = first
     for k in range(m):
-        borders[k] = here
+        borders[k] = begin
         robot = (k + turn) % m
         # arcs that take longer without the way to them
         work = (1 + 1e-9) * (time + 1e-9) * float(team.rates[robot] * team.gains[robot])
-        after = int(np.searchsorted(tour_cost.ahead, tour_cost.ahead[here + 1] + work, "right"))
-        ends = np.arange(here, min(after + 1, first + n))
-        times = _either_time(tour_cost, team, far, robot, here, ends, home)
+        after = int(np.searchsorted(tour_cost.ahead, tour_cost.ahead[begin + 1] + work, "right"))
+        ends = np.arange(begin, min(after + 1, first + n))
+        times = _either_time(tour_cost, team, far, robot, begin, ends, home)
         within = np.flatnonzero(times <= time + 1e-9)
         if len(within):
-            here = int(ends[within[-1]]) + 1
-        if here >= first + n:
+            begin = int(ends[within[-1]]) + 1
+        if begin >= first + n:
             return borders
     return None
 
@@ -392,17 +406,17 @@ def _from_nearer_end(
     if not arc.count:
         return work
     first, last, start = arc.first % n, (arc.first + arc.count - 1) % n, int(team.starts[robot])
-    ways = [
+    distances = [
         float(team.far[robot, cell])
         if len(team.far)
         else float(np.linalg.norm(tour_cost.points[cell] - team.places[robot]))
         for cell in (first, last)
     ]
     behind = (start - first) % n
-    direct = sum(ways) if home else min(ways)
+    direct = sum(distances) if home else min(distances)
     if behind < arc.count - 1 and tour_cost.between(first, last) < direct:
         return [Arc(start, behind + 1, -1), Arc(last, arc.count - 1 - behind, -1)]
-    return [Arc(last, arc.count, -1)] if ways[1] < ways[0] else work
+    return [Arc(last, arc.count, -1)] if distances[1] < distances[0] else work
 
 
 @ALLOCATORS.register("hop")
@@ -432,10 +446,10 @@ def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
             high *= 2
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            done = shares.hop_pass(tour_cost.arrays, team, middle, firsts[row], turn, trial)
-            if done and middle < best:
+            feasible = shares.hop_pass(tour_cost.arrays, team, middle, firsts[row], turn, trial)
+            if feasible and middle < best:
                 best, borders, chosen = middle, np.minimum(trial, firsts[row] + n), int(turn)
-            low, high = (low, middle) if done else (middle, high)
+            low, high = (low, middle) if feasible else (middle, high)
             if high - low < 1e-3:
                 break
     arcs = _arcs_between(borders)
@@ -452,7 +466,9 @@ def _powers(team: Team) -> Floats:
     return team.rates * team.gains
 
 
-def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, borders: Indices) -> bool:
+def _is_feasible(
+    two_ways: bool, tour_cost: TourCost, team: Team, time: float, borders: Indices
+) -> bool:
     reach = min(len(tour_cost), int(time * _powers(team)[0]) + 1)
     return bool(
         shares.best_start(
@@ -461,7 +477,7 @@ def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, border
     )
 
 
-def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
+def _bisect(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
     """Return the first cell of each robot's part, followed by the end of the last part; int64,
     shape (m + 1,).
 
@@ -477,7 +493,7 @@ def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
         if high - low < 1e-3:
             break
         middle = (low + high) / 2
-        if _passed(two_ways, tour_cost, team, middle, trial):
+        if _is_feasible(two_ways, tour_cost, team, middle, trial):
             best, high = np.minimum(trial, trial[0] + n), middle
         else:
             low = middle
@@ -523,7 +539,7 @@ def allocate(
     rates: ArrayLike | None = None,
     places: ArrayLike | None = None,
     widths: ArrayLike | None = None,
-    known: Sequence[Sequence[Arc]] | None = None,
+    plain_arcs: Sequence[Sequence[Arc]] | None = None,
 ) -> Allocation:
     """Divide the cells of a tour among robots.
 
@@ -550,7 +566,7 @@ def allocate(
         Footprint width of each robot, as an odd number of cells. By default, all footprints are one
         cell wide. A robot with a wide footprint gets about `gain_of` times as many cells as an
         equally fast robot with a footprint of one cell.
-    known : sequence of sequence of Arc, optional
+    plain_arcs : sequence of sequence of Arc, optional
         The arcs of each robot by this allocator without `TourCost.odds`, if they are known.
 
     Raises
@@ -573,7 +589,7 @@ def allocate(
     True
     """
     team, order = _team(tour_cost, starts, rates, places, widths)
-    arcs = _shared(tour_cost, allocator, team, order, known)
+    arcs = _allot(tour_cost, allocator, team, order, plain_arcs)
     back = np.argsort(order)
     speeds, at, numbers = team.rates[back], team.places[back], team.starts[back]
     wide = np.ones(len(back), dtype=np.int64) if widths is None else np.asarray(widths)
@@ -590,21 +606,23 @@ def arcs_of(
     tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
 ) -> tuple[tuple[Arc, ...], ...]:
     """Return the arcs that `allocate` assigns to each robot, without computing completion times."""
-    return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
+    return _allot(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
-def _shared(
+def _allot(
     tour_cost: TourCost,
     allocator: str,
     team: Team,
     order: Indices,
-    known: Sequence[Sequence[Arc]] | None = None,
+    plain_arcs: Sequence[Sequence[Arc]] | None = None,
 ) -> tuple[tuple[Arc, ...], ...]:
     share = configured(ALLOCATORS, allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
     try:
-        given = share(tour_cost, team) if known is None else [known[robot] for robot in order]
-        shared = [[arc for arc in work if arc.count > 0] for work in given]
+        works = (
+            share(tour_cost, team) if plain_arcs is None else [plain_arcs[robot] for robot in order]
+        )
+        shared = [[arc for arc in work if arc.count > 0] for work in works]
         if tour_cost.odds is not None and tour_cost.at_most:
             shared = _likely_first(tour_cost, team, shared)
         for robot, work in zip(order, shared, strict=True):
@@ -612,9 +630,9 @@ def _shared(
     except (Exception, SystemExit) as error:
         if ":" not in allocator:
             raise
-        what = f"{type(error).__name__}: {shortened(str(error))}"
+        reason = f"{type(error).__name__}: {shortened(str(error))}"
         raise InvalidInputError(
-            f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {what}"
+            f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {reason}"
         ) from error
     return tuple(arcs)
 
@@ -697,13 +715,13 @@ def time_of(
     """Return the cost, in cells, of the path to the first arc and of the search of all arcs, with a
     footprint of ``width`` cells.
 
-    The arguments ``place`` and ``start`` have the same meaning as in `way_to`.
+    The arguments ``place`` and ``start`` have the same meaning as in `approach_cost`.
     """
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)
     cells = numbers_of(work, len(tour_cost))
     stops, cost = select_viewpoints(tour_cost, width, cells)
-    return cost + way_to(tour_cost, int(stops[0]), place, start)
+    return cost + approach_cost(tour_cost, int(stops[0]), place, start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -794,15 +812,17 @@ def in_passes(
     )
 
 
-def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost, in cells, of searching all cells of the bitset ``wanted`` in tour order,
-    starting from the cell ``here``.
+def cost_of_all(
+    tour_cost: TourCost, cells: int, position: int, fresh: bool, closed: int = 0
+) -> float:
+    """Return the cost, in cells, of searching all cells of the bitset ``cells`` in tour order,
+    starting from the cell ``position``.
 
-    The parameters ``fresh`` and ``closed`` have the same meaning as in `TourCost.way`.
+    The parameters ``fresh`` and ``closed`` have the same meaning as in `TourCost.move_cost`.
     """
     total, n = 0.0, len(tour_cost)
-    for first, count in runs(wanted, here, n):
-        total += tour_cost.way(here, first, fresh=fresh, closed=closed)
+    for first, count in runs(cells, position, n):
+        total += tour_cost.move_cost(position, first, fresh=fresh, closed=closed)
         total += tour_cost.search_cost(first, count)
-        here, fresh = (first + count - 1) % n, False
+        position, fresh = (first + count - 1) % n, False
     return total

@@ -91,20 +91,20 @@ class TourCost:
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
         if self.points is None:
-            given = cells
+            points = cells
         else:
-            given = np.asarray(self.points, dtype=np.float64)
-            if given.shape != cells.shape or not np.isfinite(given).all():
+            points = np.asarray(self.points, dtype=np.float64)
+            if points.shape != cells.shape or not np.isfinite(points).all():
                 raise InvalidInputError(
                     f"points: expected finite numbers of shape {cells.shape}, got shape"
-                    f" {given.shape}"
+                    f" {points.shape}"
                 )
         if not (np.isfinite(self.turn_cost) and self.turn_cost >= 0):
             raise InvalidInputError(
                 f"turn cost: expected a number of cells, 0 or more, got {self.turn_cost!r}"
             )
         steps = (
-            np.linalg.norm(np.roll(given, -1, axis=0) - given, axis=1)
+            np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
             if self.steps is None
             else np.asarray(self.steps)
         )
@@ -112,7 +112,7 @@ class TourCost:
             raise InvalidInputError(
                 f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}"
             )
-        turns = _turns(given) if self.turns is None else np.asarray(self.turns, dtype=np.float64)
+        turns = _turns(points) if self.turns is None else np.asarray(self.turns, dtype=np.float64)
         if turns.shape != (len(cells),) or not (turns >= 0).all():
             raise InvalidInputError(
                 f"turns: expected {len(cells)} numbers, 0 or more, got shape {turns.shape}"
@@ -122,7 +122,7 @@ class TourCost:
         if self.footprint is None:
             object.__setattr__(self, "footprint", MaskFootprint(self.tour))
         object.__setattr__(self, "least", self.least or float(len(cells)))
-        object.__setattr__(self, "points", given)
+        object.__setattr__(self, "points", points)
         object.__setattr__(self, "turns", turns)
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
@@ -131,11 +131,11 @@ class TourCost:
         the next cell get 0.
         """
         n = len(self.tour)
-        found = [
+        lengths = [
             0.0 if self.distances is None else self.distances.length(cell, (cell + 1) % n)
             for cell in range(n)
         ]
-        return np.where(np.isfinite(found), found, 0.0)
+        return np.where(np.isfinite(lengths), lengths, 0.0)
 
     def __len__(self) -> int:
         return self.n
@@ -209,8 +209,8 @@ class TourCost:
         """
         return self.distances is not None and self.distances.stepwise
 
-    def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell``.
+    def move_cost(self, source: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
+        """Return the cost, in cells, of moving from the cell ``source`` to the cell ``cell``.
 
         The path is direct or follows the tour, whichever is cheaper. The function deducts the cost
         of one cell, because the cost of searching a cell already contains a move to a neighbouring
@@ -218,52 +218,52 @@ class TourCost:
 
         Parameters
         ----------
-        here, cell : int
+        source, cell : int
             Tour indices of the first and the last cell of the path.
         fresh : bool
-            Whether the robot comes to the cell ``here`` without searching it. If true, the function
-            does not deduct the cost of one cell.
+            Whether the robot comes to the cell ``source`` without searching it. If true, the
+            function does not deduct the cost of one cell.
         closed : int
             Bitset of cells that are known to be blocked. If all paths lead through blocked cells,
             the cost is infinite.
         """
-        if here == cell:
+        if source == cell:
             return 0.0
         n, free = self.n, 0.0 if fresh else 1.0
         if self.stepwise:
-            return self._stepwise_way(here, cell, free, closed)[0]
-        ahead, behind = (cell - here) % n, (here - cell) % n
+            return self._stepwise_path(source, cell, free, closed)[0]
+        ahead, behind = (cell - source) % n, (source - cell) % n
         levels = self._levels
-        onwards = levels[here + ahead + 1] - levels[here + 1] - free
+        onwards = levels[source + ahead + 1] - levels[source + 1] - free
         if ahead == 1:
             return onwards  # the path inside the region is known
-        known = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
-        if known <= max(self.between(here, cell) - free, 0.0) + self.turn_cost:
-            return known  # no path is shorter than the straight one
-        return min(known, max(self.length(here, cell) - free, 0.0) + self.turn_cost)
+        along_tour = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
+        if along_tour <= max(self.between(source, cell) - free, 0.0) + self.turn_cost:
+            return along_tour  # no path is shorter than the straight one
+        return min(along_tour, max(self.length(source, cell) - free, 0.0) + self.turn_cost)
 
     def through(
-        self, here: int, cell: int, *, fresh: bool = False, closed: int = 0
+        self, source: int, cell: int, *, fresh: bool = False, closed: int = 0
     ) -> tuple[int, ...]:
-        """Return the cells that a robot enters on the path whose cost `way` returns.
+        """Return the cells that a robot enters on the path whose cost `move_cost` returns.
 
-        The result is empty if ``here`` equals ``cell``, or if ``distances`` is not a
+        The result is empty if ``source`` equals ``cell``, or if ``distances`` is not a
         `CellDistances`.
         """
-        if not isinstance(self.distances, CellDistances) or here == cell:
+        if not isinstance(self.distances, CellDistances) or source == cell:
             return ()
         distances, along = (
             self.distances,
-            self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1],
+            self._stepwise_path(source, cell, 0.0 if fresh else 1.0, closed)[1],
         )
         return tuple(
-            passed
-            for one, other in pairwise(along)
-            for passed in distances.cells(one, other, closed)
+            entered
+            for start, end in pairwise(along)
+            for entered in distances.cells(start, end, closed)
         )
 
-    def _stepwise_way(
-        self, here: int, cell: int, free: float, closed: int
+    def _stepwise_path(
+        self, source: int, cell: int, free: float, closed: int
     ) -> tuple[float, list[int]]:
         """Return the cost of the cheapest path between two cells, and the cells at which its direct
         moves begin and end.
@@ -274,51 +274,51 @@ class TourCost:
         never has a higher cost than a robot that follows the tour.
         """
         n, levels = self.n, self._levels
-        direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
+        direct = max(self.length(source, cell, closed) - free, 0.0) + self.turn_cost
         if direct == inf:
-            return inf, [here, cell]
-        ahead, behind = (cell - here) % n, (here - cell) % n
-        onwards = levels[here + ahead + 1] - levels[here + 1] - free
+            return inf, [source, cell]
+        ahead, behind = (cell - source) % n, (source - cell) % n
+        onwards = levels[source + ahead + 1] - levels[source + 1] - free
         backwards = levels[cell + behind + 1] - levels[cell + 1] - free
         for cost, count, step in sorted([(onwards, ahead, 1), (backwards, behind, -1)]):
             if cost > direct:
                 break
-            along = [(here + step * k) % n for k in range(count + 1)]
-            if all(self._follows(one, other, step, closed) for one, other in pairwise(along)):
+            along = [(source + step * k) % n for k in range(count + 1)]
+            if all(self._follows(start, end, step, closed) for start, end in pairwise(along)):
                 return cost, along
-        return direct, [here, cell]
+        return direct, [source, cell]
 
-    def _follows(self, one: int, other: int, step: int, closed: int) -> bool:
+    def _follows(self, source: int, target: int, step: int, closed: int) -> bool:
         """Return whether the path between two consecutive cells of the tour keeps its length
         despite closed cells.
         """
         return bool(
-            self.length(one, other, closed) <= self.steps[one if step > 0 else other] + 1e-9
+            self.length(source, target, closed) <= self.steps[source if step > 0 else target] + 1e-9
         )
 
-    def length(self, here: int, cell: int, closed: int = 0) -> float:
+    def length(self, source: int, cell: int, closed: int = 0) -> float:
         """Return the length, in cell sides, of the path between two cells that are given by tour
         indices.
         """
         return (
-            self.between(here, cell)
+            self.between(source, cell)
             if self.distances is None
-            else self.distances.length(here, cell, closed)
+            else self.distances.length(source, cell, closed)
         )
 
-    def lengths_from(self, here: int, cells: NDArray[np.int64]) -> list[float]:
+    def lengths_from(self, source: int, cells: NDArray[np.int64]) -> list[float]:
         """Return the lengths, in cell sides, of the paths between a cell and several cells that are
         given by tour indices.
         """
         if isinstance(self.distances, RegionDistances):
-            self.distances.measure_straight(here, cells)
-        return [self.length(cell, here) for cell in cells.tolist()]
+            self.distances.measure_straight(source, cells)
+        return [self.length(cell, source) for cell in cells.tolist()]
 
-    def seen(self, cell: int, width: int) -> Numbers:
+    def visible_cells(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as
         increasing tour indices.
         """
-        return self.footprint.seen(cell, width)
+        return self.footprint.visible_cells(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides;
@@ -335,11 +335,11 @@ class TourCost:
     def _levels(self) -> list[float]:
         return [float(level) for level in self.ahead[: 2 * self.n + 2]]
 
-    def between(self, one: int, other: int) -> float:
+    def between(self, source: int, target: int) -> float:
         """Return the straight distance, in cell sides, between two cells that are given by tour
         indices.
         """
-        return dist(self._places[one], self._places[other])
+        return dist(self._places[source], self._places[target])
 
 
 def _turns(points: Floats) -> Floats:
@@ -349,9 +349,9 @@ def _turns(points: Floats) -> Floats:
     steps = np.roll(points, -1, axis=0) - points
     lengths = np.linalg.norm(steps, axis=1)
     moves = np.flatnonzero(lengths > 1e-9)
-    ways = steps[moves] / lengths[moves, None]
+    directions = steps[moves] / lengths[moves, None]
     turns = np.zeros(len(points))
-    turns[moves] = np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > STRAIGHT
+    turns[moves] = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1) > STRAIGHT
     return turns
 
 

@@ -21,13 +21,13 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost,
     width: int,
-    here: int,
-    wanted: Flags,
+    position: int,
+    unseen: Flags,
     aim: int,
     cost: Callable[[int], float],
     shut: int = 0,
 ) -> int:
-    """Return the stop with the largest n / c: the stop has n visible wanted cells, and c is the
+    """Return the stop with the largest n / c: the stop has n visible unseen cells, and c is the
     cost of moving to the stop.
 
     Parameters
@@ -35,12 +35,12 @@ def best_viewpoint(
     tour_cost : TourCost
     width : int
         Width of the footprint, as an odd number of cells.
-    here : int
+    position : int
         Tour index of the robot's cell.
-    wanted : ndarray of bool, shape (N,)
+    unseen : ndarray of bool, shape (N,)
         For each cell, whether the robot still has to see the cell.
     aim : int
-        A cell that the robot still has to see. If no stop near the robot sees a wanted cell, the
+        A cell that the robot still has to see. If no stop near the robot sees such a cell, the
         robot stops near the cell ``aim``.
     cost : callable
         Function that returns the cost of moving to a cell and searching it, or infinity if no path
@@ -48,8 +48,8 @@ def best_viewpoint(
     shut : int
         Bitset of the cells in which the robot cannot stop at present.
     """
-    for middle, reach in ((here, width), (aim, width // 2)):
-        stop = _best_around(tour_cost, width, here, middle, reach, wanted, cost, shut)
+    for middle, reach in ((position, width), (aim, width // 2)):
+        stop = _best_around(tour_cost, width, position, middle, reach, unseen, cost, shut)
         if stop is not None:
             return stop
     return aim
@@ -58,39 +58,39 @@ def best_viewpoint(
 def _best_around(
     tour_cost: TourCost,
     width: int,
-    here: int,
+    position: int,
     middle: int,
     reach: int,
-    wanted: Flags,
+    unseen: Flags,
     cost: Callable[[int], float],
     shut: int,
 ) -> int | None:
     """Return the best stop within ``reach`` rows and columns of the cell ``middle``.
 
-    The result is None if the robot sees no wanted cell from any stop near ``middle``.
+    The result is None if the robot sees no unseen cell from any stop near ``middle``.
     """
     *layer, row, col = tour_cost.tour.cells[middle].tolist()
     rim = width // 2 + 1
     window = _window(tour_cost.tour.position[tuple(layer)], row, col, reach + rim)
     inner = window[rim:-rim, rim:-rim]
-    asked = np.where(window >= 0, wanted[window], False)
-    new = _sums(asked[1:-1, 1:-1], width)  # assuming that nothing blocks the view
+    unseen_in_window = np.where(window >= 0, unseen[window], False)
+    new = _sums(unseen_in_window[1:-1, 1:-1], width)  # assuming that nothing blocks the view
     usable = (inner >= 0) & (new > 0)
     if not usable.any():
         return None
     stops = inner[usable]
-    bonus = _EDGE * ((width + 2) ** 2 - _sums(asked, width + 2)[usable])
-    places = tour_cost.points[stops] - tour_cost.points[here]
-    hoped = (new[usable] + bonus) / np.maximum(np.sqrt((places * places).sum(axis=1)), 1.0)
-    best, chosen, tried = 0.0, None, 0
-    for k in np.lexsort((stops, -hoped)):
-        if hoped[k] <= best or tried == _TRIED:
+    bonus = _EDGE * ((width + 2) ** 2 - _sums(unseen_in_window, width + 2)[usable])
+    places = tour_cost.points[stops] - tour_cost.points[position]
+    bounds = (new[usable] + bonus) / np.maximum(np.sqrt((places * places).sum(axis=1)), 1.0)
+    best, chosen, evaluated = 0.0, None, 0
+    for k in np.lexsort((stops, -bounds)):
+        if bounds[k] <= best or evaluated == _TRIED:
             break
         stop = int(stops[k])
         if shut >> stop & 1:
             continue
-        sees, away = int(np.count_nonzero(wanted[tour_cost.seen(stop, width)])), cost(stop)
-        tried += 1
+        sees, away = int(np.count_nonzero(unseen[tour_cost.visible_cells(stop, width)])), cost(stop)
+        evaluated += 1
         if sees and (worth := (sees + float(bonus[k])) / away) > best:
             best, chosen = worth, stop
     return chosen
@@ -118,7 +118,7 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
 
 
 def select_viewpoints(
-    tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
+    tour_cost: TourCost, width: int, cells: NDArray[np.int64], previous: int | None = None
 ) -> tuple[NDArray[np.int64], float]:
     """Return the tour indices of the stops from which a robot sees given cells, and the cost of
     searching from stop to stop.
@@ -133,28 +133,28 @@ def select_viewpoints(
     cells : ndarray of int64, shape (k,)
         Tour indices of one or more cells, in the order in which a robot with a footprint of one
         cell searches them.
-    here : int, optional
+    previous : int, optional
         Tour index of the robot's previous cell. By default, the previous cell is the first cell of
         ``cells``.
     """
-    wanted = np.zeros(len(tour_cost), dtype=np.bool_)
-    wanted[cells] = True
-    at, total, fresh = int(cells[0]) if here is None else here, 0.0, True
+    unseen = np.zeros(len(tour_cost), dtype=np.bool_)
+    unseen[cells] = True
+    at, total, fresh = int(cells[0]) if previous is None else previous, 0.0, True
     chosen: list[int] = []
     for aim in cells.tolist():
-        while wanted[aim]:
+        while unseen[aim]:
             stop = best_viewpoint(
-                tour_cost, width, at, wanted, aim, partial(_cost, tour_cost, at, fresh)
+                tour_cost, width, at, unseen, aim, partial(_cost, tour_cost, at, fresh)
             )
             total += _cost(tour_cost, at, fresh, stop) if chosen else 1.0
-            wanted[tour_cost.seen(stop, width)] = False
+            unseen[tour_cost.visible_cells(stop, width)] = False
             chosen.append(stop)
             at, fresh = stop, False
     return np.array(chosen, dtype=np.int64), total
 
 
-def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
-    return 1.0 + tour_cost.way(here, stop, fresh=fresh)
+def _cost(tour_cost: TourCost, position: int, fresh: bool, stop: int) -> float:
+    return 1.0 + tour_cost.move_cost(position, stop, fresh=fresh)
 
 
 @lru_cache(maxsize=256)

@@ -12,27 +12,27 @@ _FEWEST = 4  # legs: a shorter path, such as around a building, keeps its bends
 _MOST = 200  # legs: a longer path keeps its bends
 
 
-def with_fewer_bends(region: SearchRegion, way: Points, price: float) -> Points:
-    """Return a path that stays on some of the legs of ``way``, and is not longer than it by more
+def with_fewer_bends(region: SearchRegion, path: Points, price: float) -> Points:
+    """Return a path that stays on some of the legs of ``path``, and is not longer than it by more
     than ``price`` metres for each bend that it saves.
 
-    A shortest path around a round lake bends at each corner of its border. The new path follows
-    the lines of a few legs, up to the points at which they cross. The legs are chosen by dynamic
-    programming: the crossing of two lines costs the price and the way from the end of the one leg
-    to the beginning of the other.
+    A shortest path around a round lake bends at each corner of its border. The new path follows the
+    lines of a few legs, up to the points at which they cross. The legs are chosen by dynamic
+    programming: the crossing of two lines costs the price and the distance from the end of the one
+    leg to the beginning of the other.
 
     Parameters
     ----------
     region : SearchRegion
-    way : ndarray of float64, shape (k, 2)
+    path : ndarray of float64, shape (k, 2)
         A path inside the region, in metres.
     price : float
         Length in metres that a bend may cost.
     """
-    count = len(way) - 1
+    count = len(path) - 1
     if not _FEWEST <= count <= _MOST:
-        return way
-    lengths = leg_lengths(way)
+        return path
+    lengths = leg_lengths(path)
     if (lengths <= 0).any():
-        return way
-    return np.vstack([way[:1], region.border.with_fewer_bends(way, lengths, price), way[-1:]])
+        return path
+    return np.vstack([path[:1], region.border.with_fewer_bends(path, lengths, price), path[-1:]])

@@ -50,13 +50,13 @@ class Lattice:
         """Transform points from the lattice's frame to the region's frame; float64,
         shape (..., 2).
         """
-        return rotated(points, self.angle)
+        return rotate(points, self.angle)
 
     def from_region(self, points: ArrayLike) -> NDArray[np.float64]:
         """Transform points from the region's frame to the lattice's frame; float64,
         shape (..., 2).
         """
-        return rotated(points, -self.angle)
+        return rotate(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
         """Return blocks of ``span`` rows and ``span`` columns as Shapely boxes in the lattice's
@@ -89,31 +89,31 @@ class Lattice:
         return rows, cols
 
 
-def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
+def rotate(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     """Rotate points about the origin, by an angle in degrees counter-clockwise; float64, shape
     (..., 2).
 
     Examples
     --------
-    >>> rotated([(2.0, 1.0)], 90).tolist()
+    >>> rotate([(2.0, 1.0)], 90).tolist()
     [[-1.0, 2.0]]
     """
     array = np.asarray(points, dtype=np.float64)
     if angle == 0:
         return array
-    quarters, rest = divmod(angle, 90.0)  # makes quarter turns exact
-    cosine, sine = np.cos(np.radians(rest)), np.sin(np.radians(rest))
+    quarters, remainder = divmod(angle, 90.0)  # makes quarter turns exact
+    cosine, sine = np.cos(np.radians(remainder)), np.sin(np.radians(remainder))
     for _ in range(int(quarters) % 4):
         cosine, sine = -sine, cosine
-    turned = np.ascontiguousarray(array).view(np.complex128) * complex(cosine, sine)
-    return np.asarray(turned.view(np.float64))
+    complex_points = np.ascontiguousarray(array).view(np.complex128) * complex(cosine, sine)
+    return np.asarray(complex_points.view(np.float64))
 
 
-def rotated_shape(shape: Any, angle: float) -> Any:
+def rotate_shape(shape: Any, angle: float) -> Any:
     """Rotate a Shapely geometry about the origin, by an angle in degrees counter-clockwise."""
     import shapely
 
-    return shape if angle == 0 else shapely.transform(shape, lambda points: rotated(points, angle))
+    return shape if angle == 0 else shapely.transform(shape, lambda points: rotate(points, angle))
 
 
 def lattice_over(
@@ -198,27 +198,29 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
         # whether most blocks are inside is asked at once; to cut them would only tell the same
         inside = shapely.contains_properly(area, boxes)
         cut = np.flatnonzero(~inside)
-        shapes[cut] = _polygonal(shapely.intersection(shapes[cut], boxes[cut]))
+        shapes[cut] = _keep_polygons(shapely.intersection(shapes[cut], boxes[cut]))
         areas, full = shapely.area(shapes[cut]), shapely.area(boxes[cut])
         inside[cut] = (shapely.get_num_coordinates(shapes[cut]) == 5) & (
             areas >= full * (1 - _WHOLE)
         )
         for row, col in zip(rows[inside].tolist(), cols[inside].tolist(), strict=True):
             whole[row : row + span, col : col + span] = True
-        left = cut[~inside[cut] & (areas > SPECK * lattice.size**2)]
-        rows, cols, shapes = rows[left], cols[left], shapes[left]
+        partial = cut[~inside[cut] & (areas > SPECK * lattice.size**2)]
+        rows, cols, shapes = rows[partial], cols[partial], shapes[partial]
         if span == 1:
             break
         span //= 2
         rows = np.concatenate([rows, rows, rows + span, rows + span])
         cols = np.concatenate([cols, cols + span, cols, cols + span])
         shapes = np.concatenate([shapes] * 4)
-        there = (rows < height) & (cols < width)
-        rows, cols, shapes = rows[there], cols[there], shapes[there]
+        in_lattice = (rows < height) & (cols < width)
+        rows, cols, shapes = rows[in_lattice], cols[in_lattice], shapes[in_lattice]
     pieces, index = shapely.get_parts(shapes, return_index=True)
-    kept = shapely.area(pieces) > SPECK * lattice.size**2
-    order = np.argsort(rows[index][kept] * width + cols[index][kept], kind="stable")
-    return Clipped(whole, rows[index][kept][order], cols[index][kept][order], pieces[kept][order])
+    large = shapely.area(pieces) > SPECK * lattice.size**2
+    order = np.argsort(rows[index][large] * width + cols[index][large], kind="stable")
+    return Clipped(
+        whole, rows[index][large][order], cols[index][large][order], pieces[large][order]
+    )
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
@@ -246,7 +248,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
     return Clipped(whole, rows[order], cols[order], pieces[order])
 
 
-def _polygonal(shapes: Any) -> Any:
+def _keep_polygons(shapes: Any) -> Any:
     """Return the polygons in each shape, without lines and points.
 
     The intersection of a region and a block also contains lines or points where the region only
@@ -303,14 +305,14 @@ def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
     """Return all portals between two pieces of a clipped region, and all portals between a piece
     and a whole cell.
     """
-    found = [
+    portals = [
         portal
         for axis in (0, 1)
-        for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)
+        for portal in _match_stretches(_stretches(clipped, lattice, axis), clipped, lattice, axis)
     ]
-    pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
-    middles = lattice.to_region(np.array([portal[2:4] for portal in found]).reshape(-1, 2))
-    return Portals(pairs, middles, np.array([portal[4] for portal in found]))
+    pairs = np.array([portal[:2] for portal in portals], dtype=np.int64).reshape(-1, 2)
+    middles = lattice.to_region(np.array([portal[2:4] for portal in portals]).reshape(-1, 2))
+    return Portals(pairs, middles, np.array([portal[4] for portal in portals]))
 
 
 # row and column of the cell after the line; before (0) or after (1); piece; from, to
@@ -355,7 +357,7 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
     return stretches
 
 
-def _matched(
+def _match_stretches(
     stretches: list[Stretch], clipped: Clipped, lattice: Lattice, axis: int
 ) -> list[tuple[int, int, float, float, float]]:
     """Return a portal for each section of a grid line that two pieces, one on each side of the
@@ -367,7 +369,7 @@ def _matched(
     )
     for stretch in stretches:
         lines[stretch[:2]][stretch[2]].append(stretch)
-    found = []
+    portals = []
     for (row, col), (before, after) in lines.items():
         for (r, c), side in (((row - axis, col - 1 + axis), before), ((row, col), after)):
             if 0 <= r < lattice.shape[0] and 0 <= c < width and clipped.whole[r, c]:
@@ -375,16 +377,16 @@ def _matched(
         across = (
             lattice.left + col * lattice.size if axis == 0 else lattice.top - row * lattice.size
         )
-        for one, other in product(before, after):
-            low, high = max(one[4], other[4]), min(one[5], other[5])
+        for first, second in product(before, after):
+            low, high = max(first[4], second[4]), min(first[5], second[5])
             if high - low > _ON_LINE * lattice.size:
                 middle = (low + high) / 2
-                found.append(
+                portals.append(
                     (
-                        one[3],
-                        other[3],
+                        first[3],
+                        second[3],
                         *((across, middle) if axis == 0 else (middle, across)),
                         high - low,
                     )
                 )
-    return found
+    return portals

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search.cells.graphs import Graph
 from shoal.search.cells.routing import RegionPaths
-from shoal.search.cells.visibility_graph import inside, length_of, pulled
+from shoal.search.cells.visibility_graph import inside, length_of, pull_string
 from shoal.search.tours import Tour
 from shoal.search.tours.masks import array_to_bits, bits_to_array, bitset_of
 
-_KEPT = 1 << 22  # maximum number of cached distances
+_CACHED = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
 _SHORTEST = 1e-9  # cell sides: length of a path between parts that touch, and of a climb
 
@@ -33,14 +33,14 @@ class Distances(Protocol):
         their way.
         """
 
-    def length(self, here: int, cell: int, closed: int = 0) -> float:
+    def length(self, source: int, cell: int, closed: int = 0) -> float:
         """Return the length, in cell sides, of the path between two cells given as tour indices;
         infinity if no path exists.
 
         The argument ``closed`` is a bitset of cells that the path must not enter.
         """
 
-    def lengths(self, here: int) -> NDArray[np.float64]:
+    def lengths(self, source: int) -> NDArray[np.float64]:
         """Return approximate distances from a cell to all cells, in cell sides; float64, shape
         (N,), all values finite.
         """
@@ -125,9 +125,9 @@ class CellDistances:
     --------
     >>> from shoal.search.tours import make_tour
     >>> tour = make_tour("comb", (3, 3))
-    >>> ways = CellDistances(tour)
-    >>> here, cell = int(tour.position[0, 0]), int(tour.position[0, 2])
-    >>> ways.length(here, cell), round(ways.length(here, cell, closed=1 << int(tour.position[0, 1])), 3)
+    >>> distances = CellDistances(tour)
+    >>> source, between, cell = tour.position[0].tolist()
+    >>> distances.length(source, cell), round(distances.length(source, cell, closed=1 << between), 3)
     (2.0, 4.0)
     """
 
@@ -143,11 +143,11 @@ class CellDistances:
     ) -> None:
         position = tour.position
         if position.ndim == 3 and not planes:  # climbs are as long as steps
-            planes, both = (
+            planes, stacked = (
                 [CellPlane(layer) for layer in position],
                 (position[:-1] >= 0) & (position[1:] >= 0),
             )
-            climbs = position[:-1][both], position[1:][both], np.ones(int(both.sum()))
+            climbs = position[:-1][stacked], position[1:][stacked], np.ones(int(stacked.sum()))
         self._n, self._planes = len(tour), tuple(planes) or (CellPlane(position),)
         self._climbs = tuple(
             np.asarray(column, dtype=kind)
@@ -157,15 +157,15 @@ class CellDistances:
         self._climbs = (*self._climbs[:2], np.maximum(self._climbs[2], _SHORTEST))
         self._cells = tour.cells
         self._links: dict[tuple[int, int], float] = {}
-        self._remember()
+        self._make_caches()
         if steps is not None:
             self._join(np.asarray(steps, dtype=np.float64))
 
-    def _remember(self) -> None:
-        kept = max(_KEPT // self._n, 8)
-        self._found = lru_cache(maxsize=kept)(self._search)
+    def _make_caches(self) -> None:
+        size = max(_CACHED // self._n, 8)
+        self._lengths_from = lru_cache(maxsize=size)(self._search)
         self._graph = lru_cache(maxsize=16)(self._open_graph)
-        self._parts = lru_cache(maxsize=kept)(self._components)
+        self._components_of = lru_cache(maxsize=size)(self._components)
 
     def _join(self, steps: NDArray[np.float64]) -> None:
         """Connect consecutive cells of the tour by paths of the lengths ``steps`` if no other path
@@ -175,75 +175,75 @@ class CellDistances:
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
             self._links[cell, other] = self._links[other, cell] = float(steps[cell]) or _SHORTEST
-        self._remember()
+        self._make_caches()
 
     def __getstate__(self) -> dict[str, Any]:
         return {
             name: value
             for name, value in self.__dict__.items()
-            if name not in ("_found", "_graph", "_parts")
+            if name not in ("_lengths_from", "_graph", "_components_of")
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._remember()
+        self._make_caches()
 
-    def length(self, here: int, cell: int, closed: int = 0) -> float:
+    def length(self, source: int, cell: int, closed: int = 0) -> float:
         """Return the length of the shortest path between two cells, in cell sides; infinity if no
         path exists.
         """
-        return float(self._found(here, closed)[cell])
+        return float(self._lengths_from(source, closed)[cell])
 
-    def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return the distances from the cell ``here`` to all cells of the tour, in cell sides.
+    def lengths(self, source: int) -> NDArray[np.float64]:
+        """Return the distances from the cell ``source`` to all cells of the tour, in cell sides.
 
         The distance to a cell that no path reaches is the number of cells of the tour.
         """
-        return np.minimum(self._found(here, 0), float(self._n))
+        return np.minimum(self._lengths_from(source, 0), float(self._n))
 
-    def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as
+    def cells(self, source: int, cell: int, closed: int = 0) -> tuple[int, ...]:
+        """Return the cells of the shortest path from the cell ``source`` to the cell ``cell``, as
         tour indices.
 
         Of several shortest paths it is the one that, seen from its end, comes from the cell with
-        the lowest number. The result contains ``cell`` but not ``here``. If no path exists, the
+        the lowest number. The result contains ``cell`` but not ``source``. If no path exists, the
         result is empty.
         """
-        away = self._found(here, closed)
-        return tuple(self._graph(closed & ~(1 << here)).way(away, cell)[1:].tolist())
+        lengths = self._lengths_from(source, closed)
+        return tuple(self._graph(closed & ~(1 << source)).path(lengths, cell)[1:].tolist())
 
-    def beside(self, one: int, other: int) -> tuple[int, ...]:
+    def beside(self, source: int, target: int) -> tuple[int, ...]:
         """Return the two cells beside a diagonal step, which must be open for this step. For any
         other step, return no cells.
         """
         (*layer, row, col), (*to_layer, to_row, to_col) = (
-            self._cells[one].tolist(),
-            self._cells[other].tolist(),
+            self._cells[source].tolist(),
+            self._cells[target].tolist(),
         )
-        if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
+        if layer != to_layer or row == to_row or col == to_col or (source, target) in self._links:
             return ()
         position = self._planes[layer[0] if layer else 0].position
         return int(position[row, to_col]), int(position[to_row, col])
 
-    def crossed(self, here: int, through: tuple[int, ...]) -> int:
+    def crossed(self, source: int, through: tuple[int, ...]) -> int:
         """Return the bitset of cells that must be open for a path: the cells on the path, and the
         cells beside diagonal steps.
         """
         return bitset_of(
             cell
-            for one, other in pairwise((here, *through))
-            for cell in (other, *self.beside(one, other))
+            for start, end in pairwise((source, *through))
+            for cell in (end, *self.beside(start, end))
         )
 
     def reach(self, cell: int, closed: int = 0) -> int:
         """Return the bitset of cells that a robot can reach from a cell, always including this cell
         itself.
         """
-        return self._parts(closed & ~(1 << cell))[cell]
+        return self._components_of(closed & ~(1 << cell))[cell]
 
-    def _search(self, here: int, closed: int) -> NDArray[np.float64]:
+    def _search(self, source: int, closed: int) -> NDArray[np.float64]:
         """Return the distances from a cell to all cells."""
-        return self._graph(closed & ~(1 << here)).distances(here)
+        return self._graph(closed & ~(1 << source)).distances(source)
 
     def _components(self, closed: int) -> list[int]:
         labels = self._labels(closed)
@@ -252,26 +252,30 @@ class CellDistances:
 
     def _labels(self, closed: int) -> NDArray[np.int64]:
         """Return the number of each cell's connected component; int64, shape (N,)."""
-        return self._graph(closed).parts()
+        return self._graph(closed).components()
 
     def _open_graph(self, closed: int) -> Graph:
         """Return the graph of open cells, with the length of each step and climb between
         neighbours.
         """
         open_ = ~bits_to_array(closed, self._n)
-        found = [plane.edges(open_) for plane in self._planes]
+        edges = [plane.edges(open_) for plane in self._planes]
         free = open_[self._climbs[0]] & open_[self._climbs[1]]
-        found.append(([self._climbs[0][free]], [self._climbs[1][free]], [self._climbs[2][free]]))
-        rows, cols, lengths = ([part for one in found for part in one[k]] for k in range(3))
+        edges.append(([self._climbs[0][free]], [self._climbs[1][free]], [self._climbs[2][free]]))
+        rows, cols, lengths = ([part for step in edges for part in step[k]] for k in range(3))
         links = [
-            (*ends, away)
-            for ends, away in self._links.items()
+            (*ends, length)
+            for ends, length in self._links.items()
             if ends[0] < ends[1] and not any(closed >> end & 1 for end in ends)
         ]
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))
-        one, other, away = np.concatenate(rows), np.concatenate(cols), np.concatenate(lengths)
-        return Graph.of_pairs(one, other, away, self._n)
+        sources, targets, length = (
+            np.concatenate(rows),
+            np.concatenate(cols),
+            np.concatenate(lengths),
+        )
+        return Graph.from_edges(sources, targets, length, self._n)
 
     def steps(
         self,
@@ -282,8 +286,8 @@ class CellDistances:
         graph = self._graph(0)
         firsts = np.repeat(np.arange(self._n), np.diff(graph.first)).tolist()
         beside = [
-            self.beside(one, other) or (-1, -1)
-            for one, other in zip(firsts, graph.ends.tolist(), strict=True)
+            self.beside(source, target) or (-1, -1)
+            for source, target in zip(firsts, graph.ends.tolist(), strict=True)
         ]
         return (
             graph.first,
@@ -316,64 +320,64 @@ class RegionDistances:
         self._paths, self._cells, self._size = paths, cells, grid.size
         self._places = grid.viewpoints[grid.viewpoint_starts[grid.ordinals(tour.cells)]]
         self._rows_cols = tour.cells.astype(np.float64)
-        self._known: dict[tuple[int, int], float] = {}
+        self._cache: dict[tuple[int, int], float] = {}
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
-    def length(self, here: int, cell: int, closed: int = 0) -> float:
+    def length(self, source: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
         The argument ``closed`` of `Distances.length` has no effect here.
         """
-        key = (here, cell) if here < cell else (cell, here)
-        length = self._known.get(key)
+        key = (source, cell) if source < cell else (cell, source)
+        length = self._cache.get(key)
         if length is None:
-            length = self._known[key] = self._measure(*key) / self._size
+            length = self._cache[key] = self._measure(*key) / self._size
         return length
 
-    def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from the cell ``here`` to all cells, in cell sides.
+    def lengths(self, source: int) -> NDArray[np.float64]:
+        """Return approximate distances from the cell ``source`` to all cells, in cell sides.
 
         Each distance is the straight distance plus the detour around walls. The detour is the
         length of the path from cell to cell, minus the length that this path would have without
         walls.
         """
-        straight = np.hypot(*(self._places - self._places[here]).T) / self._size
-        rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
+        straight = np.hypot(*(self._places - self._places[source]).T) / self._size
+        rows, cols = np.abs(self._rows_cols - self._rows_cols[source]).T
         free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
-        lengths = self._cells.lengths(here)
+        lengths = self._cells.lengths(source)
         return np.asarray(
             straight + np.where(lengths < len(lengths), np.maximum(lengths - free, 0.0), 0.0)
         )
 
-    def measure_straight(self, here: int, cells: NDArray[np.int64]) -> None:
+    def measure_straight(self, source: int, cells: NDArray[np.int64]) -> None:
         """Measure those of the paths from a cell to several other cells that are straight, at once,
         for `length`.
         """
-        pairs = np.column_stack([np.minimum(cells, here), np.maximum(cells, here)])
+        pairs = np.column_stack([np.minimum(cells, source), np.maximum(cells, source)])
         ends = self._places[pairs]
         straight = inside(self._paths.grid.region, ends[:, 0], ends[:, 1])
         lengths = np.hypot(*(ends[straight, 1] - ends[straight, 0]).T) / self._size
-        self._known.update(zip(map(tuple, pairs[straight].tolist()), lengths.tolist(), strict=True))
+        self._cache.update(zip(map(tuple, pairs[straight].tolist()), lengths.tolist(), strict=True))
 
-    def _measure(self, here: int, cell: int) -> float:
-        region, ends = self._paths.grid.region, self._places[[here, cell]]
+    def _measure(self, source: int, cell: int) -> float:
+        region, ends = self._paths.grid.region, self._places[[source, cell]]
         if inside(region, ends[:1], ends[1:])[0]:
             return length_of(ends)
-        through = (here, *self._cells.cells(here, cell))
+        through = (source, *self._cells.cells(source, cell))
         if len(through) == 1:  # in another part of the region
             return self._paths.legs(ends).length
-        way = np.concatenate(
-            [self._places[[here]], *(self._step(*pair) for pair in pairwise(through))]
+        path = np.concatenate(
+            [self._places[[source]], *(self._step(*pair) for pair in pairwise(through))]
         )
-        return length_of(pulled(region, pulled(region, way)[::-1]))
+        return length_of(pull_string(region, pull_string(region, path)[::-1]))
 
-    def _step(self, here: int, cell: int) -> NDArray[np.float64]:
+    def _step(self, source: int, cell: int) -> NDArray[np.float64]:
         """Return the points of the path from a cell to a neighbouring cell, without the first point
         of the path.
         """
-        points = self._steps.get((here, cell))
+        points = self._steps.get((source, cell))
         if points is None:
-            points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[
-                1:
-            ]
+            points = self._steps[source, cell] = self._paths.legs(
+                self._places[[source, cell]]
+            ).points[1:]
         return points

@@ -26,7 +26,7 @@ Numbers = NDArray[np.int64]
 class Footprint(Protocol):
     """Interface of the objects that tell `TourCost` which cells a robot sees from a cell."""
 
-    def seen(self, cell: int, width: int) -> Numbers:
+    def visible_cells(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour
         indices.
         """
@@ -43,25 +43,25 @@ class MaskFootprint:
     Examples
     --------
     >>> from shoal.search.tours import make_tour
-    >>> MaskFootprint(make_tour("comb", (2, 5))).seen(0, 3).tolist()
+    >>> MaskFootprint(make_tour("comb", (2, 5))).visible_cells(0, 3).tolist()
     [0, 1, 8, 9]
     """
 
     def __init__(self, tour: Tour) -> None:
         self._cells, self._position = tour.cells, tour.position
-        self._known: dict[tuple[int, int], Numbers] = {}
+        self._cache: dict[tuple[int, int], Numbers] = {}
 
-    def seen(self, cell: int, width: int) -> Numbers:
+    def visible_cells(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour
         indices.
         """
         if width == 1:
             return np.array([cell], dtype=np.int64)
         key = (cell, width)
-        seen = self._known.get(key)
-        if seen is None:
-            seen = self._known[key] = np.sort(self._look(cell, width))
-        return seen
+        cells = self._cache.get(key)
+        if cells is None:
+            cells = self._cache[key] = np.sort(self._look(cell, width))
+        return cells
 
     def _look(self, cell: int, width: int) -> Numbers:
         middle = self._cells[cell]
@@ -201,10 +201,10 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
     >>> widths_of([2.0, 4.0, 6.0, 11.0], 2.0).tolist()
     [1, 1, 3, 5]
     """
-    held = np.floor(np.asarray(footprints, dtype=np.float64) / size * (1 + _FOOTPRINT_HAIR)).astype(
-        np.int64
-    )
-    return np.asarray(np.clip(held - (held + 1) % 2, 1, WIDEST))
+    widths = np.floor(
+        np.asarray(footprints, dtype=np.float64) / size * (1 + _FOOTPRINT_HAIR)
+    ).astype(np.int64)
+    return np.asarray(np.clip(widths - (widths + 1) % 2, 1, WIDEST))
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
@@ -230,11 +230,13 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     if sides.min() == sides.max():
         return float(sides[0])
     # largest first
-    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]
-    tried = tried[tried <= sides.min()]
-    widths = [widths_of(sides, side) for side in tried]
-    seen = [
+    candidates = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]
+    candidates = candidates[candidates <= sides.min()]
+    widths = [widths_of(sides, side) for side in candidates]
+    rates_of_search = [
         float((np.where(wide > 1, _USED * wide, 1.0) * side * np.asarray(rates)).sum())
-        for wide, side in zip(widths, tried, strict=True)
+        for wide, side in zip(widths, candidates, strict=True)
     ]
-    return float(tried[int(np.argmax(np.array(seen) > max(seen) * (1 - 1e-9)))])
+    return float(
+        candidates[int(np.argmax(np.array(rates_of_search) > max(rates_of_search) * (1 - 1e-9)))]
+    )

@@ -21,7 +21,7 @@ from shoal.search.cells.clipping import (
     clip_to_cells,
     lattice_over,
     portals_of,
-    rotated_shape,
+    rotate_shape,
     with_centers_free,
 )
 from shoal.search.cells.viewpoints import viewpoints_of
@@ -82,12 +82,12 @@ class CellGrid:
         """Return a grid with some of the cells, over the same region; ``mask`` has the shape of the
         grid.
         """
-        kept, counts = mask[self.mask], np.diff(self.viewpoint_starts)
+        chosen, counts = mask[self.mask], np.diff(self.viewpoint_starts)
         return replace(
             self,
             mask=mask & self.mask,
-            viewpoints=self.viewpoints[np.repeat(kept, counts)],
-            viewpoint_starts=partial_sums(counts[kept]),
+            viewpoints=self.viewpoints[np.repeat(chosen, counts)],
+            viewpoint_starts=partial_sums(counts[chosen]),
             whole=self,
         )
 
@@ -109,7 +109,7 @@ class CellGrid:
     @cached_property
     def area(self) -> Any:
         """The region's area in the lattice's frame, as a Shapely geometry."""
-        return rotated_shape(self.region.area, -self.angle)
+        return rotate_shape(self.region.area, -self.angle)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -157,10 +157,10 @@ class CellGrid:
                 f"cells: expected integers of shape (n, 2), got {array.dtype} of shape"
                 f" {array.shape}"
             )
-        there = np.asarray(((array >= 0) & (array < self.shape)).all(axis=1))
-        there[there] = self.mask[tuple(array[there].T)]
-        if not there.all():
-            index = int(np.argmin(there))
+        valid = np.asarray(((array >= 0) & (array < self.shape)).all(axis=1))
+        valid[valid] = self.mask[tuple(array[valid].T)]
+        if not valid.all():
+            index = int(np.argmin(valid))
             raise InvalidInputError(
                 f"cells: expected cells of the region, got {tuple(array[index].tolist())} at place"
                 f" {index + 1}"
@@ -194,15 +194,15 @@ class CellGrid:
         """
         array = check_plane_points(points, what="points")
         rows, cols = self.lattice.cells_at(self.lattice.from_region(array))
-        found = np.stack(
+        cells = np.stack(
             [np.clip(rows, 0, self.shape[0] - 1), np.clip(cols, 0, self.shape[1] - 1)], axis=1
         )
-        lost = ~self.mask[tuple(found.T)]
+        lost = ~self.mask[tuple(cells.T)]
         if lost.any():
             from scipy.spatial import KDTree
 
-            found[lost] = self.cells[KDTree(self.waypoints()).query(array[lost])[1]]
-        return found
+            cells[lost] = self.cells[KDTree(self.waypoints()).query(array[lost])[1]]
+        return cells
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
@@ -246,10 +246,10 @@ class CellGrid:
         flat = np.where(
             pairs < n, self.clipped.rows[number] * width + self.clipped.cols[number], pairs - n
         )
-        both = (self.own.ravel()[flat] == pairs).all(axis=1) & (
+        adjacent = (self.own.ravel()[flat] == pairs).all(axis=1) & (
             flat[:, 1] - flat[:, 0] == down * width + right
         )
-        rows, cols = np.divmod(flat[both, 0], width)
+        rows, cols = np.divmod(flat[adjacent, 0], width)
         doors[rows, cols] = True
         return doors
 
@@ -315,8 +315,8 @@ def cells_of(
             f"cell size: expected at most the footprint, {side:g} m, got {step:g} m"
         )
     region = visible_region(region, side, angle)
-    area = rotated_shape(region.area, -angle)
-    free = rotated_shape(region.free, -angle) if region.restricted else None
+    area = rotate_shape(region.area, -angle)
+    free = rotate_shape(region.free, -angle) if region.restricted else None
     lattice = lattice_over(area, step, angle, offset)
     clipped = with_centers_free(clip_to_cells(area, lattice), lattice, free)
     if not clipped.whole.any() and not len(clipped.pieces):
@@ -346,8 +346,8 @@ def grid_of_pieces(
     mask = clipped.whole.copy()
     mask[clipped.rows, clipped.cols] = True
     own = _own_pieces(clipped)
-    adopted = _adopted(clipped, portals, own)
-    viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
+    adopted = _assign_orphans(clipped, portals, own)
+    viewpoints, starts = _order_viewpoints(clipped, lattice, mask, points, index, adopted)
     return CellGrid(
         region,
         footprint,
@@ -374,7 +374,9 @@ def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
     return own
 
 
-def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict[int, list[int]]:
+def _assign_orphans(
+    clipped: Clipped, portals: Portals, own: NDArray[np.int64]
+) -> dict[int, list[int]]:
     """Assign each piece that is not a cell's own piece to the cell whose own piece is the fewest
     portals away.
 
@@ -387,10 +389,12 @@ def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict
     if not orphans:
         return {}
     beside: dict[int, list[tuple[float, int]]] = defaultdict(list)
-    for (one, other), portal in zip(portals.pairs.tolist(), portals.widths.tolist(), strict=True):
-        if one in orphans or other in orphans:
-            beside[one].append((-portal, other))
-            beside[other].append((-portal, one))
+    for (first, second), portal in zip(
+        portals.pairs.tolist(), portals.widths.tolist(), strict=True
+    ):
+        if first in orphans or second in orphans:
+            beside[first].append((-portal, second))
+            beside[second].append((-portal, first))
 
     def cell(piece: int) -> int:
         return int(clipped.rows[piece] * width + clipped.cols[piece]) if piece < n else piece - n
@@ -401,17 +405,17 @@ def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict
     queue = deque((piece, cell(piece)) for piece in sorted(beside) if piece not in orphans)
     while queue:
         piece, of = queue.popleft()
-        for _, other in sorted(beside[piece]):
-            if other in orphans and other not in adopters:
-                adopters[other] = of
-                queue.append((other, of))
-    found: dict[int, list[int]] = defaultdict(list)
+        for _, second in sorted(beside[piece]):
+            if second in orphans and second not in adopters:
+                adopters[second] = of
+                queue.append((second, of))
+    pieces_of: dict[int, list[int]] = defaultdict(list)
     for piece in (*adopters, *sorted(orphans - adopters.keys())):
-        found[adopters.get(piece, cell(piece))].append(piece)
-    return found
+        pieces_of[adopters.get(piece, cell(piece))].append(piece)
+    return pieces_of
 
 
-def _in_order(
+def _order_viewpoints(
     clipped: Clipped,
     lattice: Lattice,
     mask: NDArray[np.bool_],
@@ -423,11 +427,11 @@ def _in_order(
     width = mask.shape[1]
     starts = np.searchsorted(index, np.arange(len(clipped.pieces) + 1))
     special: dict[int, list[Points]] = {}
-    taken = {piece for pieces in adopted.values() for piece in pieces}
+    adopted_pieces = {piece for pieces in adopted.values() for piece in pieces}
     for piece, (row, col) in enumerate(
         zip(clipped.rows.tolist(), clipped.cols.tolist(), strict=True)
     ):
-        if piece not in taken:
+        if piece not in adopted_pieces:
             special[row * width + col] = [points[starts[piece] : starts[piece + 1]]]
     for cell, pieces in adopted.items():
         center = lattice.centers(np.array([cell // width]), np.array([cell % width]))

@@ -19,8 +19,8 @@ from shoal.search.cells.clipping import (
     Clipped,
     Lattice,
     Portals,
-    rotated,
-    rotated_shape,
+    rotate,
+    rotate_shape,
 )
 from shoal.search.cells.grid import CellGrid, grid_of_pieces
 from shoal.search.cells.viewpoints import viewpoints_of
@@ -99,52 +99,54 @@ def cells_along(region: SearchRegion, footprint: float, line: Points) -> CellGri
     import shapely
 
     side = check_number(footprint, what="footprint", above=0)
-    way = _simpler(line, side)
-    turn = float(np.degrees(np.arctan2(*(way[-1] - way[0])[::-1]))) % 180.0
+    path = _simplify_line(line, side)
+    turn = float(np.degrees(np.arctan2(*(path[-1] - path[0])[::-1]))) % 180.0
     region = visible_region(region, side, turn)
-    area, way = rotated_shape(region.area, -turn), rotated(way, -turn)
-    free = rotated_shape(region.free, -turn) if region.restricted else area
+    area, path = rotate_shape(region.area, -turn), rotate(path, -turn)
+    free = rotate_shape(region.free, -turn) if region.restricted else area
     shapely.prepare(free)
-    stops, ahead = _stations(way, area, side)
-    parts = _shared(area, stops, side)
+    stops, ahead = _stations(path, area, side)
+    parts = _nearest_parts(area, stops, side)
     spans = [
         _span(part, stop, before) for part, stop, before in zip(parts, stops, ahead, strict=True)
     ]
     counts = _lane_counts(np.array([high - low for low, high in spans]), side)
     lanes = int(counts.max())
     middles = np.full((lanes, len(stops), 2), np.nan)
-    found: list[tuple[int, int, Any]] = []
+    placed_pieces: list[tuple[int, int, Any]] = []
     beside: dict[int, float] = {}
     for col, (part, stop, before, (low, high), count) in enumerate(
         zip(parts, stops, ahead, spans, counts.tolist(), strict=True)
     ):
-        left = part
+        remainder = part
         edges = np.linspace(low, high, count + 1)
-        first = (lanes - count) // 2
+        lowest = (lanes - count) // 2
         miter = _miter(before)
         for k in range(count):
             # the lane goes straight on where its footprint still sees the whole lane
             least, most = sorted((edges[k + 1] - side / 2, edges[k] + side / 2))
             offset = float(
-                np.clip(beside.get(first + k, _first_offset(k, count, side)), least, most)
+                np.clip(beside.get(lowest + k, _first_offset(k, count, side)), least, most)
             )
-            beside[first + k] = offset
-            middles[first + k, col] = stop + offset * miter
+            beside[lowest + k] = offset
+            middles[lowest + k, col] = stop + offset * miter
             if k == count - 1:
-                piece = left
+                piece = remainder
             else:
                 piece = shapely.intersection(
-                    left, _below(stop, before, edges[k + 1], side + high - low)
+                    remainder, _half_plane(stop, before, edges[k + 1], side + high - low)
                 )
-                left = shapely.difference(left, piece)
-            found += [
-                (first + k, col, one)
-                for one in shapely.get_parts(piece)
-                if one.geom_type == "Polygon" and one.area > SPECK * side**2
+                remainder = shapely.difference(remainder, piece)
+            placed_pieces += [
+                (lowest + k, col, polygon)
+                for polygon in shapely.get_parts(piece)
+                if polygon.geom_type == "Polygon" and polygon.area > SPECK * side**2
             ]
-    found.sort(key=lambda one: one[:2])
-    rows, cols = (np.array([one[axis] for one in found], dtype=np.int64) for axis in (0, 1))
-    pieces = np.array([one[2] for one in found], dtype=object)
+    placed_pieces.sort(key=lambda placed: placed[:2])
+    rows, cols = (
+        np.array([placed[axis] for placed in placed_pieces], dtype=np.int64) for axis in (0, 1)
+    )
+    pieces = np.array([placed[2] for placed in placed_pieces], dtype=object)
     lattice = LineLattice(
         float(stops[:, 0].min()),
         float(stops[:, 1].max()),
@@ -159,22 +161,22 @@ def cells_along(region: SearchRegion, footprint: float, line: Points) -> CellGri
     return grid_of_pieces(region, side, lattice, clipped, _portals(clipped, lattice), points, index)
 
 
-def _simpler(line: Points, side: float) -> Points:
+def _simplify_line(line: Points, side: float) -> Points:
     """Return a line without bends that are smaller than the robots' footprints matter."""
     import shapely
 
-    way = shapely.get_coordinates(shapely.simplify(shapely.linestrings(line), _BENT * side))
-    length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+    path = shapely.get_coordinates(shapely.simplify(shapely.linestrings(line), _BENT * side))
+    length = float(np.hypot(*np.diff(path, axis=0).T).sum())
     if length < side:
         raise InvalidInputError(
             f"along: expected a line of at least one footprint, {side:g} m, got {length:.3g} m"
         )
-    if np.allclose(way[0], way[-1]):
+    if np.allclose(path[0], path[-1]):
         raise InvalidInputError("along: expected a line with two ends, got a closed one")
-    return np.asarray(way)
+    return np.asarray(path)
 
 
-def _stations(way: Points, area: Any, side: float) -> tuple[Points, NDArray[np.float64]]:
+def _stations(path: Points, area: Any, side: float) -> tuple[Points, NDArray[np.float64]]:
     """Return the stations along a line, and the directions in which the path reaches and leaves
     each; float64, shapes (n, 2) and (n, 2, 2).
     """
@@ -182,16 +184,16 @@ def _stations(way: Points, area: Any, side: float) -> tuple[Points, NDArray[np.f
 
     low, high = np.array(area.bounds).reshape(2, 2)
     beyond = float(np.hypot(*(high - low))) + float(
-        shapely.distance(area, shapely.linestrings(way))
+        shapely.distance(area, shapely.linestrings(path))
     )
-    steps = np.diff(way, axis=0)
+    steps = np.diff(path, axis=0)
     steps /= np.hypot(*steps.T)[:, None]
-    way = np.vstack([way[0] - beyond * steps[0], way[1:-1], way[-1] + beyond * steps[-1]])
-    line = shapely.linestrings(way)
+    path = np.vstack([path[0] - beyond * steps[0], path[1:-1], path[-1] + beyond * steps[-1]])
+    line = shapely.linestrings(path)
     border = shapely.points(shapely.get_coordinates(shapely.segmentize(area, side)))
     far = shapely.line_locate_point(line, border)
     begin, end = float(far.min()), float(far.max())
-    corners = partial_sums(np.hypot(*np.diff(way, axis=0).T))
+    corners = partial_sums(np.hypot(*np.diff(path, axis=0).T))
     # from its first and its last station, a robot sees the ends of the region
     first, last = (
         (begin + side / 2, end - side / 2) if end - begin > side else ((begin + end) / 2,) * 2
@@ -221,7 +223,7 @@ def _stations(way: Points, area: Any, side: float) -> tuple[Points, NDArray[np.f
     return stops, steps[leg]
 
 
-def _shared(area: Any, stops: Points, side: float) -> Any:
+def _nearest_parts(area: Any, stops: Points, side: float) -> Any:
     """Return the part of an area that is nearest to each station, along the line through all of
     them; Shapely geometries, shape (n,).
     """
@@ -300,7 +302,7 @@ def _miter(before: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(middle / size if size > 0.2 else left[0])  # not far out of a hairpin bend
 
 
-def _below(stop: Points, before: NDArray[np.float64], offset: float, reach: float) -> Any:
+def _half_plane(stop: Points, before: NDArray[np.float64], offset: float, reach: float) -> Any:
     """Return the area up to ``reach`` metres around a station that is less than ``offset`` to the
     left of the line.
     """
@@ -336,14 +338,14 @@ def _viewpoints(
             step = ahead[clipped.cols[k]].sum(axis=0)
             turn = float(np.degrees(np.arctan2(step[1], step[0])))
             near = shapely.intersection(free, piece.buffer(side))
-            there = viewpoints_of(
-                np.array([rotated_shape(piece, -turn)], dtype=object),
-                rotated(middle[None], -turn),
+            places = viewpoints_of(
+                np.array([rotate_shape(piece, -turn)], dtype=object),
+                rotate(middle[None], -turn),
                 footprint=side,
                 size=side,
-                free=rotated_shape(near, -turn),
+                free=rotate_shape(near, -turn),
             )[0]
-            points.append(rotated(there, turn))
+            points.append(rotate(places, turn))
         index.append(np.full(len(points[-1]), k))
     return np.concatenate(points), np.concatenate(index)
 
@@ -353,16 +355,18 @@ def _portals(clipped: Clipped, lattice: LineLattice) -> Portals:
     import shapely
 
     hair = _HAIR * lattice.size
-    one, other = shapely.STRtree(clipped.pieces).query(
+    first, second = shapely.STRtree(clipped.pieces).query(
         clipped.pieces, predicate="dwithin", distance=hair
     )
-    one, other = one[one < other], other[one < other]
-    common = shapely.intersection(shapely.buffer(clipped.pieces[one], hair), clipped.pieces[other])
+    first, second = first[first < second], second[first < second]
+    common = shapely.intersection(
+        shapely.buffer(clipped.pieces[first], hair), clipped.pieces[second]
+    )
     widths = shapely.area(common) / hair
     wide = widths > 4 * hair
     middles = shapely.get_coordinates(shapely.point_on_surface(common[wide])).reshape(-1, 2)
     return Portals(
-        np.stack([one[wide], other[wide]], axis=1), lattice.to_region(middles), widths[wide]
+        np.stack([first[wide], second[wide]], axis=1), lattice.to_region(middles), widths[wide]
     )
 
 
@@ -427,14 +431,15 @@ def center_line(region: SearchRegion, footprint: float) -> Points:
 
     begin = farthest(int(number[0, 0]))[0]
     end, before, far = farthest(begin)
-    way = [end]
-    while way[-1] != begin:
-        way.append(int(before[way[-1]]))
-    line = shapely.linestrings(nodes[way])
+    path = [end]
+    while path[-1] != begin:
+        path.append(int(before[path[-1]]))
+    line = shapely.linestrings(nodes[path])
     # at its ends, it runs into a corner
     cut = min(
-        float(shapely.distance(shapely.points(nodes[way]), area.boundary).max()) * 1.5, far[end] / 4
+        float(shapely.distance(shapely.points(nodes[path]), area.boundary).max()) * 1.5,
+        far[end] / 4,
     )
-    kept = substring(line, cut, far[end] - cut)
-    room = max((footprint - width) / 4, 0.05 * footprint, 0.08 * (width - footprint))
-    return np.asarray(shapely.get_coordinates(shapely.simplify(kept, room)))
+    inner_line = substring(line, cut, far[end] - cut)
+    tolerance = max((footprint - width) / 4, 0.05 * footprint, 0.08 * (width - footprint))
+    return np.asarray(shapely.get_coordinates(shapely.simplify(inner_line, tolerance)))

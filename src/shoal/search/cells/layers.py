@@ -114,11 +114,11 @@ class LayeredGrid:
         (n_cells + 1,).
         """
         before = partial_sums([len(layer.viewpoints) for layer in self.layers])
-        found = [
+        starts = [
             layer.viewpoint_starts[:-1] + first
             for layer, first in zip(self.layers, before, strict=False)
         ]
-        return np.concatenate([*found, before[-1:]])
+        return np.concatenate([*starts, before[-1:]])
 
     def ordinals(self, cells: ArrayLike) -> Numbers:
         """Return, for cells given as (layer, row, column), their indices in `LayeredGrid.cells`;
@@ -129,9 +129,9 @@ class LayeredGrid:
 
     @cached_property
     def _ordinal(self) -> Numbers:
-        found = np.full(self.shape, -1, dtype=np.int64)
-        found[tuple(self.cells.T)] = np.arange(self.n_cells)
-        return found
+        ordinals = np.full(self.shape, -1, dtype=np.int64)
+        ordinals[tuple(self.cells.T)] = np.arange(self.n_cells)
+        return ordinals
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
         """Return the cells (layer, row, column) of a given layer above points on the ground; int64,
@@ -237,16 +237,16 @@ class LayeredPaths:
         for begin, end in pairwise(borders):
             layer = int(array[begin, 0])
             part = self._layers[layer].route(array[begin:end, 1:])
-            here = at_altitude(part.points, float(self.grid.altitudes[layer]))
+            layer_points = at_altitude(part.points, float(self.grid.altitudes[layer]))
             if count:
-                climb = self.legs(np.stack([points[-1][-1], here[0]]))
+                climb = self.legs(np.stack([points[-1][-1], layer_points[0]]))
                 points.append(climb.points[1:-1])
                 transit.append(climb.transit)
                 count += len(climb.points) - 2
-            points.append(here)
+            points.append(layer_points)
             stops.append(part.stops + count)
             transit.append(part.transit)
-            count += len(here)
+            count += len(layer_points)
         return Route(np.concatenate(points), np.concatenate(stops), np.concatenate(transit))
 
 
@@ -293,12 +293,12 @@ class LayeredFootprint:
     def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
         self.numbers, self._layers = numbers, layers
 
-    def seen(self, cell: int, width: int) -> Numbers:
+    def visible_cells(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as
         increasing tour indices.
         """
         layer, own = self.numbers.own(cell)
-        return np.sort(self.numbers.whole(layer, self._layers[layer].seen(own, width)))
+        return np.sort(self.numbers.whole(layer, self._layers[layer].visible_cells(own, width)))
 
 
 class LayeredDistances:
@@ -324,7 +324,7 @@ class LayeredDistances:
         self._sizes = [layer.size / grid.size for layer in grid.layers]
         # the layer whose cells each layer has, or some of them
         self._bases = [grid.layers.index(layer.whole or layer) for layer in grid.layers]
-        self._known: dict[tuple[int, int], float] = {}
+        self._cache: dict[tuple[int, int], float] = {}
 
     @cached_property
     def _places(self) -> Points:
@@ -337,25 +337,25 @@ class LayeredDistances:
     def _ups(self) -> NDArray[np.float64]:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
-    def length(self, here: int, cell: int, closed: int = 0) -> float:
+    def length(self, source: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
         The argument ``closed`` of `Distances.length` has no effect here.
         """
-        key = (min(here, cell), max(here, cell))
-        length = self._known.get(key)
+        key = (min(source, cell), max(source, cell))
+        length = self._cache.get(key)
         if length is None:
-            length = self._known[key] = self._measure(*key)
+            length = self._cache[key] = self._measure(*key)
         return length
 
-    def _measure(self, here: int, cell: int) -> float:
-        places, size = self._places[[here, cell], :2], self._paths.grid.size
-        up = abs(float(self._ups[here] - self._ups[cell]))
+    def _measure(self, source: int, cell: int) -> float:
+        places, size = self._places[[source, cell], :2], self._paths.grid.size
+        up = abs(float(self._ups[source] - self._ups[cell]))
         if not self._layers:
             return float(np.hypot(*(places[1] - places[0]))) / size + up
-        (layer, one), (above, other) = self._own(here), self._own(cell)
-        if layer == above:
-            return self._layers[layer].length(one, other) * self._sizes[layer]
+        (layer, number), (other_layer, other_number) = self._own(source), self._own(cell)
+        if layer == other_layer:
+            return self._layers[layer].length(number, other_number) * self._sizes[layer]
         return self._paths.legs(places).length / size + up
 
     def _own(self, number: int) -> tuple[int, int]:
@@ -364,14 +364,14 @@ class LayeredDistances:
         base = self._bases[layer]
         return base, int(self._numbers.layers[base].position[row, col])
 
-    def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from the cell ``here`` to all cells, in cell sides.
+    def lengths(self, source: int) -> NDArray[np.float64]:
+        """Return approximate distances from the cell ``source`` to all cells, in cell sides.
 
         The horizontal distance to a cell of another layer begins in the cell of the other layer
-        above or below ``here``.
+        above or below ``source``.
         """
-        grid, place = self._paths.grid, self._places[here]
-        found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
+        grid, place = self._paths.grid, self._places[source]
+        distances = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
         far: dict[int, NDArray[np.float64]] = {}
         for layer, base in enumerate(self._bases if self._layers else ()):
             own, cells = self._numbers.layers[base], self._numbers.layers[layer].cells
@@ -380,8 +380,8 @@ class LayeredDistances:
                 lengths = self._layers[base].lengths(int(own.position[row, col]))
                 far[base] = lengths * self._sizes[base]
             numbers = self._numbers.whole(layer, np.arange(len(cells)))
-            found[numbers] = far[base][own.position[tuple(cells.T)]]
-        return np.asarray(found + np.abs(self._ups - self._ups[here]))
+            distances[numbers] = far[base][own.position[tuple(cells.T)]]
+        return np.asarray(distances + np.abs(self._ups - self._ups[source]))
 
 
 def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
@@ -414,22 +414,24 @@ def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -
     """
     layers = grid.layers
     planes = [
-        plane_of(one, tour.position[number], one.size / grid.size)
-        for number, one in enumerate(layers)
+        plane_of(layer, tour.position[number], layer.size / grid.size)
+        for number, layer in enumerate(layers)
     ]
     places = with_climb_cost(grid, grid.viewpoints[grid.viewpoint_starts[:-1]]) / grid.size
     own = tour.position[tuple(grid.cells.T)]
     ends = [np.zeros((0, 2), dtype=np.int64)]
     for number in range(len(layers)):
-        here = np.flatnonzero(grid.cells[:, 0] == number)
+        sources = np.flatnonzero(grid.cells[:, 0] == number)
         whole = layers[number].whole
-        others = (number - 1, number + 1) if whole is None else (layers.index(whole),)
-        for other in others:
-            if 0 <= other < len(layers) and layers[other].whole is None:
-                over = layers[other].cell_of(places[here, :2] * grid.size)
-                there = grid.ordinals(np.column_stack([np.full(len(over), other), over]))
-                ends.append(np.sort(np.column_stack([here, there]), axis=1))
-    one, other = np.unique(np.concatenate(ends), axis=0).T
-    apart = np.abs(places[one] - places[other])
+        neighbours = (number - 1, number + 1) if whole is None else (layers.index(whole),)
+        for second in neighbours:
+            if 0 <= second < len(layers) and layers[second].whole is None:
+                over = layers[second].cell_of(places[sources, :2] * grid.size)
+                targets = grid.ordinals(np.column_stack([np.full(len(over), second), over]))
+                ends.append(np.sort(np.column_stack([sources, targets]), axis=1))
+    first, second = np.unique(np.concatenate(ends), axis=0).T
+    apart = np.abs(places[first] - places[second])
     lengths = np.hypot(apart[:, 0], apart[:, 1]) + apart[:, 2]
-    return CellDistances(tour, planes=planes, climbs=(own[one], own[other], lengths), steps=steps)
+    return CellDistances(
+        tour, planes=planes, climbs=(own[first], own[second], lengths), steps=steps
+    )

@@ -23,10 +23,10 @@ from shoal.search.cells.visibility_graph import (
     leg_lengths,
     length_of,
     merge_collinear,
-    pulled,
+    pull_string,
     visibility_graph,
 )
-from shoal.search.regions.margin import coarse, grown, without_margin
+from shoal.search.regions.margin import grow, grow_coarsely, without_margin
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
 
@@ -50,13 +50,13 @@ class PortalGraph:
         If rounding errors have closed a portal so that no path exists, the result is None.
         """
         first, last = self._piece(start), self._piece(end)
-        came = self._graph.before(first, last)
-        way = [last]
-        while way[-1] != first:
-            if came[way[-1]] < 0:
+        predecessors = self._graph.predecessors(first, last)
+        path = [last]
+        while path[-1] != first:
+            if predecessors[path[-1]] < 0:
                 return None
-            way.append(int(came[way[-1]]))
-        return np.vstack([start, self._gates(np.array(way[::-1])), end])
+            path.append(int(predecessors[path[-1]]))
+        return np.vstack([start, self._gates(np.array(path[::-1])), end])
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
@@ -79,8 +79,8 @@ class PortalGraph:
                 np.stack([flat[:-1][down], flat[1:][down]], axis=1),
             ]
         )
-        one, other = np.searchsorted(self._numbers, pairs).T
-        return Graph.of_pairs(one, other, np.ones(len(pairs)), len(self._numbers))
+        first, second = np.searchsorted(self._numbers, pairs).T
+        return Graph.from_edges(first, second, np.ones(len(pairs)), len(self._numbers))
 
     def _pairs(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return one number for each pair of nodes, whatever their order; int64, shape (k,)."""
@@ -94,21 +94,21 @@ class PortalGraph:
         portals = self.grid.portals
         pairs = self._pairs(np.searchsorted(self._numbers, portals.pairs))
         order = np.lexsort((-portals.widths, pairs))
-        known, first = np.unique(pairs[order], return_index=True)
-        return known, portals.middles[order[first]]
+        unique_pairs, first = np.unique(pairs[order], return_index=True)
+        return unique_pairs, portals.middles[order[first]]
 
-    def _gates(self, way: NDArray[np.int64]) -> Points:
+    def _gates(self, path: NDArray[np.int64]) -> Points:
         """Return a point between each two consecutive nodes of a path, in metres; float64, shape
         (k - 1, 2).
         """
-        lattice, (known, middles) = self.grid.lattice, self._widest
-        rows, cols = np.divmod(self._numbers[way] - self._n, self.grid.shape[1])
+        lattice, (unique_pairs, middles) = self.grid.lattice, self._widest
+        rows, cols = np.divmod(self._numbers[path] - self._n, self.grid.shape[1])
         centers = lattice.centers(rows, cols)
         gates = lattice.to_region((centers[:-1] + centers[1:]) / 2)  # between two whole cells
-        pairs = self._pairs(np.stack([way[:-1], way[1:]], axis=1))
-        at = np.searchsorted(known, pairs)
-        portal = at < len(known)
-        portal[portal] = known[at[portal]] == pairs[portal]
+        pairs = self._pairs(np.stack([path[:-1], path[1:]], axis=1))
+        at = np.searchsorted(unique_pairs, pairs)
+        portal = at < len(unique_pairs)
+        portal[portal] = unique_pairs[at[portal]] == pairs[portal]
         gates[portal] = middles[at[portal]]
         return np.asarray(gates)
 
@@ -117,8 +117,8 @@ class PortalGraph:
         import shapely
 
         clipped, lattice = self.grid.clipped, self.grid.lattice
-        there = lattice.from_region(point)
-        row, col = (int(one[0]) for one in lattice.cells_at(there[None]))
+        place = lattice.from_region(point)
+        row, col = (int(index[0]) for index in lattice.cells_at(place[None]))
         # pieces are sorted by row and column
         low = np.searchsorted(clipped.rows, row - 1)
         high = np.searchsorted(clipped.rows, row + 1, side="right")
@@ -128,11 +128,11 @@ class PortalGraph:
             return int(np.searchsorted(self._numbers, self._n + r * lattice.shape[1] + c))
         numbers = near if len(near) else np.arange(self._n)
         return int(
-            numbers[np.argmin(shapely.distance(clipped.pieces[numbers], shapely.points(there)))]
+            numbers[np.argmin(shapely.distance(clipped.pieces[numbers], shapely.points(place)))]
         )
 
 
-Ways = Callable[[Points, Points], Points]
+PathFinder = Callable[[Points, Points], Points]
 
 # how far paths may lead around the region and the launch points, relative to the longer side of
 # their bounds
@@ -162,7 +162,7 @@ class Transits:
     --------
     >>> from shoal.search import open_region
     >>> ring = open_region("ring:50x40")
-    >>> Transits(ring, [(-60.0, 0.0)]).way((-60.0, 0.0), (-45.0, 0.0)).tolist()
+    >>> Transits(ring, [(-60.0, 0.0)]).path((-60.0, 0.0), (-45.0, 0.0)).tolist()
     [[-60.0, 0.0], [-45.0, 0.0]]
     """
 
@@ -178,10 +178,10 @@ class Transits:
             else check_plane_points(landing, what="landing points")
         )
         places = np.vstack([launches, landings])
-        there = shapely.multipoints(places)
+        endpoints = shapely.multipoints(places)
         # No path to a place or to a part of the region inside a hole avoids the hole.
         crossed = [
-            hole.intersects(there) or hole.intersection(region.outline).area > 0
+            hole.intersects(endpoints) or hole.intersection(region.outline).area > 0
             for hole in region.holes
         ]
         barred = shapely.union_all(
@@ -190,18 +190,18 @@ class Transits:
                 *(hole for hole, open_ in zip(region.holes, crossed, strict=True) if not open_),
             ]
         )
-        low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
+        low, high = np.array(region.outline.union(endpoints).bounds).reshape(2, 2)
         distance = _SURROUNDINGS * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - distance), *(high + distance))
         space = polygons_in(
             shapely.union_all(
                 [
-                    around.difference(grown(barred, region.margin, pointed=region.pointed)),
+                    around.difference(grow(barred, region.margin, pointed=region.pointed)),
                     region.free,
                 ]
             )
         )
-        bends = polygons_in(around.difference(coarse(barred, region.margin)))
+        bends = polygons_in(around.difference(grow_coarsely(barred, region.margin)))
         self._space = replace(region, area=space, free=space, outline=space, bends=bends)
         for number in np.flatnonzero(~self._space.contains(places)).tolist():
             name, place = "launch" if number < len(launches) else "land", places[number]
@@ -214,7 +214,7 @@ class Transits:
     def _corners(self) -> VisibilityGraph:
         return VisibilityGraph(self._space)
 
-    def way(self, start: ArrayLike, end: ArrayLike) -> Points:
+    def path(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return the shortest path from one point to another, in metres; float64, shape (k, 2), k
         >= 2.
 
@@ -235,14 +235,14 @@ class Transits:
         return path
 
 
-class WaysOut:
+class LaunchDistances:
     """Distances from launch points outside a region to the cells of the region, in cell sides.
 
     Parameters
     ----------
-    way : callable
+    find_path : callable
         Function that returns the path from a launch point to a point of the region, such as
-        `Transits.way`.
+        `Transits.path`.
     launches : mapping of int to ndarray of float64, shape (2,)
         For the number of each robot that starts outside the region (counted from 1), the robot's
         launch point in metres.
@@ -255,10 +255,10 @@ class WaysOut:
     """
 
     def __init__(
-        self, way: Ways, launches: Mapping[int, Points], stops: Points, size: float
+        self, find_path: PathFinder, launches: Mapping[int, Points], stops: Points, size: float
     ) -> None:
-        self._way, self._launches, self._stops, self._size = way, launches, stops, size
-        self._known: dict[tuple[float, ...], float] = {}
+        self._find_path, self._launches, self._stops, self._size = find_path, launches, stops, size
+        self._cache: dict[tuple[float, ...], float] = {}
 
     def __contains__(self, number: int) -> bool:
         return number in self._launches
@@ -269,11 +269,11 @@ class WaysOut:
         """
         launch = self._launches[number]
         key = (*launch.tolist(), cell)
-        if key not in self._known:
+        if key not in self._cache:
             stop = self._stops[cell]
             up = float((stop[2:] - self._stops[:, 2:].min(axis=0)).sum())
-            self._known[key] = (length_of(self._way(launch, stop[:2])) + up) / self._size
-        return self._known[key]
+            self._cache[key] = (length_of(self._find_path(launch, stop[:2])) + up) / self._size
+        return self._cache[key]
 
 
 # distance from a leg, in cells, within which corners are considered
@@ -353,8 +353,8 @@ class RegionPaths:
         self.transit = transit
         # Plans compare routes that have most of their legs in common, and the plan that is chosen
         # has the legs of its tour. So all paths between the same pieces share what they have found.
-        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
-            vars(grid.clipped).setdefault("ways", {}).setdefault(transit, {})
+        self._cache: dict[tuple[bytes, bytes], tuple[Points, bool]] = (
+            vars(grid.clipped).setdefault("paths", {}).setdefault(transit, {})
         )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
@@ -389,7 +389,7 @@ class RegionPaths:
             region and ``transit`` is false.
         """
         points = self.grid.region.check_inside(stops, what="stops")
-        return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
+        return self._join_stops(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
 
     def route(self, cells: ArrayLike) -> Route:
         """Return the path through all viewpoints of the given cells, one cell after another.
@@ -416,15 +416,15 @@ class RegionPaths:
         array = grid.cells[index]
         plain = self._centered[index]
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
-        known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
-        known[begins[1:] - 1] = (
+        straight = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
+        straight[begins[1:] - 1] = (
             plain[:-1]
             & plain[1:]
             & close
             & (grid.region.margin <= grid.size / 2)
             & (not grid.region.barriers)
         )
-        return self._joined(grid.viewpoints[visit], known)
+        return self._join_stops(grid.viewpoints[visit], straight)
 
     @cached_property
     def _centered(self) -> NDArray[np.bool_]:
@@ -440,39 +440,39 @@ class RegionPaths:
             grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size)
         )
 
-    def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
-        """Return the path through the stops. The array ``known`` tells for each leg whether the leg
+    def _join_stops(self, stops: Points, straight: NDArray[np.bool_]) -> Route:
+        """Return the path through the stops. The array ``straight`` tells for each leg whether it
         is known to be straight.
         """
-        good = known.copy()
-        asked = np.flatnonzero(~known)
-        good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
-        ways = {int(k): self._way(stops[k], stops[k + 1]) for k in np.flatnonzero(~good)}
+        good = straight.copy()
+        unknown = np.flatnonzero(~straight)
+        good[unknown] = inside(self.grid.region, stops[unknown], stops[unknown + 1])
+        paths = {int(k): self._path(stops[k], stops[k + 1]) for k in np.flatnonzero(~good)}
         between = np.zeros(len(stops), dtype=np.int64)
-        for k, (way, _) in ways.items():
-            between[k + 1] = len(way) - 2
+        for k, (path, _) in paths.items():
+            between[k + 1] = len(path) - 2
         places = np.arange(len(stops)) + np.cumsum(between)
         points = np.empty((len(stops) + int(between.sum()), 2))
         transit = np.zeros(max(0, len(points) - 1), dtype=np.bool_)
         points[places] = stops
-        for k, (way, outside) in ways.items():
-            points[places[k] + 1 : places[k + 1]] = way[1:-1]
+        for k, (path, outside) in paths.items():
+            points[places[k] + 1 : places[k + 1]] = path[1:-1]
             transit[places[k] : places[k + 1]] = outside
         return Route(points, places, transit)
 
-    def _way(self, start: Points, end: Points) -> tuple[Points, bool]:
+    def _path(self, start: Points, end: Points) -> tuple[Points, bool]:
         """Return a path between two points whose straight connection leaves the region, and whether
         it is a transit.
 
         The path stays inside the region, unless the points lie in different parts of the region.
         """
         key = start.tobytes(), end.tobytes()
-        if key not in self._known:
-            self._known[key] = self._found_way(start, end)
-        return self._known[key]
+        if key not in self._cache:
+            self._cache[key] = self._find_path(start, end)
+        return self._cache[key]
 
-    def _found_way(self, start: Points, end: Points) -> tuple[Points, bool]:
-        """Find the path that `_way` returns."""
+    def _find_path(self, start: Points, end: Points) -> tuple[Points, bool]:
+        """Find the path that `_path` returns."""
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
@@ -480,10 +480,10 @@ class RegionPaths:
                     f" {self.grid.region.name!r}, got {text_of(start)} and {text_of(end)} in"
                     " different parts; use --transit if vehicles may leave the region"
                 )
-            return self._transits.way(start, end), True
+            return self._transits.path(start, end), True
         near = self._near(start, end)
-        way = self._far(start, end) if near is None else near
-        return with_fewer_bends(self.grid.region, way, _BEND * self.grid.size), False
+        path = self._far(start, end) if near is None else near
+        return with_fewer_bends(self.grid.region, path, _BEND * self.grid.size), False
 
     @cached_property
     def _transits(self) -> Transits:
@@ -536,13 +536,13 @@ class RegionPaths:
         stops = self._portal_graph.through(start, end)
         if stops is None:
             return self._by_corners(start, end, np.arange(len(self._corners.corners)))
-        way = pulled(region, self._within_pieces(stops))
-        candidates = self._corners_beside(way)
+        path = pull_string(region, self._within_pieces(stops))
+        candidates = self._corners_beside(path)
         if len(candidates) <= _MOST_CORNERS:
-            tight = self._corners.shortest(start, end, candidates, most=length_of(way))
-            if tight is not None and length_of(tight) < length_of(way):
+            tight = self._corners.shortest(start, end, candidates, most=length_of(path))
+            if tight is not None and length_of(tight) < length_of(path):
                 return tight
-        return way
+        return path
 
     def _within_pieces(self, stops: Points) -> Points:
         """Return the path through the midpoints of portals. Between two portals, the path stays in
@@ -570,18 +570,18 @@ class RegionPaths:
             )
         return path
 
-    def _corners_beside(self, way: Points) -> NDArray[np.int64]:
+    def _corners_beside(self, path: Points) -> NDArray[np.int64]:
         """Return the corners that are at most one cell side away from a bend of the path."""
-        return self._corners.around(way[1:-1], self.grid.size)
+        return self._corners.around(path[1:-1], self.grid.size)
 
     @cached_property
     def _portal_graph(self) -> PortalGraph:
         region, size = self.grid.region, self.grid.size
         if not region.restricted:
             return PortalGraph(self.grid)
-        known = region.for_paths  # all grids of the region with cells of this size share it
-        if ("portals", size) not in known:
+        cache = region.for_paths  # all grids of the region with cells of this size share it
+        if ("portals", size) not in cache:
             free = without_margin(replace(region, outline=region.free, looks=()))
-            known["portals", size] = PortalGraph(cells_of(free, size))
-        graph: PortalGraph = known["portals", size]
+            cache["portals", size] = PortalGraph(cells_of(free, size))
+        graph: PortalGraph = cache["portals", size]
         return graph

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search.cells.clipping import SPECK
-from shoal.search.regions.boxes import clipped_to
+from shoal.search.regions.boxes import clip_to_boxes
 from shoal.search.regions.outline import Points
 
 _HAIR = 1e-9  # relative to a footprint
@@ -58,18 +58,18 @@ def viewpoints_of(
         shapely.prepare(free)
         from_center &= shapely.intersects_xy(free, centers[:, 0], centers[:, 1])
     speck = SPECK * size * size
-    found = [centers[k : k + 1] for k in range(len(centers))]
+    viewpoints = [centers[k : k + 1] for k in range(len(centers))]
     hard = np.flatnonzero(~from_center)
-    half, rest, middles = footprint / 2, pieces[hard], centers[hard]
+    half, hard_pieces, middles = footprint / 2, pieces[hard], centers[hard]
     if free is None:
-        places, _ = _within(rest, rest, middles, half, speck)
+        places, _ = _within(hard_pieces, hard_pieces, middles, half, speck)
     else:
-        places = _beside(rest, free, middles, half, speck)
+        places = _beside(hard_pieces, free, middles, half, speck)
     for k, points in zip(hard.tolist(), places, strict=True):
-        found[k] = points
-    counts = [len(points) for points in found]
-    every = np.concatenate(found) if found else np.zeros((0, 2))
-    return every, np.repeat(np.arange(len(found)), counts)
+        viewpoints[k] = points
+    counts = [len(points) for points in viewpoints]
+    every = np.concatenate(viewpoints) if viewpoints else np.zeros((0, 2))
+    return every, np.repeat(np.arange(len(viewpoints)), counts)
 
 
 def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) -> list[Points]:
@@ -79,15 +79,15 @@ def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) 
     import shapely
 
     areas = _around(free, pieces, half)
-    found, left = _within(pieces, areas, centers, half, speck, most=_MOST)
+    viewpoints, remainders = _within(pieces, areas, centers, half, speck, most=_MOST)
     # A robot sees the rest while it follows the border of the free area. From single points on a
     # slanted border, it would not.
-    unseen = np.flatnonzero(shapely.area(left) > speck)
+    unseen = np.flatnonzero(shapely.area(remainders) > speck)
     if len(unseen):
-        borders = _around(free.boundary, left[unseen], half)
+        borders = _around(free.boundary, remainders[unseen], half)
         for k, border in zip(unseen.tolist(), borders, strict=True):
-            found[k] = np.concatenate([found[k], *_lines(border)])
-    return found
+            viewpoints[k] = np.concatenate([viewpoints[k], *_lines(border)])
+    return viewpoints
 
 
 def _lines(shape: Any) -> list[Points]:
@@ -109,7 +109,7 @@ def _around(shape: Any, pieces: Any, half: float) -> Any:
     import shapely
 
     low, high = np.split(shapely.bounds(pieces), 2, axis=1)
-    return clipped_to(shape, low - half, high + half)
+    return clip_to_boxes(shape, low - half, high + half)
 
 
 def _within(
@@ -121,50 +121,50 @@ def _within(
     import shapely
 
     chosen: list[list[Points]] = [[] for _ in pieces]
-    left, near = pieces.copy(), centers.copy()
-    unseen, rounds = np.flatnonzero(shapely.area(left) > speck), 0
+    remainders, near = pieces.copy(), centers.copy()
+    unseen, rounds = np.flatnonzero(shapely.area(remainders) > speck), 0
     while len(unseen) and rounds < most:
-        places = _from_one(areas[unseen], left[unseen], near[unseen], half)
+        places = _common_viewpoints(areas[unseen], remainders[unseen], near[unseen], half)
         for k, place in zip(unseen.tolist(), places, strict=True):
             if np.isnan(place[0]):
-                place[:] = _in_part(pieces[k], areas[k], left[k], near[k], begun=rounds > 0)
+                place[:] = _in_part(pieces[k], areas[k], remainders[k], near[k], begun=rounds > 0)
             chosen[k].append(place)
         near[unseen] = places
         squares = shapely.box(*(places - half).T, *(places + half).T)
-        left[unseen] = shapely.difference(left[unseen], squares)
-        unseen, rounds = unseen[shapely.area(left[unseen]) > speck], rounds + 1
-    return [np.array(places).reshape(-1, 2) for places in chosen], left
+        remainders[unseen] = shapely.difference(remainders[unseen], squares)
+        unseen, rounds = unseen[shapely.area(remainders[unseen]) > speck], rounds + 1
+    return [np.array(places).reshape(-1, 2) for places in chosen], remainders
 
 
-def _from_one(areas: Any, lefts: Any, near: Points, half: float) -> Points:
-    """Return, for each area, among all its points that see the whole part of ``lefts`` of a piece,
-    the point nearest to ``near``; float64, shape (n, 2).
+def _common_viewpoints(areas: Any, remainders: Any, near: Points, half: float) -> Points:
+    """Return, for each area, among all its points that see the whole part of ``remainders`` of a
+    piece, the point nearest to ``near``; float64, shape (n, 2).
 
     If no point sees the whole part, the result is not a number.
     """
     import shapely
 
-    low, high = np.split(shapely.bounds(lefts), 2, axis=1)
+    low, high = np.split(shapely.bounds(remainders), 2, axis=1)
     least, most, hair = high - half, low + half, 2 * _HAIR * half
-    found = np.full((len(lefts), 2), np.nan)
+    nearest = np.full((len(remainders), 2), np.nan)
     some = np.flatnonzero((least <= most + hair).all(axis=1))
     corners = np.minimum(least, most)[some] - hair, np.maximum(least, most)[some] + hair
     among = shapely.intersection(areas[some], shapely.box(*corners[0].T, *corners[1].T))
-    there = ~shapely.is_empty(among)
-    lines = shapely.shortest_line(among[there], shapely.points(near[some[there]]))
-    found[some[there]] = shapely.get_coordinates(lines)[::2]
-    return found
+    nonempty = ~shapely.is_empty(among)
+    lines = shapely.shortest_line(among[nonempty], shapely.points(near[some[nonempty]]))
+    nearest[some[nonempty]] = shapely.get_coordinates(lines)[::2]
+    return nearest
 
 
-def _in_part(piece: Any, area: Any, left: Any, near: Points, *, begun: bool) -> Points:
+def _in_part(piece: Any, area: Any, remainder: Any, near: Points, *, begun: bool) -> Points:
     """Return a point in ``area`` from which a robot sees a part of what it did not see.
 
     A point of the remaining part sees at least its own surroundings.
     """
     import shapely
 
-    part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
-    low, high = np.reshape(left.bounds, (2, 2))
+    part = max(shapely.get_parts(remainder), key=lambda shape: float(shape.area))
+    low, high = np.reshape(remainder.bounds, (2, 2))
     place = _nearest(part, (low + high) / 2) if begun else _nearest(piece, near)
     return place if area is piece else _nearest(area, place)
 

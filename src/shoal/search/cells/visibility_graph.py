@@ -15,7 +15,7 @@ from shoal.search.regions.region import SearchRegion
 _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 
 
-# number of points of a path among which `pulled` looks for the farthest visible point
+# number of points of a path among which `pull_string` looks for the farthest visible point
 _LOOK_AHEAD = 64
 
 
@@ -78,8 +78,8 @@ class VisibilityGraph:
         in increasing order, or some ``most`` of them if there are more; int64, shape (k,).
         """
         count = len(self.corners)
-        found = np.empty(count if most is None else min(most, count), dtype=np.int64)
-        return np.sort(found[: places_within(*self._bins, low, high, found)])
+        indices = np.empty(count if most is None else min(most, count), dtype=np.int64)
+        return np.sort(indices[: places_within(*self._bins, low, high, indices)])
 
     def around(self, points: Points, distance: float) -> NDArray[np.int64]:
         """Return the indices of the corners that are at most ``distance`` metres away from one of
@@ -132,7 +132,7 @@ class VisibilityGraph:
             candidates, places = candidates[near], places[near]
         if not len(candidates):
             return None
-        bends = self._region.border.way_round(
+        bends = self._region.border.path_around(
             places, self._sides[candidates], np.stack([start, end]), most
         )
         return None if bends is None else np.vstack([start, places[bends], end])
@@ -154,25 +154,25 @@ def _inward_corners(area: Any) -> Points:
     """
     import shapely
 
-    found: list[Any] = [np.zeros((3, 0, 2))]
+    corner_arrays: list[Any] = [np.zeros((3, 0, 2))]
     for polygon in shapely.get_parts(area) if area is not None else ():
-        turned = shapely.orient_polygons(polygon)
-        for ring in (turned.exterior, *turned.interiors):
+        oriented = shapely.orient_polygons(polygon)
+        for ring in (oriented.exterior, *oriented.interiors):
             corners = shapely.get_coordinates(ring)[:-1]
             before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
             come, go = corners - before, after - corners
             inward = cross(come, go) < -_STRAIGHT * np.hypot(*come.T) * np.hypot(*go.T)
-            found.append(np.stack([corners[inward], before[inward], after[inward]]))
-    return np.asarray(np.concatenate(found, axis=1))
+            corner_arrays.append(np.stack([corners[inward], before[inward], after[inward]]))
+    return np.asarray(np.concatenate(corner_arrays, axis=1))
 
 
-def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a shortened path with fewer bends, which has some of the points of the path ``way``.
+def pull_string(region: SearchRegion, path: Points) -> Points:
+    """Return a shortened path with fewer bends, which has some of the points of the path ``path``.
 
     From each of its points, the new path leads straight to the last visible point among the next 64
-    points of the path ``way``.
+    points of the path ``path``.
     """
-    return np.asarray(way[region.border.pull(way, _LOOK_AHEAD)])
+    return np.asarray(path[region.border.pull(path, _LOOK_AHEAD)])
 
 
 def merge_collinear(points: Points) -> Points:
@@ -186,33 +186,33 @@ def merge_collinear(points: Points) -> Points:
     >>> merge_collinear(np.array([(0, 0), (1, 0), (1, 0), (2, 0), (1, 0), (1, 1.0)])).tolist()
     [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
-    way = np.asarray(points, dtype=np.float64)
-    if len(way) < 2:
-        return way
-    way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
-    steps = np.diff(way, axis=0)
+    path = np.asarray(points, dtype=np.float64)
+    if len(path) < 2:
+        return path
+    path = path[np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])]
+    steps = np.diff(path, axis=0)
     before, after = steps[:-1], steps[1:]
     scale = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
     # in the plane, because paths bend around vertical walls
-    upright = np.zeros((len(before), 3 - way.shape[1]))
+    upright = np.zeros((len(before), 3 - path.shape[1]))
     turn = np.linalg.norm(
         np.cross(np.hstack([before, upright]), np.hstack([after, upright])), axis=1
     )
     straight = (turn <= 1e-9 * scale) & (np.sum(before * after, axis=1) > 0)
     return np.asarray(
-        way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])]
+        path[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])]
     )
 
 
-def length_of(way: Points) -> float:
+def length_of(path: Points) -> float:
     """Return the length of a path in metres."""
-    return float(leg_lengths(way).sum())
+    return float(leg_lengths(path).sum())
 
 
-def leg_lengths(way: Points) -> NDArray[np.float64]:
+def leg_lengths(path: Points) -> NDArray[np.float64]:
     """Return the length of each leg of a path in metres, in two or three dimensions; float64, shape
     (k - 1,).
     """
-    steps = np.diff(way, axis=0).T
+    steps = np.diff(path, axis=0).T
     level = np.hypot(steps[0], steps[1])
     return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
-from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.clipping import rotate_shape
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
-from shoal.search.regions.boxes import clipped_to
+from shoal.search.regions.boxes import clip_to_boxes
 from shoal.search.regions.outline import Points
 
 Numbers = NDArray[np.int64]
@@ -38,19 +38,19 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
         Cost of a turn in cells.
     """
     index = grid.ordinals(cells)
-    windows, tried = _choices(grid)
+    windows, candidates = _choices(grid)
     if not windows:
         return grid
     starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
     moved = grid.viewpoints.copy()
-    entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
+    entered, exits = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
     chains = _chains(np.flatnonzero(np.isin(index, np.array(list(windows)))), n)
     first, last = (np.array([chain[end] for chain in chains]) for end in (0, -1))
     fixed = lattice.from_region(
         np.stack(
             [
-                left[(first - 2) % n],
-                left[(first - 1) % n],
+                exits[(first - 2) % n],
+                exits[(first - 1) % n],
                 entered[(last + 1) % n],
                 entered[(last + 2) % n],
             ],
@@ -61,10 +61,10 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     numbers = index[along].tolist()
     crossed = np.array([windows[k] for k in numbers], dtype=object)
     lengths = np.array([len(chain) for chain in chains])
-    places = [tried[k] for k in numbers]
-    known = lattice.from_region(entered[along])
+    places = [candidates[k] for k in numbers]
+    entries = lattice.from_region(entered[along])
     moved[starts[index[along]]] = lattice.to_region(
-        _points_of(grid, fixed, lengths, crossed, places, known, turn * grid.size)
+        _choose_points(grid, fixed, lengths, crossed, places, entries, turn * grid.size)
     )
     return replace(grid, viewpoints=moved)
 
@@ -73,16 +73,16 @@ def _choices(grid: CellGrid) -> tuple[dict[int, Any], dict[int, Points]]:
     """Return the window of each cell that has a choice of viewpoints, and the points of the window
     that a path may use, by the index of the cell. All tours through the grid share them.
     """
-    known = vars(grid)
-    if "choices" not in known:
+    cache = vars(grid)
+    if "choices" not in cache:
         windows = _windows(grid)
         free = np.array(list(windows), dtype=np.int64)
         shapes = np.array(list(windows.values()), dtype=object)
         entered = grid.lattice.from_region(grid.viewpoints[grid.viewpoint_starts[free]])
         middles = grid.lattice.centers(*grid.cells[free].T)
         places = _places(shapes, entered, middles, grid.footprint) if windows else []
-        known["choices"] = windows, dict(zip(free.tolist(), places, strict=True))
-    choices: tuple[dict[int, Any], dict[int, Points]] = known["choices"]
+        cache["choices"] = windows, dict(zip(free.tolist(), places, strict=True))
+    choices: tuple[dict[int, Any], dict[int, Points]] = cache["choices"]
     return choices
 
 
@@ -118,7 +118,7 @@ def _windows(grid: CellGrid) -> dict[int, Any]:
         some = ~shapely.is_empty(shapes)
         free, shapes = free[some], shapes[some]
         low, high = np.split(shapely.bounds(shapes), 2, axis=1)
-        near = clipped_to(rotated_shape(grid.region.free, -grid.angle), low, high)
+        near = clip_to_boxes(rotate_shape(grid.region.free, -grid.angle), low, high)
         shapes = shapely.intersection(shapes, near)
     return {
         k: shape
@@ -135,10 +135,10 @@ def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
     surroundings = np.full((len(rows), 9), None, dtype=object)
     for k in range(9):
         row, col = rows + k // 3 - 1, cols + k % 3 - 1
-        there = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-        row, col = np.where(there, row, 0), np.where(there, col, 0)
-        whole = there & clipped.whole[row, col]
-        part = there & ~whole & (own[row, col] >= 0)
+        in_grid = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+        row, col = np.where(in_grid, row, 0), np.where(in_grid, col, 0)
+        whole = in_grid & clipped.whole[row, col]
+        part = in_grid & ~whole & (own[row, col] >= 0)
         surroundings[whole, k] = grid.lattice.boxes(row[whole], col[whole])
         surroundings[part, k] = clipped.pieces[own[row[part], col[part]]]
     return surroundings
@@ -154,19 +154,19 @@ def _chains(free: Numbers, n: int) -> list[Numbers]:
     return chains
 
 
-def _places(windows: Any, known: Points, middles: Points, footprint: float) -> list[Points]:
+def _places(windows: Any, entries: Points, middles: Points, footprint: float) -> list[Points]:
     """Return the points of each window that a path may use; float64, each of shape (k, 2).
 
-    The points of a window are its known viewpoint, its corners, and the ends of lines across the
+    The points of a window are its present viewpoint, its corners, and the ends of lines across the
     window.
     """
     import shapely
 
     step = _COARSE * footprint / 4
     # Points of one square of this step count as one. Many windows are in one square with their
-    # known viewpoint: those of cells whose piece is as wide as the footprint are only points.
+    # present viewpoint: those of cells whose piece is as wide as the footprint are only points.
     bounds, hair = shapely.bounds(windows), _HAIR * footprint
-    squares = np.round(np.stack([bounds[:, :2] - hair, known, bounds[:, 2:] + hair]) / step)
+    squares = np.round(np.stack([bounds[:, :2] - hair, entries, bounds[:, 2:] + hair]) / step)
     wide = np.flatnonzero((squares != squares[0]).any(axis=(0, 2)))
     shapes = windows[wide]
     left, low, right, high = (side[:, None] for side in bounds[wide].T)
@@ -192,25 +192,27 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
     corners, of_corner = shapely.get_coordinates(
         shapely.simplify(shapes, _COARSE * footprint), return_index=True
     )
-    found = np.concatenate([known, corners, cut])
+    candidates = np.concatenate([entries, corners, cut])
     owner = np.concatenate(
         [np.arange(len(windows)), wide[of_corner], wide[of_cut // lines.shape[1]]]
     )
-    kept = np.unique(
-        np.column_stack([owner, np.round(found / step)]),
+    distinct = np.unique(
+        np.column_stack([owner, np.round(candidates / step)]),
         axis=0,
         return_index=True,
     )[1]
-    return np.split(found[kept], np.searchsorted(owner[kept], np.arange(1, len(windows))))
+    return np.split(
+        candidates[distinct], np.searchsorted(owner[distinct], np.arange(1, len(windows)))
+    )
 
 
-def _points_of(
+def _choose_points(
     grid: CellGrid,
     fixed: Points,
     lengths: Numbers,
     shapes: Any,
     places: list[Points],
-    known: Points,
+    entries: Points,
     turn: float,
 ) -> Points:
     """Return one point in each window, so that the path through the fixed points and all windows of
@@ -227,7 +229,7 @@ def _points_of(
         The windows of all chains, one chain after another.
     places : list of ndarray of float64, each of shape (k, 2)
         Points of each window that a path may use.
-    known : ndarray of float64, shape (n, 2)
+    entries : ndarray of float64, shape (n, 2)
         The points of a chain without a path through all of its windows.
     turn : float
         Cost of a turn in metres.
@@ -246,58 +248,61 @@ def _points_of(
     order[inner] = len(stages) + np.arange(len(places))
     stages += places
     stages = [stages[k] for k in order.tolist()]
-    points, starts = np.concatenate(stages), partial_sums([len(one) for one in stages])
+    points, starts = (
+        np.concatenate(stages),
+        partial_sums([len(stage_points) for stage_points in stages]),
+    )
     boxes = np.empty((len(stages), 4))
     boxes[inner] = shapely.bounds(shapes)
     boxes[~inner] = np.tile(fixed.reshape(-1, 2), 2)
     stage_of = np.repeat(stage, np.diff(starts))
     far = np.repeat(lengths[chain_of] + 2, np.diff(starts))
     region, to_region = grid.region, grid.lattice.to_region
-    asked, banned = np.arange(len(lengths)), np.zeros(0, dtype=np.int64)
+    unsolved, banned = np.arange(len(lengths)), np.zeros(0, dtype=np.int64)
     nodes, counts = np.empty(len(stages), dtype=np.int64), np.zeros(len(lengths), dtype=np.int64)
     for _ in range(_ROUNDS):
-        fewest_links(points, starts, boxes, chains, asked, turn, _REACH, banned, nodes, counts)
-        there = stage < counts[chain_of]
-        there &= np.isin(chain_of, asked)
-        of, path = chain_of[there], nodes[there]
-        one, other = path[:-1], path[1:]
+        fewest_links(points, starts, boxes, chains, unsolved, turn, _REACH, banned, nodes, counts)
+        on_path = stage < counts[chain_of]
+        on_path &= np.isin(chain_of, unsolved)
+        of, path = chain_of[on_path], nodes[on_path]
+        begins, ends = path[:-1], path[1:]
         # the links between the two fixed points at each end are given
         links = np.flatnonzero(
-            (of[1:] == of[:-1]) & (stage_of[other] > 1) & (stage_of[one] < far[one])
+            (of[1:] == of[:-1]) & (stage_of[ends] > 1) & (stage_of[begins] < far[begins])
         )
-        one, other = one[links], other[links]
-        blocked = ~inside(region, to_region(points[one]), to_region(points[other]))
+        begins, ends = begins[links], ends[links]
+        blocked = ~inside(region, to_region(points[begins]), to_region(points[ends]))
         if not blocked.any():
             break
-        asked = np.unique(of[links[blocked]])
-        banned = np.union1d(banned, one[blocked] * len(points) + other[blocked])
-    found, at = known.copy(), partial_sums(lengths)
+        unsolved = np.unique(of[links[blocked]])
+        banned = np.union1d(banned, begins[blocked] * len(points) + ends[blocked])
+    chosen, at = entries.copy(), partial_sums(lengths)
     # most paths bend in each of their few windows
     bent = counts == lengths + 4
-    found[np.repeat(bent, lengths)] = points[nodes[inner & bent[chain_of]]]
-    others = (counts > 0) & ~bent
-    there = (stage < counts[chain_of]) & others[chain_of]
-    path, of = nodes[there], np.repeat(np.arange(len(lengths)), lengths)
-    some = np.flatnonzero(others[of])
+    chosen[np.repeat(bent, lengths)] = points[nodes[inner & bent[chain_of]]]
+    partial = (counts > 0) & ~bent
+    on_path = (stage < counts[chain_of]) & partial[chain_of]
+    path, of = nodes[on_path], np.repeat(np.arange(len(lengths)), lengths)
+    some = np.flatnonzero(partial[of])
     number = some - at[of[some]] + 2
     if len(some):
-        found[some] = _crossed(
-            points[path], stage_of[path], chain_of[there], shapes[some], number, of[some]
+        chosen[some] = _path_crossings(
+            points[path], stage_of[path], chain_of[on_path], shapes[some], number, of[some]
         )
-    return found
+    return chosen
 
 
-def _crossed(
-    way: Points, stages: Numbers, of_way: Numbers, shapes: Any, number: Numbers, of: Numbers
+def _path_crossings(
+    path: Points, stages: Numbers, chain_of_path: Numbers, shapes: Any, number: Numbers, of: Numbers
 ) -> Points:
     """Return one point of each window: on the path where the path crosses the window, or else
     nearest to the path; float64, shape (n, 2).
 
     Parameters
     ----------
-    way : ndarray of float64, shape (k, 2)
+    path : ndarray of float64, shape (k, 2)
         The points of all paths, one after another.
-    stages, of_way : ndarray of int64, shape (k,)
+    stages, chain_of_path : ndarray of int64, shape (k,)
         The number of each point's window in its chain, increasing along a path, and the chain.
     shapes : ndarray of Shapely polygons, shape (n,)
         The windows of all chains.
@@ -307,27 +312,29 @@ def _crossed(
     import shapely
 
     span = int(number.max()) + 3
-    links = np.searchsorted(of_way * span + stages, of * span + number)
-    hit = (stages[links] == number) & (of_way[links] == of)
-    found = way[links]
-    rest = np.flatnonzero(~hit)
-    ahead = links[rest]
-    lines = shapely.linestrings(np.stack([way[ahead - 1], way[ahead]], axis=1))
-    cuts = shapely.intersection(lines, shapes[rest])
-    for k, link, line, cut in zip(rest.tolist(), ahead.tolist(), lines, cuts, strict=True):
+    links = np.searchsorted(chain_of_path * span + stages, of * span + number)
+    hit = (stages[links] == number) & (chain_of_path[links] == of)
+    crossings = path[links]
+    missed = np.flatnonzero(~hit)
+    ahead = links[missed]
+    lines = shapely.linestrings(np.stack([path[ahead - 1], path[ahead]], axis=1))
+    cuts = shapely.intersection(lines, shapes[missed])
+    for k, link, line, cut in zip(missed.tolist(), ahead.tolist(), lines, cuts, strict=True):
         if cut.is_empty:
-            found[k] = shapely.get_coordinates(shapely.shortest_line(shapes[k], line))[0]
+            crossings[k] = shapely.get_coordinates(shapely.shortest_line(shapes[k], line))[0]
             continue
         # Backwards from the last point, so that the path never turns back.
         ends = shapely.get_coordinates(cut)
-        step = way[link] - way[link - 1]
+        step = path[link] - path[link - 1]
         begun = (
-            found[k - 1] if number[k] > 2 and stages[link - 1] < number[k] - 1 else way[link - 1]
+            crossings[k - 1]
+            if number[k] > 2 and stages[link - 1] < number[k] - 1
+            else path[link - 1]
         )
-        far = (ends - way[link - 1]) @ step
-        found[k] = (
+        far = (ends - path[link - 1]) @ step
+        crossings[k] = (
             begun
-            if far.min() <= (begun - way[link - 1]) @ step <= far.max()
+            if far.min() <= (begun - path[link - 1]) @ step <= far.max()
             else ends[np.argmin(far)]
         )
-    return found
+    return crossings

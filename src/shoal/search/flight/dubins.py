@@ -65,12 +65,12 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     >>> print(parts.sum(axis=-1).min().round(3) * 50)  # half a circle, 100 m across, half a circle
     257.1
     """
-    one, other = np.broadcast_arrays(
+    begin, end = np.broadcast_arrays(
         np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     )
-    across = (other[..., :2] - one[..., :2]) / radius
+    across = (end[..., :2] - begin[..., :2]) / radius
     d, toward = np.hypot(across[..., 0], across[..., 1]), angles_of(across)
-    a, b = one[..., 2] - toward, other[..., 2] - toward
+    a, b = begin[..., 2] - toward, end[..., 2] - toward
     # Every word has a mirror image with L and R exchanged: the same formula with -a and -b for a
     # and b. So three formulas give six words. Lengths of words that do not exist are NaN first.
     a, b = (angle[..., None] * (1.0, -1.0) for angle in (a, b))
@@ -151,8 +151,8 @@ def dubins_paths(
         place = np.where((sense == 0)[:, None], place + ahead, ended)
     columns.append(place[:, None, :])
     present.append(np.ones((len(starts), 1), dtype=np.bool_))
-    kept = np.concatenate(present, axis=1)
-    return np.concatenate(columns, axis=1)[kept], np.nonzero(kept)[0]
+    existing = np.concatenate(present, axis=1)
+    return np.concatenate(columns, axis=1)[existing], np.nonzero(existing)[0]
 
 
 def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:
@@ -327,7 +327,7 @@ def circles(start: Floats, side: str, count: int, radius: float) -> Floats:
 
 
 def plan_dubins_path(
-    way: Floats,
+    path: Floats,
     radius: float,
     *,
     link: float = 0.0,
@@ -351,7 +351,7 @@ def plan_dubins_path(
 
     Parameters
     ----------
-    way : ndarray of float64, shape (k, 2)
+    path : ndarray of float64, shape (k, 2)
         Given path in metres. The vehicle may leave the first point, and reach the last point, in
         any direction.
     radius : float
@@ -386,9 +386,9 @@ def plan_dubins_path(
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
-    moves = step_lengths(way) > NEAR
-    points = np.asarray(way[np.concatenate([[True], moves])])
-    points[-1] = way[-1]  # a last leg shorter than NEAR is not flown, but the path ends at its end
+    moves = step_lengths(path) > NEAR
+    points = np.asarray(path[np.concatenate([[True], moves])])
+    points[-1] = path[-1]  # a last leg shorter than NEAR is not flown, but the path ends at its end
     if len(points) < 3:
         return [points]
     marks = np.zeros(len(points), dtype=np.int8)
@@ -399,7 +399,7 @@ def plan_dubins_path(
     airspace = Airspace() if airspace is None else airspace
     dead_ends = airspace.dead_ends.setdefault((radius, link), {})
     _refuse_dead_ends(points, dead_ends, radius, airspace)
-    given = points
+    original = points
     loose = set() if loose is None else loose
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in loose]
     detours = False
@@ -408,17 +408,19 @@ def plan_dubins_path(
             points, straight, marks = _shorten_straight_legs(
                 points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8)
             )
-        path = _shortest_path(_possible_poses(points, straight), radius, airspace, detours=detours)
-        if not isinstance(path, list):
-            return _join_pieces(*path, marks)
-        *stuck, lost = path
+        outcome = _shortest_path(
+            _possible_poses(points, straight), radius, airspace, detours=detours
+        )
+        if not isinstance(outcome, list):
+            return _join_pieces(*outcome, marks)
+        *stuck, lost = outcome
         exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
         if exhausted and not detours:
             detours, loosen = True, []
             continue
         if exhausted:
             for count in _SECTIONS:
-                section = _section_before(given, points[: lost + 1], count)
+                section = _section_before(original, points[: lost + 1], count)
                 if len(section) and not _is_passable(section, radius, link, airspace):
                     dead_ends[section[0].tobytes()] = section
                     break
@@ -455,7 +457,7 @@ def _refuse_dead_ends(
             raise _no_room(section[-2], radius, airspace)
 
 
-def _section_before(given: Floats, passed: Floats, count: int) -> Floats:
+def _section_before(original: Floats, passed: Floats, count: int) -> Floats:
     """Return the last ``count`` points of a given path up to an unreachable one, and the next point,
     without the ends of the path; no points if too few are left.
 
@@ -464,9 +466,13 @@ def _section_before(given: Floats, passed: Floats, count: int) -> Floats:
     """
     last = 0
     for point in passed:
-        last += last < len(given) and np.array_equal(point, given[last])
+        last += last < len(original) and np.array_equal(point, original[last])
     first = max(last - count, 1)
-    return given[first : last + 1] if last - first > 1 and last + 1 < len(given) else given[:0]
+    return (
+        original[first : last + 1]
+        if last - first > 1 and last + 1 < len(original)
+        else original[:0]
+    )
 
 
 def _is_passable(section: Floats, radius: float, link: float, airspace: Airspace) -> bool:
@@ -496,11 +502,11 @@ def _shorten_straight_legs(
         count = ceil(length / step - _SAME) if whole else int(reach / step)
         far = np.arange(1, count + (not whole)) * (1 / count if whole else step / length)
         shares = far if leg == vertex else 1.0 - far[::-1]
-        left = np.zeros(len(shares) + 1, dtype=np.bool_)
-        left[-1 if leg == vertex else 0] = not whole
+        still_straight = np.zeros(len(shares) + 1, dtype=np.bool_)
+        still_straight[-1 if leg == vertex else 0] = not whole
         points = np.insert(points, leg + 1, points[leg] + shares[:, None] * along, axis=0)
         marks = np.insert(marks, leg + 1, np.zeros(len(shares), dtype=np.int8))
-        straight = np.concatenate([straight[:leg], left, straight[leg + 1 :]])
+        straight = np.concatenate([straight[:leg], still_straight, straight[leg + 1 :]])
     return points, straight, marks
 
 
@@ -517,7 +523,7 @@ def _shortest_path(
     lengths, words = _link_costs(poses, links, radius)
     looked: set[int] = set()
     extended: set[int] = set()
-    known_curves: dict[tuple[int, int, int], Floats] = {}
+    curve_of: dict[tuple[int, int, int], Floats] = {}
     while True:
         chosen = _choose_headings(poses, links, lengths)
         if isinstance(chosen, int):
@@ -534,9 +540,7 @@ def _shortest_path(
                     lengths[number], words[number] = _clear_costs(
                         poses, int(links[number]), radius, airspace, detours=True
                     )
-                known_curves = {
-                    key: curve for key, curve in known_curves.items() if key[0] not in extended
-                }
+                curve_of = {key: curve for key, curve in curve_of.items() if key[0] not in extended}
                 continue
             stuck = [
                 number for number in looked if not np.isfinite(lengths[number]).any()
@@ -546,22 +550,22 @@ def _shortest_path(
         keys = [
             (number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())
         ]
-        fresh = [key for key in keys if key not in known_curves]
+        fresh = [key for key in keys if key not in curve_of]
         curves = _chosen_curves(poses, links, words, fresh, radius)
-        known_curves.update(zip(fresh, curves, strict=True))
+        curve_of.update(zip(fresh, curves, strict=True))
         untested = [k for k, key in enumerate(fresh) if key[0] not in looked]
         numbers = np.repeat(np.arange(len(untested)), [len(curves[k]) for k in untested])
         tested = np.concatenate([np.zeros((0, 2)), *(curves[k] for k in untested)])
         blocked = np.flatnonzero(airspace.blocks(tested, numbers)).tolist()
         crossing = [fresh[untested[k]][0] for k in blocked]
         if not crossing:
-            return poses, links, [known_curves[key] for key in keys]
+            return poses, links, [curve_of[key] for key in keys]
         for number in crossing:  # all curves of these links are tested once
             looked.add(number)
             lengths[number], words[number] = _clear_costs(
                 poses, int(links[number]), radius, airspace
             )
-        known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in crossing}
+        curve_of = {key: curve for key, curve in curve_of.items() if key[0] not in crossing}
 
 
 def _possible_poses(points: Floats, far: Any) -> _Poses:
@@ -575,7 +579,9 @@ def _possible_poses(points: Floats, far: Any) -> _Poses:
     straight: list[bool] = []
     for index in range(len(points)):
         before, after = index > 0 and far[index - 1], index < len(legs) and far[index]
-        directions = [legs[leg] for leg, there in ((index - 1, before), (index, after)) if there]
+        directions = [
+            legs[leg] for leg, is_straight in ((index - 1, before), (index, after)) if is_straight
+        ]
         for number, direction in enumerate(directions or [None]):
             allowed = np.full(HEADINGS, np.nan)
             if direction is None:
@@ -633,22 +639,22 @@ def _clear_costs(
     detour: a Dubins curve with a straight leg before it, a straight leg after it, or both. The type
     is the index of the curve type in `WORDS`, plus 6 times the index of the pair of straight legs.
     """
-    known = airspace.curves.setdefault(radius, {})
+    cache = airspace.curves.setdefault(radius, {})
     ends = slice(link, link + 2)
     key = (poses.points[ends].tobytes() + poses.headings[ends].tobytes(), detours)
-    if key in known:
-        return known[key]
+    if key in cache:
+        return cache[key]
     ahead = _AHEAD if detours else _AHEAD[:1]
     best = np.full((HEADINGS, HEADINGS), np.inf)
     kinds = np.zeros((HEADINGS, HEADINGS), dtype=np.int8)
     if detours:
         direct, words = _clear_costs(poses, link, radius, airspace)
         best, kinds = direct.copy(), words.copy()
-    there = ~np.isnan(poses.headings[link])[:, None] & ~np.isnan(poses.headings[link + 1])
-    ones, others = np.nonzero(there & ~np.isfinite(best))
+    possible_pairs = ~np.isnan(poses.headings[link])[:, None] & ~np.isnan(poses.headings[link + 1])
+    start_headings, stop_headings = np.nonzero(possible_pairs & ~np.isfinite(best))
     first, last = (
         np.column_stack([np.tile(poses.points[point], (len(k), 1)), poses.headings[point, k]])
-        for point, k in ((link, ones), (link + 1, others))
+        for point, k in ((link, start_headings), (link + 1, stop_headings))
     )
     before, after = np.repeat(ahead, len(ahead)), np.tile(ahead, len(ahead))
     # shape (pairs, pairs of straight legs, 3)
@@ -656,36 +662,42 @@ def _clear_costs(
     stops = _move_ahead(last[:, None], -radius * after)
     parts = dubins_parts(starts, stops, radius)
     lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(
-        len(ones), len(before) * len(WORDS)
+        len(start_headings), len(before) * len(WORDS)
     )
     if detours:
         lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
         for point, side, which in ((link, 1.0, before), (link + 1, -1.0, after)):
-            index = ones if point == link else others
+            index = start_headings if point == link else stop_headings
             blocked = _blocked_ends(poses, point, side * radius, airspace)
             wrong = blocked[index][:, np.searchsorted(_AHEAD, which)]
             lengths[np.repeat(wrong, len(WORDS), axis=1)] = np.inf
     ranks = np.argsort(lengths, axis=-1, kind="stable")
-    left = np.arange(len(ones))
+    open_pairs = np.arange(len(start_headings))
     for rank in range(lengths.shape[1]):  # the shortest first; a longer one only if it is blocked
-        kind = ranks[left, rank]
-        possible = np.isfinite(lengths[left, kind])
-        left, kind = left[possible], kind[possible]
-        if not len(left):
+        kind = ranks[open_pairs, rank]
+        possible = np.isfinite(lengths[open_pairs, kind])
+        open_pairs, kind = open_pairs[possible], kind[possible]
+        if not len(open_pairs):
             break
         legs, word = kind // len(WORDS), kind % len(WORDS)
-        points, numbers = dubins_paths(starts[left, legs], word, parts[left, legs, word], radius)
+        points, numbers = dubins_paths(
+            starts[open_pairs, legs], word, parts[open_pairs, legs, word], radius
+        )
         if detours:
-            points = np.concatenate([first[left, :2], points, last[left, :2]])
-            numbers = np.concatenate([np.arange(len(left)), numbers, np.arange(len(left))])
+            points = np.concatenate([first[open_pairs, :2], points, last[open_pairs, :2]])
+            numbers = np.concatenate(
+                [np.arange(len(open_pairs)), numbers, np.arange(len(open_pairs))]
+            )
             order = np.argsort(numbers, kind="stable")
             points, numbers = points[order], numbers[order]
         clear = ~airspace.blocks(points, numbers)
-        best[ones[left[clear]], others[left[clear]]] = lengths[left[clear], kind[clear]]
-        kinds[ones[left[clear]], others[left[clear]]] = kind[clear]
-        left = left[~clear]
-    known[key] = best, kinds
-    return known[key]
+        best[start_headings[open_pairs[clear]], stop_headings[open_pairs[clear]]] = lengths[
+            open_pairs[clear], kind[clear]
+        ]
+        kinds[start_headings[open_pairs[clear]], stop_headings[open_pairs[clear]]] = kind[clear]
+        open_pairs = open_pairs[~clear]
+    cache[key] = best, kinds
+    return cache[key]
 
 
 def _blocked_ends(poses: _Poses, point: int, radius: float, airspace: Airspace) -> Any:
@@ -694,10 +706,10 @@ def _blocked_ends(poses: _Poses, point: int, radius: float, airspace: Airspace) 
     point.
     """
     place = np.tile(poses.points[point], (HEADINGS, 1))
-    here = np.column_stack([place, np.nan_to_num(poses.headings[point])])
-    there = _move_ahead(here[:, None], radius * _AHEAD[None])
-    starts = np.repeat(here, len(_AHEAD), axis=0)
-    return airspace.blocks_legs(starts, there.reshape(-1, 3)).reshape(HEADINGS, len(_AHEAD))
+    poses_at = np.column_stack([place, np.nan_to_num(poses.headings[point])])
+    ends = _move_ahead(poses_at[:, None], radius * _AHEAD[None])
+    starts = np.repeat(poses_at, len(_AHEAD), axis=0)
+    return airspace.blocks_legs(starts, ends.reshape(-1, 3)).reshape(HEADINGS, len(_AHEAD))
 
 
 def _move_ahead(poses: Floats, lengths: Floats) -> Floats:
@@ -745,22 +757,24 @@ def _chosen_curves(
     """
     if not chosen:
         return []
-    numbers, ones, others = np.array(chosen).T
+    numbers, start_headings, stop_headings = np.array(chosen).T
     begins = links[numbers]
-    starts = np.column_stack([poses.points[begins], poses.headings[begins, ones]])
-    ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
-    legs, types = np.divmod(words[numbers, ones, others].astype(np.int64), len(WORDS))
+    starts = np.column_stack([poses.points[begins], poses.headings[begins, start_headings]])
+    ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, stop_headings]])
+    legs, types = np.divmod(
+        words[numbers, start_headings, stop_headings].astype(np.int64), len(WORDS)
+    )
     before, after = (radius * _AHEAD[index] for index in np.divmod(legs, len(_AHEAD)))
     starts, ends = _move_ahead(starts, before), _move_ahead(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     points, curves = dubins_paths(starts, types, parts, radius)
     curves_of = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
-    for number, way in enumerate(curves_of):
-        way[-1] = ends[number, :2]  # the heading exists except for rounding errors
+    for number, curve in enumerate(curves_of):
+        curve[-1] = ends[number, :2]  # the heading exists except for rounding errors
         if before[number] or after[number]:
             first = _move_ahead(starts[number], -before[number])[:2]
             last = _move_ahead(ends[number], after[number])[:2]
-            curves_of[number] = np.vstack([first, way, last])
+            curves_of[number] = np.vstack([first, curve, last])
     return curves_of
 
 
@@ -772,22 +786,25 @@ def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) ->
     region between these two points.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
-    pieces, told = [poses.points[:1]], [_KEPT]
+    pieces, piece_marks = [poses.points[:1]], [_KEPT]
     for place in range(len(poses.straight)):
         piece = number[place][1:] if place in number else poses.points[place + 1 : place + 2]
         pieces.append(piece)
         # where a place is passed twice it is cut the first time
         again = poses.vertices[place + 1] == poses.vertices[place]
-        here = int(marks[poses.vertices[place + 1]])
-        told += [*[0] * (len(piece) - 1), min(here, _KEPT) if again else here]
-    way, mark = np.vstack(pieces), np.array(told)
-    apart = np.concatenate([[True], step_lengths(way) > _SAME])
+        mark_of_vertex = int(marks[poses.vertices[place + 1]])
+        piece_marks += [
+            *[0] * (len(piece) - 1),
+            min(mark_of_vertex, _KEPT) if again else mark_of_vertex,
+        ]
+    path, mark = np.vstack(pieces), np.array(piece_marks)
+    apart = np.concatenate([[True], step_lengths(path) > _SAME])
     # of two at one place the first one stays
     mark[:-1] = np.maximum(mark[:-1], np.where(apart[1:], 0, mark[1:]))
-    way, mark = way[apart], mark[apart]
-    legs = np.diff(way, axis=0)
+    path, mark = path[apart], mark[apart]
+    legs = np.diff(path, axis=0)
     legs /= np.hypot(*legs.T)[:, None]
     mark[1:-1] = np.maximum(mark[1:-1], step_lengths(legs) > _SAME)
-    way, mark = way[mark > 0], mark[mark > 0]
-    borders = [0, *np.flatnonzero(mark == _CUT).tolist(), len(way) - 1]
-    return [np.asarray(way[begin : end + 1]) for begin, end in pairwise(borders)]
+    path, mark = path[mark > 0], mark[mark > 0]
+    borders = [0, *np.flatnonzero(mark == _CUT).tolist(), len(path) - 1]
+    return [np.asarray(path[begin : end + 1]) for begin, end in pairwise(borders)]

@@ -170,7 +170,7 @@ class Flight:
             else float(self.altitudes.terrain.at(self.home[None], self.frame)[0])
         )
 
-    def waypoints(self, way: Points) -> Floats:
+    def waypoints(self, path: Points) -> Floats:
         """Return the waypoints of a path as metres east, north, and above home; float64, shape (m,
         3).
 
@@ -180,7 +180,7 @@ class Flight:
 
         Parameters
         ----------
-        way : ndarray of float64, shape (k, 2) or (k, 3)
+        path : ndarray of float64, shape (k, 2) or (k, 3)
             Points of the path in metres, without home. The third column holds altitudes. A path
             without a third column has the vehicle's altitude.
 
@@ -190,7 +190,7 @@ class Flight:
             If the path meets the ground, or if the vehicle has no space for a turn, a circle or its
             approach.
         """
-        waypoints = self._exact_waypoints(way)
+        waypoints = self._exact_waypoints(path)
         return np.column_stack([self._rounded(waypoints[:, :2]), waypoints[:, 2]])
 
     def _rounded(self, points: Points) -> Points:
@@ -199,13 +199,13 @@ class Flight:
         """
         return points if self.frame is None else self.frame.written(points)
 
-    def _exact_waypoints(self, way: Points) -> Floats:
+    def _exact_waypoints(self, path: Points) -> Floats:
         """Return the waypoints of a path before their coordinates are rounded."""
-        inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
-        whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
+        inner = path[:, 2] if path.shape[1] == 3 else np.full(len(path), self.vehicle.height)
+        whole, ups = np.vstack([self.home, path[:, :2], self.end]), np.full(2, self.vehicle.height)
         whole, ups = separate_climbs(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
         if self.vehicle.radius:
-            return self._curved_waypoints(whole, ups, way)
+            return self._curved_waypoints(whole, ups, path)
         if self.altitudes.terrain is None:
             return self._level_waypoints(whole[1:-1], ups[1:-1])
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
@@ -217,7 +217,7 @@ class Flight:
         )
         return over if self._follows else over[1:-1]
 
-    def lengthen_short_legs(self, way: Points) -> Points:
+    def lengthen_short_legs(self, path: Points) -> Points:
         """Return a path without legs that are shorter than the acceptance radius of the vehicle,
         where this is possible.
 
@@ -225,24 +225,24 @@ class Flight:
         ``link``) keeps its rows.
         """
         least = min(_WIDER * (self.vehicle.acceptance_radius or 0.0) + _HAIR, self.link / 4)
-        legs = step_lengths(way[:, :2])
+        legs = step_lengths(path[:, :2])
         if self.vehicle.radius or not ((legs > 0) & (legs < least)).any():
-            return way
-        return lengthen_short_legs(way, least, self.airspace.allows)
+            return path
+        return lengthen_short_legs(path, least, self.airspace.allows)
 
     @property
     def _follows(self) -> bool:
         """Whether the waypoints follow the terrain."""
         return self.flies and self.altitudes.frame == "ground"
 
-    def _curved_waypoints(self, whole: Points, ups: Floats, way: Points) -> Floats:
+    def _curved_waypoints(self, whole: Points, ups: Floats, path: Points) -> Floats:
         """Return the waypoints of a fixed wing's path, with turns, and with circles for changes of
         altitude.
         """
         base = float(self.elevation or 0.0) if self.altitudes.frame == "sea" else 0.0
         if self.glides:
             descent = self._plan_approach(whole[-2], ups[-1] - base)
-            # or over the landing point: the way there is free
+            # or over the landing point: the path there is free
             before = whole[:-1] if self._passes(whole[-2], descent) else whole
             whole = np.vstack([before, descent, whole[[-1, -1]]])  # its last leg is flown straight
             ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
@@ -255,7 +255,7 @@ class Flight:
         )[: len(ups)]
         then = whole[min(begin, len(whole) - 1)]
         climb = self._plan_departure(then, ups[0] - base)
-        # its first leg is flown straight; or back over home: the way from there is free
+        # its first leg is flown straight; or back over home: the path from there is free
         over_home = begin > 1 or not self._passes(climb, then)
         whole = np.vstack([whole[[0, 0]], climb, whole[begin - over_home :]])
         ups = np.append(np.full(len(whole) - len(ups) + begin, ups[0]), ups[begin:])
@@ -279,8 +279,8 @@ class Flight:
             self._waypoints_at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)
         ]
         circles = [
-            self._circle_climb(one[-2:, :2], one[-1], other[0, 2])[1:-1]
-            for one, other in pairwise(flown)
+            self._circle_climb(before_climb[-2:, :2], before_climb[-1], after_climb[0, 2])[1:-1]
+            for before_climb, after_climb in pairwise(flown)
         ]
         waypoints = np.vstack(
             [flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)]
@@ -295,18 +295,18 @@ class Flight:
             )
         if not self.glides:
             # the end is also a waypoint
-            kept = self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
-            return waypoints if kept else waypoints[:-1]
+            ends_at_waypoint = self._follows or np.hypot(*(path[-1, :2] - self.end)) <= NEAR
+            return waypoints if ends_at_waypoint else waypoints[:-1]
         if waypoints[-1, 2] > (most := self._climb_limits(last)[1][0]) + _HAIR:
             waypoints = np.vstack([waypoints, self._circle_climb(last, waypoints[-1], most)[1:]])
         return waypoints
 
-    def _climb_limits(self, way: Points) -> tuple[Floats, Floats]:
+    def _climb_limits(self, path: Points) -> tuple[Floats, Floats]:
         """Return, for each leg of a level path, the largest possible climb and the largest possible
         descent in metres.
         """
         lasting = leg_seconds(
-            np.column_stack([way, np.zeros(len(way))]), self.vehicle, rate=self.rate
+            np.column_stack([path, np.zeros(len(path))]), self.vehicle, rate=self.rate
         )
         return lasting * (self.vehicle.climb_speed or inf), lasting * (
             self.vehicle.sink_speed or inf
@@ -327,9 +327,9 @@ class Flight:
         lasting = float(self.vehicle.vertical_seconds(top - place[2]))
         length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
         count = max(1, ceil(length / (2 * pi * self.radius)))
-        way = circles(start, side, count, self.radius)
-        far = partial_sums(step_lengths(way))
-        return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])
+        path = circles(start, side, count, self.radius)
+        far = partial_sums(step_lengths(path))
+        return np.column_stack([path, place[2] + (top - place[2]) * far / far[-1]])
 
     @cached_property
     def _around(self) -> Points:
@@ -423,12 +423,12 @@ class Flight:
             self.airspace.circle_side(np.append(high, atan2(course[1], course[0])), self.radius)
         )
 
-    def _passes(self, one: Points, other: Points) -> bool:
+    def _passes(self, start: Points, end: Points) -> bool:
         """Return whether a straight leg avoids blocked areas."""
         import shapely
 
         return self.airspace.blocked is None or not shapely.intersects(
-            self.airspace.blocked, shapely.linestrings([one, other])
+            self.airspace.blocked, shapely.linestrings([start, end])
         )
 
     def _clears_terrain(self, low: Points, high: Points, up: float) -> bool:
@@ -451,14 +451,14 @@ class Flight:
             (base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all()
         )
 
-    def _waypoints_at(self, way: Points, up: float) -> Floats:
+    def _waypoints_at(self, path: Points, up: float) -> Floats:
         """Return the waypoints of a path with one altitude. With the altitude frame "ground", the
         waypoints follow the terrain.
         """
         terrain = self.altitudes.terrain
         if terrain is None or not self.flies:
-            return self._level_waypoints(way, np.full(len(way), up))
-        profile = ground_profile(terrain, way, self.frame, error=self.altitudes.error)
+            return self._level_waypoints(path, np.full(len(path), up))
+        profile = ground_profile(terrain, path, self.frame, error=self.altitudes.error)
         base = float(self.elevation or 0.0)
         if self.altitudes.frame == "ground":
             if self.vehicle.radius:  # others may climb where they stand
@@ -472,12 +472,12 @@ class Flight:
                 over[:, 2] = limit_climbs(over[:, 2], *self._climb_limits(over[:, :2]))
             return np.asarray(over)
         self._check_clears_terrain(profile, up, base if self.altitudes.frame == "home" else 0.0)
-        return self._level_waypoints(way, np.full(len(way), up))
+        return self._level_waypoints(path, np.full(len(path), up))
 
-    def _level_waypoints(self, way: Points, ups: Floats) -> Floats:
+    def _level_waypoints(self, path: Points, ups: Floats) -> Floats:
         """Return the waypoints of a path with given altitudes, which do not follow the terrain."""
         base = float(self.elevation or 0.0) if self.altitudes.frame == "sea" and self.flies else 0.0
-        return np.column_stack([way, ups - base])
+        return np.column_stack([path, ups - base])
 
     def _check_clears_terrain(self, profile: Profile, up: float, base: float) -> None:
         """Refuse a level path that meets the ground."""

@@ -14,22 +14,22 @@ from shoal.search.regions.outline import Points
 Floats = NDArray[np.float64]
 
 
-def separate_climbs(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
+def separate_climbs(path: Floats, ups: Floats) -> tuple[Floats, Floats]:
     """Return the points and altitudes of a path in which each leg is either horizontal or vertical.
 
     On each given leg, the vehicle first climbs, then flies horizontally, and then descends.
 
     Examples
     --------
-    >>> way, ups = separate_climbs(np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)]), np.array([30.0, 50.0, 30.0]))
-    >>> np.column_stack([way, ups]).tolist()
+    >>> path, ups = separate_climbs(np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)]), np.array([30.0, 50.0, 30.0]))
+    >>> np.column_stack([path, ups]).tolist()
     [[0.0, 0.0, 30.0], [0.0, 0.0, 50.0], [9.0, 0.0, 50.0], [9.0, 9.0, 50.0], [9.0, 9.0, 30.0]]
     """
-    change, moves = np.diff(ups), np.diff(way, axis=0).any(axis=1)
+    change, moves = np.diff(ups), np.diff(path, axis=0).any(axis=1)
     rises, sinks = np.flatnonzero((change > 0) & moves), np.flatnonzero((change < 0) & moves) + 1
     at = np.concatenate([rises + 1, sinks])
-    kept = np.insert(way, at, np.concatenate([way[rises], way[sinks]]), axis=0)
-    return kept, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
+    points = np.insert(path, at, np.concatenate([path[rises], path[sinks]]), axis=0)
+    return points, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
 
 
 def complete_path(
@@ -102,17 +102,17 @@ def merge_straight_legs(points: Points, tolerance: float) -> Points:
         return np.concatenate(
             [merge_straight_legs(points[begin:end], tolerance) for begin, end in pairwise(borders)]
         )
-    way = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
-    kept = [0]
-    cone = _Cone(way[0, :2], tolerance)
-    for index, (x, y) in enumerate(way[1:, :2].tolist(), start=1):
+    path = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
+    indices = [0]
+    cone = _Cone(path[0, :2], tolerance)
+    for index, (x, y) in enumerate(path[1:, :2].tolist(), start=1):
         if not cone.takes(x, y):
-            kept.append(index - 1)
-            cone = _Cone(way[index - 1, :2], tolerance)
+            indices.append(index - 1)
+            cone = _Cone(path[index - 1, :2], tolerance)
             cone.takes(x, y)
-    if kept[-1] != len(way) - 1:
-        kept.append(len(way) - 1)
-    return np.asarray(way[kept])
+    if indices[-1] != len(path) - 1:
+        indices.append(len(path) - 1)
+    return np.asarray(path[indices])
 
 
 def lengthen_short_legs(points: Points, least: float, allowed: Callable[[Points], bool]) -> Points:
@@ -137,70 +137,70 @@ def lengthen_short_legs(points: Points, least: float, allowed: Callable[[Points]
     Examples
     --------
     >>> around = np.array([(0.0, 0.0), (9.5, 0.0), (10.0, 0.5), (10.0, 9.0)])
-    >>> lengthen_short_legs(around, 1.0, lambda way: True).tolist()
+    >>> lengthen_short_legs(around, 1.0, lambda path: True).tolist()
     [[0.0, 0.0], [10.0, 0.0], [10.0, 9.0]]
     """
-    way = points[:, :2].tolist()
-    ups = points[:, 2].tolist() if points.shape[1] == 3 else [0.0] * len(way)
+    path = points[:, :2].tolist()
+    ups = points[:, 2].tolist() if points.shape[1] == 3 else [0.0] * len(path)
     refused: set[tuple[float, ...]] = set()
     k = 0
-    while k + 1 < len(way) > 2:  # the leg from k to k + 1
-        here, then = way[k], way[k + 1]
-        length = math.dist(here, then)
-        key = (*here, *then)
-        first, last = k == 0, k + 2 >= len(way)
+    while k + 1 < len(path) > 2:  # the leg from k to k + 1
+        begin, end = path[k], path[k + 1]
+        length = math.dist(begin, end)
+        key = (*begin, *end)
+        first, last = k == 0, k + 2 >= len(path)
         if not 0 < length < least or len({*ups[max(k - 1, 0) : k + 3]}) > 1 or key in refused:
             k += 1
             continue
         if first:
-            options = [[here], [here, _beyond(here, then, least)]]
+            options = [[begin], [begin, _beyond(begin, end, least)]]
         elif last:
-            options = [[then], [_beyond(then, here, least), then]]
+            options = [[end], [_beyond(end, begin, least), end]]
         else:
-            options = [[met] for met in _meeting(way[k - 1], here, then, way[k + 2], least)] + [
-                [then],
-                [here],
+            options = [[met] for met in _meeting(path[k - 1], begin, end, path[k + 2], least)] + [
+                [end],
+                [begin],
             ]
         for instead in options:
-            if allowed(np.array([*way[max(k - 1, 0) : k], *instead, *way[k + 2 : k + 3]])):
-                way[k : k + 2], ups[k : k + 2] = instead, [ups[k]] * len(instead)
+            if allowed(np.array([*path[max(k - 1, 0) : k], *instead, *path[k + 2 : k + 3]])):
+                path[k : k + 2], ups[k : k + 2] = instead, [ups[k]] * len(instead)
                 k = max(k - 1, 0)
                 break
         else:
             refused.add(key)
-    made = np.array(way)
-    return np.column_stack([made, ups]) if points.shape[1] == 3 else made
+    result = np.array(path)
+    return np.column_stack([result, ups]) if points.shape[1] == 3 else result
 
 
-def _beyond(here: list[float], then: list[float], least: float) -> list[float]:
-    """Return the point just beyond the length ``least`` on the leg from ``here``
-    through ``then``.
+def _beyond(begin: list[float], end: list[float], least: float) -> list[float]:
+    """Return the point just beyond the length ``least`` on the leg from ``begin``
+    through ``end``.
     """
-    share = (1 + 1e-6) * least / math.dist(here, then)
-    return [here[0] + share * (then[0] - here[0]), here[1] + share * (then[1] - here[1])]
+    share = (1 + 1e-6) * least / math.dist(begin, end)
+    return [begin[0] + share * (end[0] - begin[0]), begin[1] + share * (end[1] - begin[1])]
 
 
 def _meeting(
-    before: list[float], here: list[float], then: list[float], after: list[float], least: float
+    before: list[float], begin: list[float], end: list[float], after: list[float], least: float
 ) -> list[list[float]]:
-    """Return the point where the leg to ``here`` and the leg from ``then`` meet if they are
+    """Return the point where the leg to ``begin`` and the leg from ``end`` meet if they are
     extended, if it is near to both.
     """
     ax, ay, bx, by = (
-        here[0] - before[0],
-        here[1] - before[1],
-        after[0] - then[0],
-        after[1] - then[1],
+        begin[0] - before[0],
+        begin[1] - before[1],
+        after[0] - end[0],
+        after[1] - end[1],
     )
     cross = ax * by - ay * bx
     if abs(cross) <= 1e-9 * math.hypot(ax, ay) * math.hypot(bx, by):
         return []
-    far = ((then[0] - here[0]) * by - (then[1] - here[1]) * bx) / cross
-    back = ((then[0] - here[0]) * ay - (then[1] - here[1]) * ax) / cross
-    met = [here[0] + far * ax, here[1] + far * ay]
+    far = ((end[0] - begin[0]) * by - (end[1] - begin[1]) * bx) / cross
+    back = ((end[0] - begin[0]) * ay - (end[1] - begin[1]) * ax) / cross
+    met = [begin[0] + far * ax, begin[1] + far * ay]
     return (
         [met]
-        if far > 0 > back and math.dist(met, here) <= least and math.dist(met, then) <= least
+        if far > 0 > back and math.dist(met, begin) <= least and math.dist(met, end) <= least
         else []
     )
 

@@ -87,12 +87,12 @@ class _Legs:
     @classmethod
     def of(cls, flown: Trajectory) -> _Legs:
         lasts = np.diff(flown.times)
-        there = lasts > 0
-        velocities = np.diff(flown.points, axis=0)[there] / lasts[there, None]
+        moving = lasts > 0
+        velocities = np.diff(flown.points, axis=0)[moving] / lasts[moving, None]
         reach = np.zeros(len(velocities))
         reach[-1:] = flown.circle
         return cls(
-            flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities, reach
+            flown.times[:-1][moving], lasts[moving], flown.points[:-1][moving], velocities, reach
         )
 
     def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
@@ -111,8 +111,8 @@ class _Legs:
 
 
 def nearest_approach(
-    one: Trajectory,
-    other: Trajectory,
+    first: Trajectory,
+    second: Trajectory,
     *,
     vertical: float,
     later: float = 0.0,
@@ -127,7 +127,7 @@ def nearest_approach(
 
     Parameters
     ----------
-    one, other : Trajectory
+    first, second : Trajectory
     vertical : float
         Vertical separation in metres. Moments at which the vehicles keep the vertical separation do
         not count as an approach.
@@ -139,16 +139,16 @@ def nearest_approach(
 
     Examples
     --------
-    >>> there = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
+    >>> out = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
     >>> back = Trajectory(np.array([0.0, 10.0]), np.array([(100.0, 8.0, 33.0), (0.0, 8.0, 33.0)]))
-    >>> met = nearest_approach(there, back, vertical=5.0)
-    >>> met.horizontal, met.times, nearest_approach(there, back, vertical=2.0)
+    >>> met = nearest_approach(out, back, vertical=5.0)
+    >>> met.horizontal, met.times, nearest_approach(out, back, vertical=2.0)
     (8.0, (5.0, 5.0), None)
     """
-    mine, theirs = _Legs.of(one), _Legs.of(other)
-    first, second = _together(mine, theirs, later, tolerance)
+    mine, theirs = _Legs.of(first), _Legs.of(second)
+    index_of_first, index_of_second = _simultaneous_legs(mine, theirs, later, tolerance)
     level = min(vertical, _HIGHEST) - LEVEL
-    gaps = _gaps(mine, theirs, first, second)
+    gaps = _gaps(mine, theirs, index_of_first, index_of_second)
     near = np.flatnonzero(gaps[:, 2] <= level)
     if not len(near):
         return None
@@ -160,7 +160,12 @@ def nearest_approach(
         if len(part):
             best = min(
                 best,
-                _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)),
+                _least_distance(
+                    mine[index_of_first[part]],
+                    theirs[index_of_second[part]],
+                    level,
+                    (later, tolerance),
+                ),
                 key=lambda encounter: encounter[0],
             )
     if best[1] is None:
@@ -169,7 +174,7 @@ def nearest_approach(
     return Approach(best[0], float(abs(places[0, 2] - places[1, 2])), times, places)
 
 
-def _together(
+def _simultaneous_legs(
     mine: _Legs, theirs: _Legs, later: float, tolerance: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of legs that two vehicles may fly at the same time, as an index array for
@@ -209,23 +214,26 @@ def _planes(
     tolerance), with the meanings in `nearest_approach`, additional constraints demand that the two
     times are the same moment, within the tolerance.
     """
-    n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
+    n, zero, ones = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = (
         mine.points[:, 2] - theirs.points[:, 2],
         mine.velocities[:, 2],
         theirs.velocities[:, 2],
     )
     rows = [
-        (-one, zero, zero),
-        (one, zero, mine.lasts),
-        (zero, -one, zero),
-        (zero, one, theirs.lasts),
+        (-ones, zero, zero),
+        (ones, zero, mine.lasts),
+        (zero, -ones, zero),
+        (zero, ones, theirs.lasts),
         (rise, -fall, level - up),
         (-rise, fall, level + up),
     ]
     if shift is not None:
         ahead = mine.begins - theirs.begins
-        rows += [(one, -one, shift[0] + shift[1] - ahead), (-one, one, shift[1] - shift[0] + ahead)]
+        rows += [
+            (ones, -ones, shift[0] + shift[1] - ahead),
+            (-ones, ones, shift[1] - shift[0] + ahead),
+        ]
     table = np.array([[*row] for row in rows])
     assert table.shape[2] == n
     return np.moveaxis(table[:, :2], 2, 0), table[:, 2].T
@@ -243,21 +251,21 @@ def _edges(
     """
     normals, limits = np.moveaxis(normals, 1, 0), limits.T
     square = (normals**2).sum(axis=-1)
-    there = square > 0
-    point = normals * (limits / np.where(there, square, 1.0))[..., None]
+    nondegenerate = square > 0
+    point = normals * (limits / np.where(nondegenerate, square, 1.0))[..., None]
     along = left_of(normals)
-    low, high = np.full(there.shape, -np.inf), np.full(there.shape, np.inf)
-    low[~there] = np.inf
+    low, high = np.full(nondegenerate.shape, -np.inf), np.full(nondegenerate.shape, np.inf)
+    low[~nondegenerate] = np.inf
     for number, (normal, limit) in enumerate(zip(normals, limits, strict=True)):
         slope = (normal * along).sum(axis=-1)
-        room = limit - (normal * point).sum(axis=-1)
+        slack = limit - (normal * point).sum(axis=-1)
         flat = np.abs(slope) <= _HAIR * np.sqrt(square * square[number])
-        reach = room / np.where(flat, 1.0, slope)
+        reach = slack / np.where(flat, 1.0, slope)
         # a constraint does not bound its own border
         other = (np.arange(len(normals)) != number)[:, None]
         high = np.where(other & ~flat & (slope > 0), np.minimum(high, reach), high)
         low = np.where(other & ~flat & (slope < 0), np.maximum(low, reach), low)
-        low = np.where(other & flat & (room < -_HAIR * (1.0 + np.abs(limit))), np.inf, low)
+        low = np.where(other & flat & (slack < -_HAIR * (1.0 + np.abs(limit))), np.inf, low)
     empty = np.isfinite(low) & np.isfinite(high) & (high < low)
     bottom = np.where(empty, low, 0.0)
     touching = empty & (bottom - np.where(empty, high, 0.0) <= _HAIR * (1.0 + np.abs(bottom)))
@@ -268,7 +276,7 @@ def _edges(
     return point, along, low, np.where(touching, low, high), start + base, change
 
 
-def _least(
+def _least_distance(
     mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 ) -> tuple[float, Any]:
     """Return the smallest horizontal distance in metres on any pair of legs, and the times and
@@ -280,10 +288,10 @@ def _least(
     point, along, low, high, base, change = _edges(start, mine, theirs, normals, limits)
     square = (change**2).sum(axis=-1)
     best = -(base * change).sum(axis=-1) / np.where(square > 0, square, 1.0)
-    there = (low <= high) & np.isfinite(low) & np.isfinite(high)
-    at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))[..., None]
+    feasible = (low <= high) & np.isfinite(low) & np.isfinite(high)
+    at = np.clip(best, np.where(feasible, low, 0.0), np.where(feasible, high, 0.0))[..., None]
     offsets = base + at * change
-    distances = np.where(there, np.hypot(offsets[..., 0], offsets[..., 1]), np.inf)
+    distances = np.where(feasible, np.hypot(offsets[..., 0], offsets[..., 1]), np.inf)
     apart = np.maximum(np.vstack([crossing[None], distances]) - mine.reach - theirs.reach, 0.0)
     which, k = np.unravel_index(int(np.argmin(apart)), apart.shape)
     if not np.isfinite(apart[which, k]):
@@ -299,7 +307,9 @@ def _least(
     return float(apart[which, k]), (times, places)
 
 
-def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _solve_crossing(
+    start: Floats, mine: Floats, theirs: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Return, for each pair of legs, when each vehicle is at the point where the legs cross on a
     map, and whether the legs cross.
 
@@ -308,11 +318,11 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
     """
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
-    there = np.abs(cross) > _HAIR * scale
-    divisor = np.where(there, cross, 1.0)
+    crosses = np.abs(cross) > _HAIR * scale
+    divisor = np.where(crosses, cross, 1.0)
     first = (theirs[:, 0] * start[:, 1] - theirs[:, 1] * start[:, 0]) / divisor
     second = (mine[:, 0] * start[:, 1] - mine[:, 1] * start[:, 0]) / divisor
-    return np.stack([first, second], axis=1), there
+    return np.stack([first, second], axis=1), crosses
 
 
 def _crossing(
@@ -323,17 +333,19 @@ def _crossing(
 
     The distance is 0 if the legs cross within the constraints, and otherwise infinite.
     """
-    times, there = _solved(start, mine, theirs)
-    good = there & _within(times, normals, limits)
+    times, crosses = _solve_crossing(start, mine, theirs)
+    good = crosses & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times
 
 
 def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]:
-    room = limits - (normals * times[:, None]).sum(axis=2)
-    return np.asarray((room >= -_HAIR * (1.0 + np.abs(limits))).all(axis=1))
+    slack = limits - (normals * times[:, None]).sum(axis=2)
+    return np.asarray((slack >= -_HAIR * (1.0 + np.abs(limits))).all(axis=1))
 
 
-def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
+def conflicts(
+    first: Trajectory, second: Trajectory, *, horizontal: float, vertical: float
+) -> Floats:
     """Return the intervals of start time differences for which two vehicles come too close;
     float64, shape (k, 2).
 
@@ -343,57 +355,59 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
     Parameters
     ----------
-    one, other : Trajectory
+    first, second : Trajectory
     horizontal, vertical : float
         Required horizontal and vertical separation in metres.
 
     Examples
     --------
-    >>> there = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
+    >>> out = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
     >>> across = Trajectory(np.array([0.0, 10.0]), np.array([(50.0, -50.0, 30.0), (50.0, 50.0, 30.0)]))
-    >>> conflicts(there, across, horizontal=10.0, vertical=5.0).round(3).tolist()
+    >>> conflicts(out, across, horizontal=10.0, vertical=5.0).round(3).tolist()
     [[-1.414, 1.414]]
     """
     import shapely
 
-    mine, theirs = _Legs.of(one), _Legs.of(other)
+    mine, theirs = _Legs.of(first), _Legs.of(second)
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     boxes = shapely.box(*(below[:, :2] - horizontal).T, *(above[:, :2] + horizontal).T)
-    first, second = shapely.STRtree(boxes).query(shapely.box(*low[:, :2].T, *high[:, :2].T))
-    near = _gaps(mine, theirs, first, second)[:, 2] <= vertical - LEVEL
+    index_of_first, index_of_second = shapely.STRtree(boxes).query(
+        shapely.box(*low[:, :2].T, *high[:, :2].T)
+    )
+    near = _gaps(mine, theirs, index_of_first, index_of_second)[:, 2] <= vertical - LEVEL
     if not near.any():
         return np.zeros((0, 2))
-    a, b = mine[first[near]], theirs[second[near]]
+    a, b = mine[index_of_first[near]], theirs[index_of_second[near]]
     normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
     start = a.points[:, :2] - b.points[:, :2]
     begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
     tangents = _tangents(start, a.velocities, b.velocities, normals, limits, near_by)
     point, along, low, high, base, change = _edges(start, a, b, normals, limits)
-    least, most = _near(base, change, near_by, low, high)
-    there = ((least <= most) & np.isfinite(least) & np.isfinite(most))[..., None]
-    ends = np.where(there, np.stack([least, most], axis=-1), 0.0)
+    least, most = _close_interval(base, change, near_by, low, high)
+    feasible = ((least <= most) & np.isfinite(least) & np.isfinite(most))[..., None]
+    ends = np.where(feasible, np.stack([least, most], axis=-1), 0.0)
     shifts = (point[..., :1] - point[..., 1:]) + ends * (along[..., :1] - along[..., 1:])
-    intervals = np.where(there, np.sort(shifts, axis=-1), [np.inf, -np.inf])
+    intervals = np.where(feasible, np.sort(shifts, axis=-1), [np.inf, -np.inf])
     every = np.concatenate([tangents[None], intervals])
     return merge_intervals(
         np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
     )
 
 
-def _near(
+def _close_interval(
     base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats
 ) -> tuple[Floats, Floats]:
     """Return both ends of the part of each interval in which two vehicles are closer than the
     horizontal separation.
     """
     square, half = (change**2).sum(axis=-1), (base * change).sum(axis=-1)
-    rest = (base**2).sum(axis=-1) - horizontal**2
+    excess = (base**2).sum(axis=-1) - horizontal**2
     still = square <= _HAIR**2
-    root = half**2 - square * rest
+    root = half**2 - square * excess
     width = np.sqrt(np.maximum(root, 0.0)) / np.where(still, 1.0, square)
     middle = -half / np.where(still, 1.0, square)
     least = np.where(still, least, np.maximum(least, middle - width))
-    most = np.where(still, np.where(rest <= 0, most, -np.inf), np.minimum(most, middle + width))
+    most = np.where(still, np.where(excess <= 0, most, -np.inf), np.minimum(most, middle + width))
     return least, np.where(~still & (root < 0), -np.inf, most)
 
 
@@ -405,21 +419,21 @@ def _tangents(
 
     If a difference would violate a constraint, the result is infinite instead.
     """
-    middle, there = _solved(start, mine, theirs)
+    middle, crosses = _solve_crossing(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction
     # M^-T (1, -1).
-    cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
+    cross = np.where(crosses, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
     # The inverse of M has the rows (theirs_y, -theirs_x) / cross and (mine_y, -mine_x) / cross.
     rows = (
         np.stack([theirs[:, [1, 0]] * [1, -1], mine[:, [1, 0]] * [1, -1]], axis=1)
         / cross[:, None, None]
     )
-    way = rows[:, 0] - rows[:, 1]
-    way /= np.maximum(np.hypot(*way.T), np.finfo(float).tiny)[:, None]
+    direction = rows[:, 0] - rows[:, 1]
+    direction /= np.maximum(np.hypot(*direction.T), np.finfo(float).tiny)[:, None]
     edges = np.full((2, len(start)), np.inf)
     for k, sign in enumerate((-1.0, 1.0)):
-        times = middle + sign * horizontal[:, None] * (rows * way[:, None]).sum(axis=2)
-        good = there & _within(times, normals, limits)
+        times = middle + sign * horizontal[:, None] * (rows * direction[:, None]).sum(axis=2)
+        good = crosses & _within(times, normals, limits)
         edges[k] = np.where(good, times[:, 0] - times[:, 1], -sign * np.inf)
     return np.stack([edges[0], edges[1]], axis=1)
 
@@ -434,14 +448,15 @@ def merge_intervals(intervals: Floats) -> Floats:
     >>> merge_intervals(np.array([(3.0, 4.0), (0.0, 2.0), (1.0, 2.5), (9.0, 8.0)])).tolist()
     [[0.0, 2.5], [3.0, 4.0]]
     """
-    kept = intervals[intervals[:, 0] <= intervals[:, 1]]
-    kept = kept[np.argsort(kept[:, 0], kind="stable")]
-    if not len(kept):
+    ordered = intervals[intervals[:, 0] <= intervals[:, 1]]
+    ordered = ordered[np.argsort(ordered[:, 0], kind="stable")]
+    if not len(ordered):
         return np.zeros((0, 2))
-    ends = np.maximum.accumulate(kept[:, 1])
-    new = np.concatenate([[True], kept[1:, 0] > ends[:-1]])
+    ends = np.maximum.accumulate(ordered[:, 1])
+    new = np.concatenate([[True], ordered[1:, 0] > ends[:-1]])
     return np.stack(
-        [kept[new, 0], ends[np.concatenate([np.flatnonzero(new)[1:] - 1, [len(kept) - 1]])]], axis=1
+        [ordered[new, 0], ends[np.concatenate([np.flatnonzero(new)[1:] - 1, [len(ordered) - 1]])]],
+        axis=1,
     )
 
 
@@ -491,8 +506,8 @@ def stagger_starts(
 
     Examples
     --------
-    >>> way = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
-    >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), way)
+    >>> path = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
+    >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), path)
     >>> layers, delays = stagger_starts([lambda layer: [flight]] * 2, Separation())
     >>> layers.tolist(), delays.tolist()
     ([0, 0], [0.0, 71.0])
@@ -509,7 +524,7 @@ def stagger_starts(
         if not flown[vehicle](0):
             continue
         options = range(opened + 1) if layers is None else [layers[vehicle]]
-        others = [
+        started = [
             *before,
             *(
                 (flown[earlier](int(chosen[earlier])), float(delays[earlier]))
@@ -518,7 +533,9 @@ def stagger_starts(
         ]
         choices: list[tuple[float, int, float]] = []
         for layer in options:
-            delay = _earliest(flown[vehicle](layer), others, separation, float(least[vehicle]))
+            delay = _earliest_delay(
+                flown[vehicle](layer), started, separation, float(least[vehicle])
+            )
             dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
             choices.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
             if choices[-1][0] <= end:
@@ -532,7 +549,7 @@ def stagger_starts(
     return chosen, delays
 
 
-def _earliest(
+def _earliest_delay(
     mine: Sequence[Trajectory], others: Sequence[Started], separation: Separation, delay: float
 ) -> float:
     """Return the smallest delay, at least ``delay``, with which a vehicle keeps apart from vehicles
@@ -542,9 +559,12 @@ def _earliest(
     for theirs, started in others:
         if started + max(part.duration for part in theirs) + separation.delay < delay:
             continue  # it has landed, however late it is
-        for one, other in zip(mine, theirs, strict=True):
+        for own_flight, other_flight in zip(mine, theirs, strict=True):
             apart = conflicts(
-                one, other, horizontal=separation.horizontal, vertical=separation.vertical
+                own_flight,
+                other_flight,
+                horizontal=separation.horizontal,
+                vertical=separation.vertical,
             )
             # With both uncertainties, the start differs by delay - started, plus or minus the
             # tolerance.

@@ -17,7 +17,7 @@ from shoal.search.flight.flight import Flight
 from shoal.search.flight.timing import Trajectory
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 
-Ways = Callable[[Points, Points], ArrayLike]
+PathFinder = Callable[[Points, Points], ArrayLike]
 
 _FLAT = 2e-4  # relative to the time: difference between north in the plane and north on Earth
 _ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
@@ -38,12 +38,12 @@ class Sorties:
 
     Parameters
     ----------
-    way : ndarray of float64, shape (k, 2) or (k, 3)
+    path : ndarray of float64, shape (k, 2) or (k, 3)
         Path in metres, with altitudes in the third column.
     flight : Flight
     most_waypoints : int
         Maximum number of waypoints in a sortie.
-    ways : callable or None
+    find_path : callable or None
         Function that computes the path between home and a point of the route; see
         `shoal.missions.split_missions`.
     robot : int
@@ -54,18 +54,18 @@ class Sorties:
 
     def __init__(
         self,
-        way: Points,
+        path: Points,
         flight: Flight,
         most_waypoints: int,
-        ways: Ways | None,
+        find_path: PathFinder | None,
         robot: int,
         out: int,
     ) -> None:
-        self.way, self.flight, self.ways, self.robot = way, flight, ways, robot
+        self.path, self.flight, self.find_path, self.robot = path, flight, find_path, robot
         self.most_waypoints = most_waypoints
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
-        self.at = partial_sums(np.linalg.norm(np.diff(way, axis=0), axis=1))
+        self.at = partial_sums(np.linalg.norm(np.diff(path, axis=0), axis=1))
         self.searching_from = float(self.at[out])
         # what was tried is flown, too: most paths are one sortie, tried once
         self._tried: dict[tuple[float, float], NDArray[np.float64]] = {}
@@ -85,7 +85,7 @@ class Sorties:
 
     def searching(self) -> list[tuple[Trajectory, float, float]]:
         """Return the trajectory of each sortie, and when its search begins and ends."""
-        found = []
+        searches = []
         for begin, until in self._sections():
             flown, waypoints = self._trajectory(begin, until), self._sortie(begin, until)
             out, back = self._count_beside(waypoints, begin, until)
@@ -93,8 +93,8 @@ class Sorties:
             away = np.hypot(*(flown.points[:, None, :2] - places).transpose(2, 0, 1))
             first = int(np.argmax(away[:, 0] < NEAR))
             last = len(away) - 1 - int(np.argmax(away[::-1, 1] < NEAR))
-            found.append((flown, float(flown.times[first]), float(flown.times[last])))
-        return found
+            searches.append((flown, float(flown.times[first]), float(flown.times[last])))
+        return searches
 
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
@@ -208,7 +208,7 @@ class Sorties:
 
     def _waypoints(self, begin: float, until: float) -> NDArray[np.float64]:
         flight = self._flight(until)
-        out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
+        out, back = self._path_to(self.home, begin)[::-1], self._path_to(flight.end, until)
         out, between, back = map(
             flight.lengthen_short_legs, (out, self._between(begin, until), back)
         )
@@ -223,12 +223,12 @@ class Sorties:
         A fixed wing may pass an end of the section between two waypoints. In this case, the whole
         leg belongs to the search.
         """
-        way = waypoints[:, :2]
+        path = waypoints[:, :2]
         first, last = (
             self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until)
         )
-        before = min(_passing(way, first), len(way) - 1)
-        return before, min(_passing(way[::-1], last), len(way) - 1 - before)
+        before = min(_count_before(path, first), len(path) - 1)
+        return before, min(_count_before(path[::-1], last), len(path) - 1 - before)
 
     def _flight(self, until: float) -> Flight:
         """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all
@@ -238,9 +238,9 @@ class Sorties:
 
     def _point(self, at: float) -> Points:
         """Return the point at the distance ``at`` along the path."""
-        return np.array([np.interp(at, self.at, column) for column in self.way.T])
+        return np.array([np.interp(at, self.at, column) for column in self.path.T])
 
-    def _way_to(self, end: Points, at: float) -> Points:
+    def _path_to(self, end: Points, at: float) -> Points:
         """Return the path from a point of the route to home or to the landing point, including both
         ends.
         """
@@ -248,17 +248,17 @@ class Sorties:
         if key in self._home:
             return self._home[key]
         point = self._point(at)
-        way = np.array([point[:2], end])
-        if self.ways is not None and not np.array_equal(*way):
-            path = check_plane_points(self.ways(point[:2], end), what="way home")
-            way = path if len(path) >= 2 else way
+        points = np.array([point[:2], end])
+        if self.find_path is not None and not np.array_equal(*points):
+            path = check_plane_points(self.find_path(point[:2], end), what="path home")
+            points = path if len(path) >= 2 else points
         # the whole path has the altitude of the point
-        self._home[key] = np.column_stack([way, np.tile(point[2:], (len(way), 1))])
+        self._home[key] = np.column_stack([points, np.tile(point[2:], (len(points), 1))])
         return self._home[key]
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the points of the path between two distances along the path, with both ends."""
-        inner = self.way[(self.at > begin) & (self.at < until)]
+        inner = self.path[(self.at > begin) & (self.at < until)]
         ends = [self._point(begin)] if until == begin else [self._point(begin), self._point(until)]
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
 
@@ -276,8 +276,8 @@ class Sorties:
                 f" paths from home to {text_of(self._point(begin))} and back have {len(shortest)}"
                 " waypoints"
             )
-        away = np.hypot(*(self.way[:, :2] - self.home).T)
-        farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
+        away = np.hypot(*(self.path[:, :2] - self.home).T)
+        farthest = self.path[int(np.argmax(away))]  # the next obstacle to progress
         needed = self.flight.trajectory(self.flight.waypoints(farthest[None])).duration
         because = f"{text_of(farthest)} is {away.max():.6g} m from home"
         if needed <= self.limit:  # the paths from home and back are longer than straight paths
@@ -290,16 +290,18 @@ class Sorties:
         )
 
 
-def _passing(way: Points, point: Points) -> int:
+def _count_before(path: Points, point: Points) -> int:
     """Return the number of waypoints before a path first passes a point; 0 if the path does not
     pass the point.
     """
-    legs = np.diff(way, axis=0)
+    legs = np.diff(path, axis=0)
     far = np.clip(
-        ((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0
+        ((point - path[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12),
+        0.0,
+        1.0,
     )
-    near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
+    near = np.flatnonzero(np.hypot(*(path[:-1] + far[:, None] * legs - point).T) < NEAR)
     # a vertical leg has both its ends at one place
-    if not len(near) or np.hypot(*(way[0] - point)) < NEAR:
+    if not len(near) or np.hypot(*(path[0] - point)) < NEAR:
         return 0
-    return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)
+    return int(near[0]) + int(np.hypot(*(path[near[0] + 1] - point)) < NEAR)

@@ -120,18 +120,18 @@ class Terrain:
             for i in (0, 1)
         ]
         weights = [(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down]
-        found = sum(
+        heights = sum(
             np.where(weight == 0, 0.0, weight * corner)
             for weight, corner in zip(weights, corners, strict=True)
         )
-        lost = ~inside | ~np.isfinite(found)
+        lost = ~inside | ~np.isfinite(heights)
         if lost.any():
             place = text_of(points[int(np.argmax(lost))])
             raise InvalidInputError(
                 f"{self.name}: expected heights of the ground under the whole path, got none at"
                 f" {place}"
             )
-        return np.asarray(found, dtype=np.float64)
+        return np.asarray(heights, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
         """Return the largest deviation from a plane, in metres, of the grid cells that contain the
@@ -141,15 +141,15 @@ class Terrain:
         the other three corners.
         """
         column, row = self._cells(places)
-        one = (
+        next_cell = (
             np.minimum(column + 1, self.heights.shape[1] - 1),
             np.minimum(row + 1, self.heights.shape[0] - 1),
         )
         bends = (
             self.heights[row, column]
-            - self.heights[row, one[0]]
-            - self.heights[one[1], column]
-            + self.heights[one[1], one[0]]
+            - self.heights[row, next_cell[0]]
+            - self.heights[next_cell[1], column]
+            + self.heights[next_cell[1], next_cell[0]]
         )
         return float(np.nanmax(np.abs(bends), initial=0.0))
 
@@ -192,7 +192,7 @@ class Profile:
 
 
 def ground_profile(
-    terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float
+    terrain: Terrain, path: Points, frame: LocalFrame | None, *, error: float
 ) -> Profile:
     """Return ground heights below a path: at the path's vertices, at every crossed grid line, and
     at points in between.
@@ -200,7 +200,7 @@ def ground_profile(
     Parameters
     ----------
     terrain : Terrain
-    way : ndarray of float64, shape (k, 2)
+    path : ndarray of float64, shape (k, 2)
         Vertices of the path in metres.
     frame : LocalFrame or None
     error : float
@@ -208,7 +208,7 @@ def ground_profile(
         deviates from a straight line by at most an eighth of ``error``, unless the terrain is too
         rough.
     """
-    ends = terrain.grid_points(way, frame)
+    ends = terrain.grid_points(path, frame)
     spans = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0)
     fine = _FINE
     while True:
@@ -222,7 +222,7 @@ def ground_profile(
         shares = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[
             legs
         ]
-        places = terrain.grid_points(_along(way, legs, shares), frame)
+        places = terrain.grid_points(_along(path, legs, shares), frame)
         rough = terrain.twist(places) / (4 * fine * fine)
         if rough <= error / 8 or fine >= _FINEST:
             break
@@ -236,14 +236,14 @@ def ground_profile(
     )
     along = np.unique(along)
     legs = np.minimum(along.astype(np.int64), len(counts) - 1)
-    points = _along(way, legs, along - legs)
-    vertices = np.searchsorted(along, np.arange(len(way)))
-    points[vertices] = way
+    points = _along(path, legs, along - legs)
+    vertices = np.searchsorted(along, np.arange(len(path)))
+    points[vertices] = path
     return Profile(points, terrain.at(points, frame), vertices, rough)
 
 
-def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
-    return np.asarray(way[legs] + shares[:, None] * (way[legs + 1] - way[legs]))
+def _along(path: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
+    return np.asarray(path[legs] + shares[:, None] * (path[legs + 1] - path[legs]))
 
 
 def _crossings(along: Floats, places: Points) -> Floats:
@@ -253,15 +253,15 @@ def _crossings(along: Floats, places: Points) -> Floats:
     path crosses at most one vertical and one horizontal grid line.
     """
     along = np.append(along, np.ceil(along[-1] + 1e-12))
-    found = []
+    positions = []
     for axis in (0, 1):
         cell = np.floor(places[:, axis])
         crosses = np.flatnonzero(cell[:-1] != cell[1:])
         line = np.maximum(cell[:-1], cell[1:])[crosses]
         step = places[crosses + 1, axis] - places[crosses, axis]
         share = np.clip((line - places[crosses, axis]) / step, 0.0, 1.0)
-        found.append(along[crosses] + share * (along[crosses + 1] - along[crosses]))
-    return np.concatenate(found)
+        positions.append(along[crosses] + share * (along[crosses + 1] - along[crosses]))
+    return np.concatenate(positions)
 
 
 def limit_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
@@ -312,21 +312,21 @@ def follow_terrain(profile: Profile, clearance: float, error: float) -> Floats:
     >>> follow_terrain(hill, 30.0, 2.0).tolist()
     [[0.0, 0.0, 30.0], [50.0, 0.0, 50.0], [100.0, 0.0, 30.0]]
     """
-    wanted = profile.heights + clearance
+    heights = profile.heights + clearance
     most = max(_SHARE * error - profile.rough, 0.0)
     far = partial_sums(step_lengths(profile.points))
     chosen = np.zeros(len(far), dtype=np.bool_)
     chosen[profile.vertices] = True
     while True:
-        kept = np.flatnonzero(chosen)
-        away = np.abs(np.interp(far, far[kept], wanted[kept]) - wanted)
-        begins = kept[:-1]
+        indices = np.flatnonzero(chosen)
+        away = np.abs(np.interp(far, far[indices], heights[indices]) - heights)
+        begins = indices[:-1]
         worst = np.maximum.reduceat(away, begins) if len(begins) else np.zeros(0)
         wrong = np.flatnonzero(worst > most)
         if not len(wrong):
-            return np.column_stack([profile.points[kept], wanted[kept]])
+            return np.column_stack([profile.points[indices], heights[indices]])
         for stretch in wrong.tolist():
-            begin, end = kept[stretch], kept[stretch + 1]
+            begin, end = indices[stretch], indices[stretch + 1]
             chosen[begin + int(np.argmax(away[begin:end]))] = True
 
 
@@ -478,9 +478,9 @@ def _geotiff(source: Path) -> Terrain:
             f"{source}: expected the EPSG code of a coordinate reference system, got"
             f" {code or 'none'}"
         )
-    said = str(tags.get(_NO_DATA, "")).strip(" \x00")
+    no_data = str(tags.get(_NO_DATA, "")).strip(" \x00")
     return Terrain(
-        _without(heights, said),
+        _mask_no_data(heights, no_data),
         west,
         north,
         steps,
@@ -534,7 +534,7 @@ def _placement(
     return x + half * across, y - half * down, (across, down)
 
 
-def _without(heights: Floats, no_data: str) -> Floats:
+def _mask_no_data(heights: Floats, no_data: str) -> Floats:
     """Return heights in which missing values are replaced by NaN."""
     try:
         missing = float(no_data)
@@ -548,7 +548,7 @@ def _without(heights: Floats, no_data: str) -> Floats:
 def _ascii_grid(source: Path) -> Terrain:
     try:
         with source.open(encoding="utf-8-sig") as file:
-            head, line, number = _head(source, file)
+            head, line, number = _read_header(source, file)
             rows, columns = int(head["nrows"]), int(head["ncols"])
             _check_size(source, rows, columns)
             heights = _numbers(source, file, line, number, rows * columns).reshape(rows, columns)
@@ -572,12 +572,12 @@ def _ascii_grid(source: Path) -> Terrain:
     size = head["cellsize"]
     half = 0.0 if "xllcenter" in head else 0.5
     west, south = corner[0] + half * size, corner[1] + half * size
-    heights = _without(heights, str(head.get("nodata_value", -9999.0)))
+    heights = _mask_no_data(heights, str(head.get("nodata_value", -9999.0)))
     north = south + (rows - 1) * size
     return Terrain(heights, west, north, (size, size), _system_beside(source), str(source))
 
 
-def _head(source: Path, file: TextIO) -> tuple[dict[str, float], str, int]:
+def _read_header(source: Path, file: TextIO) -> tuple[dict[str, float], str, int]:
     """Read the head of an ESRI ASCII grid. Return its fields, the first line after the head, and
     the number of this line.
     """
@@ -609,11 +609,11 @@ def _numbers(source: Path, file: TextIO, text: str, number: int, count: int) -> 
     """Read ``count`` numbers from a text, which begins in the line ``number``, and from the rest of
     a file, piece by piece.
     """
-    found, filled = np.empty(count), 0
+    values, filled = np.empty(count), 0
     while True:
-        piece = file.read(_AT_ONCE)
-        text += piece
-        cut = len(text) if not piece else max(text.rfind(blank) for blank in " \n\t") + 1
+        chunk = file.read(_AT_ONCE)
+        text += chunk
+        cut = len(text) if not chunk else max(text.rfind(blank) for blank in " \n\t") + 1
         words, text = text[:cut], text[cut:]
         try:
             numbers = np.array(words.split(), dtype=np.float64)
@@ -630,16 +630,16 @@ def _numbers(source: Path, file: TextIO, text: str, number: int, count: int) -> 
             raise InvalidInputError(
                 f"{source}, line {number}: expected numbers, got {shortened(text[:60])}"
             )
-        found[filled : filled + len(numbers)] = numbers
+        values[filled : filled + len(numbers)] = numbers
         filled, number = filled + len(numbers), number + words.count("\n")
-        if not piece:
+        if not chunk:
             break
     if filled != count:
         raise InvalidInputError(
             f"{source}: expected {count} heights, ncols times nrows, got {filled}"
         )
-    found[~np.isfinite(found)] = np.nan
-    return found
+    values[~np.isfinite(values)] = np.nan
+    return values
 
 
 def _wrong_line(text: str, number: int) -> tuple[int, str]:

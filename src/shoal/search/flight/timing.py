@@ -57,13 +57,13 @@ class Trajectory:
 
         Before the first time and after the last time of the trajectory, the vehicle stands still.
         """
-        asked = np.asarray(times, dtype=np.float64)
+        moments = np.asarray(times, dtype=np.float64)
         return np.stack(
-            [np.interp(asked, self.times, self.points[:, axis]) for axis in range(3)], axis=-1
+            [np.interp(moments, self.times, self.points[:, axis]) for axis in range(3)], axis=-1
         )
 
 
-def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) -> Trajectory:
+def trajectory(path: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
     The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the
@@ -75,7 +75,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
 
     Parameters
     ----------
-    way : array_like of float, shape (k, 3), k >= 1
+    path : array_like of float, shape (k, 3), k >= 1
         Points of the path as metres east, metres north and metres up.
     vehicle : Vehicle
     rate : float, or ndarray of float64 of shape (k - 1,)
@@ -88,7 +88,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
     >>> flown.times.tolist()
     [0.0, 1.0, 16.0, 18.0, 28.0, 30.0, 60.0, 61.0]
     """
-    points = check_points(way, what="way", dimensions=3)
+    points = check_points(path, what="path", dimensions=3)
     turning, legs = vehicle.turn_seconds, leg_seconds(points, vehicle, rate=rate)
     pauses = np.full(len(points), 0.0)
     if turning:
@@ -103,8 +103,8 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
     stands = pauses > 0
     arrivals = partial_sums(legs) + partial_sums(pauses[:-1])
     times = np.stack([arrivals, arrivals + pauses], axis=1)
-    kept = np.stack([np.ones(len(points), dtype=np.bool_), stands], axis=1).ravel()
-    return Trajectory(times.ravel()[kept], np.repeat(points, 2, axis=0)[kept])
+    present = np.stack([np.ones(len(points), dtype=np.bool_), stands], axis=1).ravel()
+    return Trajectory(times.ravel()[present], np.repeat(points, 2, axis=0)[present])
 
 
 def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float | Floats = 1.0) -> Floats:
@@ -116,9 +116,9 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float | Floats = 1.0)
     moving = lengths > 0
     along = np.zeros(len(legs))
     rates = np.broadcast_to(rate, lengths.shape)
-    for one in np.unique(rates[moving]).tolist():
-        faster = vehicle if one == 1.0 else vehicle.replaced(cruise_speed=vehicle.cruise * one)
-        alike = moving & (rates == one)
+    for value in np.unique(rates[moving]).tolist():
+        faster = vehicle if value == 1.0 else vehicle.replaced(cruise_speed=vehicle.cruise * value)
+        alike = moving & (rates == value)
         along[alike] = lengths[alike] / faster.ground_speed(legs[alike, :2])
     return np.maximum(along, vehicle.vertical_seconds(legs[:, 2]))
 
@@ -135,10 +135,10 @@ def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
+    moving = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     sharp = np.zeros(len(points) - 2, dtype=np.bool_)
-    apart = step_lengths(headings[here]) > STRAIGHT
-    sharp[here[1:][apart] - 1] = True
+    apart = step_lengths(headings[moving]) > STRAIGHT
+    sharp[moving[1:][apart] - 1] = True
     return sharp
 
 
@@ -176,9 +176,9 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     if reach <= 0 or not shares.any():
         return shares
     legs = np.diff(points, axis=0)
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
-    lengths = np.hypot(legs[here, 0], legs[here, 1])
-    headings = legs[here, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
+    moving = np.flatnonzero(np.abs(legs).max(axis=1) > still)
+    lengths = np.hypot(legs[moving, 0], legs[moving, 1])
+    headings = legs[moving, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
     apart = step_lengths(headings)
     gentle = (apart > STRAIGHT) & (apart <= CORNER)
     if not gentle.any():
@@ -194,7 +194,7 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     squares = np.ones(len(apart))  # of the speeds, divided by the cruise speed
     squares[gentle] = np.minimum(touches[gentle] / np.tan(half) / reach, 1.0)
     if (squares == 1.0).all():
-        shares[here[1:][gentle] - 1] = 0.0
+        shares[moving[1:][gentle] - 1] = 0.0
         return shares
     # Between two bends, the square of the speed changes by at most 2 a l. Nothing is carried across
     # a stop.
@@ -208,12 +208,14 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     lost = np.where(gentle, 2 * touches / reach * (1 / speeds - 1), 0.0)
     ends = np.concatenate([[1.0], speeds, [1.0]])
     free = np.maximum(lengths - np.append(0.0, touches) - np.append(touches, 0.0), 0.0)
-    one, other = ends[:-1], ends[1:]
-    top = np.sqrt(np.minimum((one**2 + other**2) / 2 + free / reach, 1.0))
-    slower = np.maximum(2 * top - one - other - (2 * top**2 - one**2 - other**2) / 2, 0.0)
+    entry_speed, exit_speed = ends[:-1], ends[1:]
+    top = np.sqrt(np.minimum((entry_speed**2 + exit_speed**2) / 2 + free / reach, 1.0))
+    slower = np.maximum(
+        2 * top - entry_speed - exit_speed - (2 * top**2 - entry_speed**2 - exit_speed**2) / 2, 0.0
+    )
     lost += (slower[:-1] + slower[1:]) / 2
     lost[0], lost[-1] = lost[0] + slower[0] / 2, lost[-1] + slower[-1] / 2
-    shares[here[1:] - 1] = stops + np.maximum(lost, 0.0)  # rounding can make it negative
+    shares[moving[1:] - 1] = stops + np.maximum(lost, 0.0)  # rounding can make it negative
     return shares
 
 

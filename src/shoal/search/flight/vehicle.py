@@ -212,13 +212,13 @@ class Vehicle(Problem):
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other."""
-        given = [name for name in _LENS if getattr(self, name) is not None]
-        if given and len(given) < len(_LENS):
-            missing = next(name for name in _LENS if name not in given)
+        lens = [name for name in _LENS if getattr(self, name) is not None]
+        if lens and len(lens) < len(_LENS):
+            missing = next(name for name in _LENS if name not in lens)
             raise InvalidInputError(
-                f"{missing}: expected a value together with {given[0]}, got none"
+                f"{missing}: expected a value together with {lens[0]}, got none"
             )
-        if given and self.detector_width is not None:
+        if lens and self.detector_width is not None:
             raise InvalidInputError("detector_width: expected a detector or a camera, got both")
         if self.kind == "rover":
             for name in ("altitude", "wind_speed", "turn_radius", "climb_speed", "sink_speed"):
@@ -231,7 +231,7 @@ class Vehicle(Problem):
                 "altitude: expected a number of metres above 0 for a vehicle that flies, got"
                 f" {self.altitude!r}"
             )
-        if given and not self.altitude:
+        if lens and not self.altitude:
             raise InvalidInputError(
                 "sensor_width: expected no camera for a rover, whose altitude is 0; give"
                 " detector_width"
@@ -378,14 +378,14 @@ class Vehicle(Problem):
             self.sink_speed or inf
         )
 
-    def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
+    def ground_speed(self, directions: ArrayLike) -> NDArray[np.float64]:
         """Return the ground speed in m/s along given directions, for a vehicle at cruise speed that
         compensates crosswind.
 
-        The array ``ways`` of shape (k, 2) holds direction vectors (east, north) of any positive
+        The array ``directions`` of shape (k, 2) holds direction vectors (east, north) of any positive
         length.
         """
-        along = np.asarray(ways, dtype=np.float64)
+        along = np.asarray(directions, dtype=np.float64)
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
         wind = self.wind_vector
         helped, across = along @ wind, along[..., 0] * wind[1] - along[..., 1] * wind[0]
@@ -493,9 +493,9 @@ def vehicle_of(value: Any) -> Vehicle:
             f"vehicle: expected a preset, a file or fields, got {shortened(value)}"
         )
     name, *changes = str(os.fspath(value)).split(",")
-    given = dict(_change(text) for text in changes)
+    fields = dict(_change(text) for text in changes)
     if name in PRESETS:
-        return Vehicle.from_dict({"preset": name} | given)
+        return Vehicle.from_dict({"preset": name} | fields)
     path = Path(name)
     if path.suffix.lower() not in (".toml", ".json"):
         near = suggestion(name, PRESETS)
@@ -503,7 +503,7 @@ def vehicle_of(value: Any) -> Vehicle:
             f"vehicle: expected one of {', '.join(PRESETS)}, or a file .toml or .json, got"
             f" {shortened(name)}{near}"
         )
-    return Vehicle.from_dict(_fields_of(path) | given, where=name)
+    return Vehicle.from_dict(_fields_of(path) | fields, where=name)
 
 
 def _fields_of(path: Path) -> dict[str, Any]:
@@ -519,12 +519,12 @@ def _change(text: str) -> tuple[str, Any]:
     """Return the field and the value in a text of the form "field=value". A value that is a number
     becomes a float.
     """
-    name, equals, said = text.partition("=")
+    name, equals, value = text.partition("=")
     if not equals:
         raise InvalidInputError(
             f"vehicle: expected field=value after the preset or file, got {shortened(text)}"
         )
     try:
-        return name.strip(), float(said)
+        return name.strip(), float(value)
     except ValueError:
-        return name.strip(), said
+        return name.strip(), value

@@ -64,13 +64,13 @@ def _columns(from_x, from_y, to_x, to_y, row):
     low, high = 0.0, 1.0
     step = to_y - from_y
     if abs(step) > 1e-300:
-        one, other = (row - _WIDER - from_y) / step, (row + 1 + _WIDER - from_y) / step
-        if one > other:
-            one, other = other, one
-        low, high = max(low, one), min(high, other)
-    one, other = from_x + low * (to_x - from_x), from_x + high * (to_x - from_x)
-    return np.int64(np.floor(min(one, other) - _WIDER)), np.int64(
-        np.floor(max(one, other) + _WIDER)
+        enter, leave = (row - _WIDER - from_y) / step, (row + 1 + _WIDER - from_y) / step
+        if enter > leave:
+            enter, leave = leave, enter
+        low, high = max(low, enter), min(high, leave)
+    enter, leave = from_x + low * (to_x - from_x), from_x + high * (to_x - from_x)
+    return np.int64(np.floor(min(enter, leave) - _WIDER)), np.int64(
+        np.floor(max(enter, leave) + _WIDER)
     )
 
 
@@ -113,13 +113,15 @@ def _look_along(border, x_0, y_0, x_1, y_1):
     from_x, from_y = (x_0 - corner[0]) / size, (y_0 - corner[1]) / size
     to_x, to_y = (x_1 - corner[0]) / size, (y_1 - corner[1]) / size
     status = CLEAR
-    one = min(max(np.int64(np.floor(from_y - np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
-    other = min(max(np.int64(np.floor(to_y + np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
+    first_row = min(
+        max(np.int64(np.floor(from_y - np.sign(to_y - from_y) * _WIDER)), 0), height - 1
+    )
+    last_row = min(max(np.int64(np.floor(to_y + np.sign(to_y - from_y) * _WIDER)), 0), height - 1)
     if from_y == to_y:
-        one = min(max(np.int64(np.floor(from_y - _WIDER)), 0), height - 1)
-        other = min(max(np.int64(np.floor(from_y + _WIDER)), 0), height - 1)
-    down = 1 if other >= one else -1
-    for row in range(one, other + down, down):
+        first_row = min(max(np.int64(np.floor(from_y - _WIDER)), 0), height - 1)
+        last_row = min(max(np.int64(np.floor(from_y + _WIDER)), 0), height - 1)
+    down = 1 if last_row >= first_row else -1
+    for row in range(first_row, last_row + down, down):
         left, right = _columns(from_x, from_y, to_x, to_y, row)
         left, right = max(left, 0), min(right, width - 1)
         begin, end, along = (left, right + 1, 1) if to_x >= from_x else (right, left - 1, -1)
@@ -133,19 +135,19 @@ def _look_along(border, x_0, y_0, x_1, y_1):
                 after = _side(x_0, y_0, x_1, y_1, far_x, far_y)
                 if before * after > 0:
                     continue
-                here = _side(x, y, far_x, far_y, x_0, y_0)
-                there = _side(x, y, far_x, far_y, x_1, y_1)
-                if here * there > 0:
+                start_side = _side(x, y, far_x, far_y, x_0, y_0)
+                end_side = _side(x, y, far_x, far_y, x_1, y_1)
+                if start_side * end_side > 0:
                     continue
-                if before * after < 0 and here * there < 0:
+                if before * after < 0 and start_side * end_side < 0:
                     return CROSSED
                 status = DOUBTFUL
     return status
 
 
 @kernel
-def look(border, starts, ends, found):
-    """Write to ``found`` whether each segment from ``starts`` (m, 2) to ``ends`` meets a line:
+def look(border, starts, ends, codes):
+    """Write to ``codes`` whether each segment from ``starts`` (m, 2) to ``ends`` meets a line:
     `CLEAR`, `CROSSED` or `DOUBTFUL`.
 
     The lines are those of ``border``, as `BinnedLines`. No coordinate of a line or of a segment is
@@ -155,7 +157,7 @@ def look(border, starts, ends, found):
     most blocked segments are blocked near their starts.
     """
     for k in range(len(starts)):
-        found[k] = _look_along(
+        codes[k] = _look_along(
             border,
             starts[k, 0],
             starts[k, 1],
@@ -165,15 +167,15 @@ def look(border, starts, ends, found):
 
 
 @in_place_kernel
-def _settle(code, known, met, doubts, doubtful):
+def _settle(code, answered, met, doubts, doubtful):
     """Return the status of a doubtful segment with a number, and the number of doubtful segments.
 
-    ``known`` are the numbers of segments, in increasing order, of which ``met`` tells whether they
-    meet the border. The number of any other segment, which counts as blocked, is written to
+    ``answered`` are the numbers of segments, in increasing order, of which ``met`` tells whether
+    they meet the border. The number of any other segment, which counts as blocked, is written to
     ``doubts`` if there is room.
     """
-    place = np.searchsorted(known, code)
-    if place < len(known) and known[place] == code:
+    place = np.searchsorted(answered, code)
+    if place < len(answered) and answered[place] == code:
         return (CROSSED if met[place] else CLEAR), doubtful
     if doubtful < len(doubts):
         doubts[doubtful] = code
@@ -182,46 +184,46 @@ def _settle(code, known, met, doubts, doubtful):
 
 
 @in_place_kernel
-def pull(border, way, ahead, known, met, kept, doubts):
+def pull(border, path, ahead, answered, met, indices, doubts):
     """Return (count, doubtful): the number of points of a path that are kept, so that each leads
     straight to the last visible one of the next ``ahead`` points, and that of doubtful segments.
 
-    The indices of the points are written to ``kept``. The border is given as in `look`, and the
+    The indices of the points are written to ``indices``. The border is given as in `look`, and the
     doubts as in `_settle`, where the segment from point i to point j of n has the number i n + j.
     """
-    n = len(way)
-    kept[0] = here = doubtful = 0
+    n = len(path)
+    indices[0] = position = doubtful = 0
     count = 1
-    while here < n - 1:
-        then = min(here + ahead, n - 1)
-        while then > here + 1:  # the next leg already exists
+    while position < n - 1:
+        target = min(position + ahead, n - 1)
+        while target > position + 1:  # the next leg already exists
             status = _look_along(
                 border,
-                way[here, 0],
-                way[here, 1],
-                way[then, 0],
-                way[then, 1],
+                path[position, 0],
+                path[position, 1],
+                path[target, 0],
+                path[target, 1],
             )
             if status == DOUBTFUL:
-                status, doubtful = _settle(here * n + then, known, met, doubts, doubtful)
+                status, doubtful = _settle(position * n + target, answered, met, doubts, doubtful)
             if status == CLEAR:
                 break
-            then -= 1
-        kept[count] = here = then
+            target -= 1
+        indices[count] = position = target
         count += 1
     return count, doubtful
 
 
 @kernel
-def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
+def find_bends(border, path, lengths, price, answered, met, bends, doubts, unclear):
     """Return (count, doubtful): the number of bends of the path that `with_fewer_bends` makes of
-    the path ``way`` (n, 2) with legs of ``lengths``, and the number of doubtful segments.
+    the path ``path`` (n, 2) with legs of ``lengths``, and the number of doubtful segments.
 
     The bends are written to ``bends``, from the last to the first. The border is given as in `look`,
     and the doubts as in `_settle`. From leg i of m, two segments lead to leg j, with the numbers
     2 (i m + j) and 2 (i m + j) + 1. The ends of doubtful ones are written to ``unclear`` (_, 4).
     """
-    count = len(way) - 1
+    count = len(path) - 1
     costs, before = np.empty(count), np.empty(count, dtype=np.int64)
     at, past = np.empty((count, 2)), np.zeros(count + 1)
     for leg in range(count):
@@ -229,14 +231,14 @@ def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
     costs[0], doubtful = lengths[0], 0
     for leg in range(1, count):
         costs[leg], before[leg] = costs[leg - 1] + price, leg - 1
-        from_x, from_y = way[leg]
-        at[leg] = way[leg]
-        then_x = (way[leg + 1, 0] - from_x) / lengths[leg]
-        then_y = (way[leg + 1, 1] - from_y) / lengths[leg]
-        for one in range(leg - 1):
-            end_x, end_y = way[one + 1]
-            along_x = (end_x - way[one, 0]) / lengths[one]
-            along_y = (end_y - way[one, 1]) / lengths[one]
+        from_x, from_y = path[leg]
+        at[leg] = path[leg]
+        then_x = (path[leg + 1, 0] - from_x) / lengths[leg]
+        then_y = (path[leg + 1, 1] - from_y) / lengths[leg]
+        for earlier in range(leg - 1):
+            end_x, end_y = path[earlier + 1]
+            along_x = (end_x - path[earlier, 0]) / lengths[earlier]
+            along_y = (end_y - path[earlier, 1]) / lengths[earlier]
             sine = along_x * then_y - along_y * then_x
             if not abs(sine) > _ALONG:
                 continue
@@ -244,9 +246,11 @@ def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
             gap_x, gap_y = from_x - end_x, from_y - end_y
             a = (gap_x * then_y - gap_y * then_x) / sine
             b = (along_x * gap_y - along_y * gap_x) / sine
-            longer = a + b - (past[leg] - past[one + 1])
-            cost = costs[one] + price + a + b
-            if not (a >= 0 and b >= 0 and longer < price * (leg - one - 1) and cost < costs[leg]):
+            longer = a + b - (past[leg] - past[earlier + 1])
+            cost = costs[earlier] + price + a + b
+            if not (
+                a >= 0 and b >= 0 and longer < price * (leg - earlier - 1) and cost < costs[leg]
+            ):
                 continue
             x, y = end_x + a * along_x, end_y + a * along_y
             clear = True
@@ -255,22 +259,22 @@ def find_bends(border, way, lengths, price, known, met, bends, doubts, unclear):
                 status = _look_along(border, x_0, y_0, x_1, y_1)
                 if status == DOUBTFUL:
                     unsettled = doubtful
-                    code = 2 * (one * count + leg) + half
-                    status, doubtful = _settle(code, known, met, doubts, doubtful)
+                    code = 2 * (earlier * count + leg) + half
+                    status, doubtful = _settle(code, answered, met, doubts, doubtful)
                     if doubtful > unsettled:
                         unclear[unsettled] = x_0, y_0, x_1, y_1
                 if status != CLEAR:
                     clear = False
                     break
             if clear:
-                costs[leg], before[leg], at[leg, 0], at[leg, 1] = cost, one, x, y
+                costs[leg], before[leg], at[leg, 0], at[leg, 1] = cost, earlier, x, y
         costs[leg] += lengths[leg]
-    made, leg = 0, count - 1
+    count_of_bends, leg = 0, count - 1
     while leg > 0:
-        bends[made] = at[leg]
-        made += 1
+        bends[count_of_bends] = at[leg]
+        count_of_bends += 1
         leg = before[leg]
-    return made, doubtful
+    return count_of_bends, doubtful
 
 
 @in_place_kernel
@@ -288,8 +292,8 @@ def _bins_within(shape, corner, size, low, high):
 
 
 @in_place_kernel
-def places_within(places, order, first, shape, corner, size, low, high, found):
-    """Write to ``found`` the indices of the places (n, 2) in the box from ``low`` to ``high``, as
+def places_within(places, order, first, shape, corner, size, low, high, indices):
+    """Write to ``indices`` the indices of the places (n, 2) in the box from ``low`` to ``high``, as
     far as it has room, and return their number.
 
     The places of bin ``row * shape[1] + col`` of a grid of bins of side ``size``, with the lower
@@ -301,9 +305,9 @@ def places_within(places, order, first, shape, corner, size, low, high, found):
         for k in order[first[row * shape[1] + left] : first[row * shape[1] + right + 1]]:
             x, y = places[k]
             if low[0] <= x <= high[0] and low[1] <= y <= high[1]:
-                if count == len(found):
+                if count == len(indices):
                     return count
-                found[count] = k
+                indices[count] = k
                 count += 1
     return count
 
@@ -329,10 +333,10 @@ def _is_passable(places, sides, k, x, y):
     """Return whether a path in the direction (x, y) can pass corner ``k``: the border near the
     corner lies on one side of the path.
     """
-    one = x * sides[k, 1] - y * sides[k, 0]
-    other = x * sides[k, 3] - y * sides[k, 2]
+    before = x * sides[k, 1] - y * sides[k, 0]
+    after = x * sides[k, 3] - y * sides[k, 2]
     rounding = _ALONG * np.sqrt(x * x + y * y)
-    return min(one, other) >= -rounding or max(one, other) <= rounding
+    return min(before, after) >= -rounding or max(before, after) <= rounding
 
 
 @in_place_kernel
@@ -348,39 +352,39 @@ def _swap(keys, nodes, i, j):
 
 
 @kernel
-def find_way(border, places, sides, ends, most, known, met, way, doubts):
+def find_path(border, places, sides, ends, most, answered, met, bend_of, doubts):
     """Return (legs, doubtful) of the shortest path from ``ends[0]`` to ``ends[1]`` that bends only
     at given corners: the number of corners at which it bends, or -1 if there is none up to the
     length ``most``, and the number of doubtful lines of sight.
 
-    The corners of the path are written to ``way``. The border is given as in `look`, the corners by
-    their ``places`` (K, 2), and the unit vectors to their neighbours on the border by ``sides`` (K,
-    4). The doubts are given as in `_settle`. The segment between the points i and j has the number
-    i * (K + 2) + j, with K for the start and K + 1 for the end.
+    The corners of the path are written to ``bend_of``. The border is given as in `look`, the
+    corners by their ``places`` (K, 2), and the unit vectors to their neighbours on the border by
+    ``sides`` (K, 4). The doubts are given as in `_settle`. The segment between the points i and j
+    has the number i * (K + 2) + j, with K for the start and K + 1 for the end.
 
     The algorithm is A*. A line of sight is tested only when a path along it is the most promising
     one, because most of the lines never are.
     """
     count = len(places)
     begin, goal = count, count + 1
-    done = np.zeros(count, dtype=np.bool_)
-    came = np.empty(count, dtype=np.int64)
-    left = np.empty(count, dtype=np.float64)
+    closed = np.zeros(count, dtype=np.bool_)
+    previous_of = np.empty(count, dtype=np.int64)
+    remaining = np.empty(count, dtype=np.float64)
     for k in range(count):
         x, y = ends[1, 0] - places[k, 0], ends[1, 1] - places[k, 1]
-        left[k] = np.sqrt(x * x + y * y)
+        remaining[k] = np.sqrt(x * x + y * y)
     # a heap: the length of a path through a node, and up to it; the node, and the one before it
     keys, nodes = np.empty((64, 2), dtype=np.float64), np.empty((64, 2), dtype=np.int64)
     waiting, doubtful = 0, 0
     node, length = begin, 0.0
-    here_x, here_y = ends[0]
+    at_x, at_y = ends[0]
     while True:
         for k in range(count):
-            if done[k]:
+            if closed[k]:
                 continue
-            x, y = places[k, 0] - here_x, places[k, 1] - here_y
+            x, y = places[k, 0] - at_x, places[k, 1] - at_y
             far = length + np.sqrt(x * x + y * y)
-            if far + left[k] > most or not _is_passable(places, sides, k, x, y):
+            if far + remaining[k] > most or not _is_passable(places, sides, k, x, y):
                 continue
             if node != begin and not _is_passable(places, sides, node, x, y):
                 continue
@@ -390,15 +394,15 @@ def find_way(border, places, sides, ends, most, known, met, way, doubts):
                 more_keys[:waiting] = keys
                 more_nodes[:waiting] = nodes
                 keys, nodes = more_keys, more_nodes
-            keys[waiting, 0], keys[waiting, 1] = far + left[k], far
+            keys[waiting, 0], keys[waiting, 1] = far + remaining[k], far
             nodes[waiting, 0], nodes[waiting, 1] = k, node
             at = waiting
             waiting += 1
             while at and _is_before(keys, nodes, at, (at - 1) // 2):
                 _swap(keys, nodes, at, (at - 1) // 2)
                 at = (at - 1) // 2
-        found = False
-        while waiting and not found:
+        expanded = False
+        while waiting and not expanded:
             node, previous, length = nodes[0, 0], nodes[0, 1], keys[0, 1]
             waiting -= 1
             _swap(keys, nodes, 0, waiting)
@@ -411,37 +415,37 @@ def find_way(border, places, sides, ends, most, known, met, way, doubts):
                     break
                 _swap(keys, nodes, at, least)
                 at = least
-            if done[node]:
+            if closed[node]:
                 continue
             if previous == begin:
                 from_x, from_y = ends[0]
             else:
                 from_x, from_y = places[previous]
-            here_x, here_y = places[node]
-            status = _look_along(border, from_x, from_y, here_x, here_y)
+            at_x, at_y = places[node]
+            status = _look_along(border, from_x, from_y, at_x, at_y)
             if status == DOUBTFUL:
                 code = previous * (count + 2) + node
-                status, doubtful = _settle(code, known, met, doubts, doubtful)
+                status, doubtful = _settle(code, answered, met, doubts, doubtful)
             if status != CLEAR:
                 continue
-            done[node], came[node], found = True, previous, True
-        if not found:
+            closed[node], previous_of[node], expanded = True, previous, True
+        if not expanded:
             return -1, doubtful
         # no other path can be shorter, because the heap gives the most promising node first
-        x, y = ends[1, 0] - here_x, ends[1, 1] - here_y
+        x, y = ends[1, 0] - at_x, ends[1, 1] - at_y
         if not _is_passable(places, sides, node, x, y):
             continue
-        status = _look_along(border, here_x, here_y, ends[1, 0], ends[1, 1])
+        status = _look_along(border, at_x, at_y, ends[1, 0], ends[1, 1])
         if status == DOUBTFUL:
             code = node * (count + 2) + goal
-            status, doubtful = _settle(code, known, met, doubts, doubtful)
+            status, doubtful = _settle(code, answered, met, doubts, doubtful)
         if status == CLEAR:
             break
     legs = 0
     while node != begin:
-        way[legs] = node
+        bend_of[legs] = node
         legs += 1
-        node = came[node]
+        node = previous_of[node]
     for k in range(legs // 2):
-        way[k], way[legs - 1 - k] = way[legs - 1 - k], way[k]
+        bend_of[k], bend_of[legs - 1 - k] = bend_of[legs - 1 - k], bend_of[k]
     return legs, doubtful

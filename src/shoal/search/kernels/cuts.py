@@ -24,7 +24,7 @@ def source_side(offsets, ends, back, capacity, supply, drain):
     queue, path = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     while True:
         level[:] = -1
-        count, at, found = 0, 0, False
+        count, at, reached = 0, 0, False
         for node in range(n):
             if supply[node] > 0:
                 level[node] = 0
@@ -33,14 +33,14 @@ def source_side(offsets, ends, back, capacity, supply, drain):
         while at < count:
             node = queue[at]
             at += 1
-            found = found or drain[node] > 0
+            reached = reached or drain[node] > 0
             for arc in range(offsets[node], offsets[node + 1]):
                 other = ends[arc]
                 if capacity[arc] > 0 and level[other] < 0:
                     level[other] = level[node] + 1
                     queue[count] = other
                     count += 1
-        if not found:
+        if not reached:
             return level >= 0
         following[:] = offsets[:-1]
         for start in range(n):

@@ -185,7 +185,7 @@ def grow_everywhere(mask, links, parent):
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)
     for attempt in range(2):
-        made = 0
+        squares = 0
         if attempt == 1:
             for row in range(height - 1):
                 for col in range(width - 1):
@@ -204,8 +204,8 @@ def grow_everywhere(mask, links, parent):
                         and is_single(links, k + width + 1)
                     ):
                         ring(links, parent, k, width)
-                        made += 1
-        if attempt == 1 and made == 0:
+                        squares += 1
+        if attempt == 1 and squares == 0:
             break
         count = border(mask, parent, queue)
         queued[queue[:count]] = True
@@ -228,24 +228,24 @@ def chains(links, width, members, starts, order):
         if number > 0:
             nearest = np.int64(2) ** 62
             for k in range(starts[number], starts[number + 1]):
-                cell = members[k]
-                away = (cell // width - row) ** 2 + (cell % width - col) ** 2
+                member = members[k]
+                away = (member // width - row) ** 2 + (member % width - col) ** 2
                 if away < nearest:
-                    nearest, entry = away, cell
-        one, other = links[entry, 0], links[entry, 1]
-        longer = apart(entry, one, width) >= apart(entry, other, width)
+                    nearest, entry = away, member
+        first, second = links[entry, 0], links[entry, 1]
+        longer = apart(entry, first, width) >= apart(entry, second, width)
         if len(starts) == 2:
             # a tour of one cycle stays closed, so its closing edge should be short
             longer = not longer
-        before, here, after = entry, entry, other if longer else one
+        before, cell, after = entry, entry, second if longer else first
         while True:
-            order[at] = here
+            order[at] = cell
             at += 1
             if after == entry or at == starts[number + 1]:
                 break
-            before, here = here, after
-            after = links[here, 1] if links[here, 0] == before else links[here, 0]
-        row, col = here // width, here % width
+            before, cell = cell, after
+            after = links[cell, 1] if links[cell, 0] == before else links[cell, 0]
+        row, col = cell // width, cell % width
 
 
 @kernel
@@ -273,9 +273,9 @@ def best_exchange(links, c, a, width):
         for j in range(2):
             b = links[a, j]
             old = first + apart(a, b, width)
-            here = new + apart(d, b, width) - old
-            if here < cost - 1e-9 or (here < cost + 1e-9 and old > longest + 1e-9):
-                cost, longest, best_d, best_b = min(here, cost), old, d, b
+            change = new + apart(d, b, width) - old
+            if change < cost - 1e-9 or (change < cost + 1e-9 and old > longest + 1e-9):
+                cost, longest, best_d, best_b = min(change, cost), old, d, b
     return cost, best_d, best_b
 
 

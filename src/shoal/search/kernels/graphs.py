@@ -12,15 +12,15 @@ from shoal.search.kernels.protocol.steps import sink
 
 
 @kernel
-def distances_from(first, ends, lengths, here):
+def distances_from(first, ends, lengths, source):
     """Return the distance from a node to each node, or infinity; float64, shape (n,).
 
     The algorithm is that of Dijkstra. The lengths of edges are above 0.
     """
     away = np.full(len(first) - 1, np.inf)
-    away[here] = 0.0
+    away[source] = 0.0
     keys, nodes = np.empty(len(ends) + 1), np.empty(len(ends) + 1, dtype=np.int64)
-    keys[0], nodes[0], size = 0.0, here, 1
+    keys[0], nodes[0], size = 0.0, source, 1
     while size:
         so_far, node = keys[0], nodes[0]
         size -= 1
@@ -41,15 +41,15 @@ def distances_from(first, ends, lengths, here):
 
 
 @kernel
-def way_to(first, ends, lengths, away, node):
+def path_to(first, ends, lengths, away, node):
     """Return the nodes of the shortest path that leads to a node from the one at distance 0, as
-    `Graph.way` does; int64, shape (k,).
+    `Graph.path` does; int64, shape (k,).
     """
-    way, count = np.empty(len(away), dtype=np.int64), 0
+    path, count = np.empty(len(away), dtype=np.int64), 0
     if away[node] == np.inf:
-        return way[:0]
+        return path[:0]
     while True:
-        way[count] = node
+        path[count] = node
         count += 1
         if away[node] == 0.0:
             break
@@ -57,24 +57,24 @@ def way_to(first, ends, lengths, away, node):
             if away[ends[edge]] + lengths[edge] == away[node]:
                 node = ends[edge]
                 break
-    return way[:count][::-1].copy()
+    return path[:count][::-1].copy()
 
 
 @kernel
-def fewest_steps_from(first, ends, here, last):
+def breadth_first_predecessors(first, ends, source, last):
     """Return the node before each node on a path of the fewest steps from a node, or -1 for this
     node itself and for those that no path reaches; int64, shape (n,). Once the node ``last`` is
     reached, the search ends.
     """
     before = np.full(len(first) - 1, -1, dtype=np.int64)
     queue = np.empty(len(first) - 1, dtype=np.int64)
-    queue[0], at, count = here, 0, 1
+    queue[0], at, count = source, 0, 1
     while at < count and (last < 0 or before[last] < 0):
         node = queue[at]
         at += 1
         for edge in range(first[node], first[node + 1]):
             other = ends[edge]
-            if before[other] < 0 and other != here:
+            if before[other] < 0 and other != source:
                 before[other] = node
                 queue[count] = other
                 count += 1
@@ -82,7 +82,7 @@ def fewest_steps_from(first, ends, here, last):
 
 
 @kernel
-def connected_parts(first, ends):
+def connected_components(first, ends):
     """Return the number of each node's connected part; int64, shape (n,). All edges lead both
     ways.
     """

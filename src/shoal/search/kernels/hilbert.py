@@ -127,9 +127,9 @@ def index_of(x, y, order, state):
     for look in range(looks - 1, -1, -1):
         low = look * LEVELS_2
         key = (x >> low & SIDE_2) | (y >> low & SIDE_2) << LEVELS_2
-        found = np.int64(ENCODING_2[np.uint64(state | key)])
-        index = index << WIDTH_2 | (found & DIGITS_2)
-        state = found & ~DIGITS_2
+        entry = np.int64(ENCODING_2[np.uint64(state | key)])
+        index = index << WIDTH_2 | (entry & DIGITS_2)
+        state = entry & ~DIGITS_2
     return index
 
 
@@ -143,10 +143,10 @@ def place_of(index, order, state):
     looks = (order + LEVELS_2 - 1) // LEVELS_2
     x = y = 0
     for look in range(looks - 1, -1, -1):
-        found = np.int64(DECODING_2[np.uint64(state | (index >> (look * WIDTH_2) & DIGITS_2))])
-        x = x << LEVELS_2 | (found & SIDE_2)
-        y = y << LEVELS_2 | (found >> LEVELS_2 & SIDE_2)
-        state = found & ~DIGITS_2
+        entry = np.int64(DECODING_2[np.uint64(state | (index >> (look * WIDTH_2) & DIGITS_2))])
+        x = x << LEVELS_2 | (entry & SIDE_2)
+        y = y << LEVELS_2 | (entry >> LEVELS_2 & SIDE_2)
+        state = entry & ~DIGITS_2
     return x, y
 
 
@@ -258,9 +258,9 @@ def encode_3(cells, order, indices):
                 | (y >> low & SIDE_3) << LEVELS_3
                 | (z >> low & SIDE_3) << (2 * LEVELS_3)
             )
-            found = np.int64(ENCODING_3[np.uint64(state | key)])
-            index = index << WIDTH_3 | (found & DIGITS_3)
-            state = found & ~DIGITS_3
+            entry = np.int64(ENCODING_3[np.uint64(state | key)])
+            index = index << WIDTH_3 | (entry & DIGITS_3)
+            state = entry & ~DIGITS_3
         indices[k] = index
     return -1
 
@@ -275,11 +275,11 @@ def decode_3(indices, order, cells):
             return k
         x, y, z, state = 0, 0, 0, begin
         for look in range(looks - 1, -1, -1):
-            found = np.int64(DECODING_3[np.uint64(state | (index >> (look * WIDTH_3) & DIGITS_3))])
-            x = x << LEVELS_3 | (found & SIDE_3)
-            y = y << LEVELS_3 | (found >> LEVELS_3 & SIDE_3)
-            z = z << LEVELS_3 | (found >> (2 * LEVELS_3) & SIDE_3)
-            state = found & ~DIGITS_3
+            entry = np.int64(DECODING_3[np.uint64(state | (index >> (look * WIDTH_3) & DIGITS_3))])
+            x = x << LEVELS_3 | (entry & SIDE_3)
+            y = y << LEVELS_3 | (entry >> LEVELS_3 & SIDE_3)
+            z = z << LEVELS_3 | (entry >> (2 * LEVELS_3) & SIDE_3)
+            state = entry & ~DIGITS_3
         cells[k, 0] = z
         cells[k, 1] = top - y
         cells[k, 2] = x

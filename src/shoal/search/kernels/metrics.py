@@ -62,14 +62,14 @@ def neighbour_gaps(position, closed, n):
     for z in range(layers):
         for y in range(rows):
             for x in range(cols):
-                here = position[z, y, x]
-                if here < 0:
+                index = position[z, y, x]
+                if index < 0:
                     continue
                 for axis in range(3):
                     w, v, u = z + (axis == 0), y + (axis == 1), x + (axis == 2)
                     if w == layers or v == rows or u == cols or position[w, v, u] < 0:
                         continue
-                    gap = abs(position[w, v, u] - here)
+                    gap = abs(position[w, v, u] - index)
                     total += min(gap, n - gap) if closed else gap
                     pairs += 1
     return total, pairs

@@ -31,7 +31,7 @@ class Chains(NamedTuple):
     following, previous : ndarray of int64, shape (R,)
         The next and the previous run of each run's chain, or -1.
     offsets, others : ndarray of int64, shapes (C + 1,) and (P,)
-        The chains that touch chain k are ``others[offsets[k]:offsets[k + 1]]``.
+        The chains that touch chain k are ``neighbours[offsets[k]:offsets[k + 1]]``.
     """
 
     runs: NDArray[np.int64]
@@ -141,15 +141,15 @@ def chains_of(runs):
             first[count] = k
             count += 1
         last[chain[k]] = k
-    offsets, others = neighbours_of(chain, count, above, below)
-    return Chains(runs, first[:count], last[:count], following, previous, offsets, others)
+    offsets, neighbours = neighbours_of(chain, count, above, below)
+    return Chains(runs, first[:count], last[:count], following, previous, offsets, neighbours)
 
 
 @kernel
 def neighbours_of(chain, count, above, below):
-    """Return (offsets, others): the chains that touch each chain.
+    """Return (offsets, neighbours): the chains that touch each chain.
 
-    The chains that touch chain k are ``others[offsets[k]:offsets[k + 1]]``.
+    The chains that touch chain k are ``neighbours[offsets[k]:offsets[k + 1]]``.
     """
     offsets = np.zeros(count + 1, dtype=np.int64)
     for k in range(len(above)):
@@ -159,35 +159,35 @@ def neighbours_of(chain, count, above, below):
             offsets[b + 1] += 1
     for k in range(count):
         offsets[k + 1] += offsets[k]
-    others, fill = np.empty(offsets[count], dtype=np.int64), offsets.copy()
+    neighbours, fill = np.empty(offsets[count], dtype=np.int64), offsets.copy()
     for k in range(len(above)):
         a, b = chain[above[k]], chain[below[k]]
         if a != b:
-            others[fill[a]], others[fill[b]] = b, a
+            neighbours[fill[a]], neighbours[fill[b]] = b, a
             fill[a] += 1
             fill[b] += 1
-    return offsets, others
+    return offsets, neighbours
 
 
 @kernel
-def choose(chains, visited, pointer, here, row, col):
-    """Among the unvisited chains that touch chain ``here``, return (chain, from_last, from_right)
+def choose(chains, visited, pointer, chain, row, col):
+    """Among the unvisited chains that touch chain ``chain``, return (chain, from_last, from_right)
     of the end nearest to (row, col).
 
-    If all chains that touch chain ``here`` are visited, the first number is -1. ``pointer``
+    If all chains that touch chain ``chain`` are visited, the first number is -1. ``pointer``
     contains, for each chain, the place in ``chains.others`` before which all are visited.
     """
-    end = chains.offsets[here + 1]
-    while pointer[here] < end and visited[chains.others[pointer[here]]]:
-        pointer[here] += 1
-    found, nearest, from_last, from_right = -1, np.int64(2) ** 62, False, False
-    for k in range(pointer[here], min(pointer[here] + LOOK, end)):
+    end = chains.offsets[chain + 1]
+    while pointer[chain] < end and visited[chains.others[pointer[chain]]]:
+        pointer[chain] += 1
+    nearest_chain, nearest, from_last, from_right = -1, np.int64(2) ** 62, False, False
+    for k in range(pointer[chain], min(pointer[chain] + LOOK, end)):
         other = chains.others[k]
         if not visited[other]:
             away, bottom, right = nearest_end(chains, other, row, col)
             if away < nearest:
-                found, nearest, from_last, from_right = other, away, bottom, right
-    return found, from_last, from_right
+                nearest_chain, nearest, from_last, from_right = other, away, bottom, right
+    return nearest_chain, from_last, from_right
 
 
 @kernel
@@ -202,8 +202,8 @@ def nearest_end(chains, chain, row, col):
     for bottom in (False, True):
         run = chains.runs[chains.last[chain] if bottom else chains.first[chain]]
         for right in (False, True):
-            there = run[2] - 1 if right else run[1]
-            away = (run[0] - row) ** 2 + (there - col) ** 2
+            col_of_end = run[2] - 1 if right else run[1]
+            away = (run[0] - row) ** 2 + (col_of_end - col) ** 2
             if away < best:
                 best, from_last, from_right = away, bottom, right
     return best, from_last, from_right
@@ -265,10 +265,10 @@ def shorten(ends, order, backwards, turn, disturbances):
     if n <= _LONGEST + 2:
         return
     costs = costs_of(ends, turn)
-    active, rest = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
-    exchange(costs, order, backwards, active, rest)
+    active, scratch = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
+    exchange(costs, order, backwards, active, scratch)
     best = length(costs, order, backwards)
-    kept, kept_backwards = order.copy(), backwards.copy()
+    best_order, best_backwards = order.copy(), backwards.copy()
     state, span = np.uint64(1), min(n - 1, _SPAN)
     drawn = np.empty(3, dtype=np.int64)
     for _ in range(min(disturbances, _LINKS // n)):
@@ -281,29 +281,29 @@ def shorten(ends, order, backwards, turn, disturbances):
         if part == 0:
             continue
         for k in range(parts):
-            order[(i + k) % n] = kept[(i + (k + part) % parts) % n]
+            order[(i + k) % n] = best_order[(i + (k + part) % parts) % n]
         if state & np.uint64(1):
             for k in range(parts - part):
                 backwards[order[(i + k) % n]] = 1 - backwards[order[(i + k) % n]]
         for k in (-1, 0, parts - part - 1, parts - part, parts - 1, parts):
             active[order[(i + k) % n]] = True
-        exchange(costs, order, backwards, active, rest)
-        found = length(costs, order, backwards)
-        if found < best - _LESS:
-            best = found
-            kept[:], kept_backwards[:] = order, backwards
+        exchange(costs, order, backwards, active, scratch)
+        total = length(costs, order, backwards)
+        if total < best - _LESS:
+            best = total
+            best_order[:], best_backwards[:] = order, backwards
         else:
-            order[:], backwards[:] = kept, kept_backwards
+            order[:], backwards[:] = best_order, best_backwards
 
 
 @kernel
-def exchange(costs, order, backwards, active, rest):
+def exchange(costs, order, backwards, active, scratch):
     """Shorten a closed tour of runs until no exchange at an active run makes the tour shorter.
 
     An active run is a run at which an exchange may still shorten the tour. After the last exchange,
     no run is active.
     """
-    n, helped, found = len(order), True, True
+    n, helped, improved = len(order), True, True
     # of the run at each place of the order: the end at which it begins, and the cost of the link
     entries, links = np.empty(n, dtype=np.int64), np.empty(n)
     while helped:
@@ -312,7 +312,7 @@ def exchange(costs, order, backwards, active, rest):
             if not active[run]:
                 continue
             active[run] = False
-            if found:
+            if improved:
                 for k in range(n):
                     entries[k] = 2 * order[k] + backwards[order[k]]
                 for k in range(n):
@@ -320,24 +320,24 @@ def exchange(costs, order, backwards, active, rest):
             i = 0
             while order[i] != run:
                 i += 1
-            found = exchange_link(
+            improved = exchange_link(
                 costs, order, backwards, active, entries, links, i
             ) or exchange_link(costs, order, backwards, active, entries, links, (i + 1) % n)
             for count in range(1, _LONGEST + 1):
                 for back in (0, count - 1):
-                    if not found:
-                        found = move_runs(
+                    if not improved:
+                        improved = move_runs(
                             costs,
                             order,
                             backwards,
                             active,
-                            rest,
+                            scratch,
                             entries,
                             links,
                             (i - back) % n,
                             count,
                         )
-            if found:
+            if improved:
                 active[run], helped = True, True
 
 
@@ -370,7 +370,7 @@ def exchange_link(costs, order, backwards, active, entries, links, k):
 
 
 @in_place_kernel
-def move_runs(costs, order, backwards, active, rest, entries, links, i, count):
+def move_runs(costs, order, backwards, active, scratch, entries, links, i, count):
     """Move the ``count`` runs that begin at place i of the order to another place, if the tour
     becomes shorter (Or-opt).
 
@@ -381,7 +381,7 @@ def move_runs(costs, order, backwards, active, rest, entries, links, i, count):
     before, after = order[i - 1], order[(i + count) % n]
     begin, end = entries[i], entries[(i + count - 1) % n] ^ 1
     saved = links[i] + links[(i + count) % n] - costs[entries[i - 1] ^ 1, entries[(i + count) % n]]
-    best, place, turned = _LESS, -1, False
+    best, place, reversed_runs = _LESS, -1, False
     at = (i + count) % n
     for k in range(n - count - 1):
         out = entries[at] ^ 1
@@ -390,22 +390,22 @@ def move_runs(costs, order, backwards, active, rest, entries, links, i, count):
         ahead = costs[out, begin] + costs[end, into]
         back = costs[out, end] + costs[begin, into]
         if saved + links[at] - min(ahead, back) > best:
-            best, place, turned = saved + links[at] - min(ahead, back), k, back < ahead
+            best, place, reversed_runs = saved + links[at] - min(ahead, back), k, back < ahead
     if place < 0:
         return False
     for k in range(n):
-        rest[k] = order[(i + k) % n]
-    for run in (before, after, first, last, rest[count + place], rest[count + place + 1]):
+        scratch[k] = order[(i + k) % n]
+    for run in (before, after, first, last, scratch[count + place], scratch[count + place + 1]):
         active[run] = True
     for k in range(n):
         order[k] = (
-            rest[count + k]
+            scratch[count + k]
             if k <= place
-            else rest[k - place - 1]
+            else scratch[k - place - 1]
             if k <= place + count
-            else rest[k]
+            else scratch[k]
         )
-    if turned:
+    if reversed_runs:
         reverse(order, backwards, place + 1, place + count)
     return True
 
@@ -425,17 +425,17 @@ def reverse(order, backwards, begin, end):
 
 
 @in_place_kernel
-def link(costs, backwards, one, other):
+def link(costs, backwards, source, target):
     """Return the cost of the link from the exit of a run to the entry of the next run."""
-    return step(costs, one, 1 - backwards[one], other, backwards[other])
+    return step(costs, source, 1 - backwards[source], target, backwards[target])
 
 
 @in_place_kernel
-def step(costs, one, out, other, into):
+def step(costs, source, out, target, into):
     """Return the cost of a link from one end of a run to one end of another run. End 0 is the first
     cell, and end 1 is the last cell.
     """
-    return costs[2 * one + out, 2 * other + into]
+    return costs[2 * source + out, 2 * target + into]
 
 
 @kernel
@@ -447,19 +447,19 @@ def costs_of(ends, turn):
     """
     n = len(ends)
     costs = np.empty((2 * n, 2 * n))
-    for one in range(n):
+    for source in range(n):
         for out in range(2):
-            for other in range(n):
+            for target in range(n):
                 for into in range(2):
-                    rows = ends[other, into, 0] - ends[one, out, 0]
-                    cols = ends[other, into, 1] - ends[one, out, 1]
+                    rows = ends[target, into, 0] - ends[source, out, 0]
+                    cols = ends[target, into, 1] - ends[source, out, 1]
                     cost = np.sqrt(rows * rows + cols * cols)
                     if turn > 0:
                         cost += turn * (
-                            bends(ends, one, out, rows, cols)
-                            + bends(ends, other, into, -rows, -cols)
+                            bends(ends, source, out, rows, cols)
+                            + bends(ends, target, into, -rows, -cols)
                         )
-                    costs[2 * one + out, 2 * other + into] = cost
+                    costs[2 * source + out, 2 * target + into] = cost
     return costs
 
 

@@ -64,11 +64,11 @@ def furthest(ahead, first, budget):
 
 
 @kernel
-def between(ahead, one, other):
-    """Return the cost of the way along the tour from one cell number to another cell number, in
+def between(ahead, source, target):
+    """Return the cost of the path along the tour from one cell number to another cell number, in
     either direction.
     """
-    return abs(ahead[other] - ahead[one])
+    return abs(ahead[target] - ahead[source])
 
 
 @kernel
@@ -79,22 +79,22 @@ def shift_pass(tour, team, time, first, borders):
     Return whether the robots search all cells of the tour in the given time.
     """
     m, n, ahead = team.starts.shape[0], tour.points.shape[0], tour.ahead
-    here = first
+    begin = first
     for i in range(m):
-        borders[i] = here
+        borders[i] = begin
         at = team.starts[i] + n
-        here = furthest(
-            ahead, here, (time * team.rates[i] - between(ahead, at, here)) * team.gains[i]
+        begin = furthest(
+            ahead, begin, (time * team.rates[i] - between(ahead, at, begin)) * team.gains[i]
         )
-        if here >= first + n:
+        if begin >= first + n:
             borders[i + 1 :] = first + n
             return True
-    borders[m] = here
+    borders[m] = begin
     return False
 
 
 @kernel
-def flown(points, places, robot, cell):
+def straight_distance(points, places, robot, cell):
     """Return the straight distance from the position of a robot to the viewpoint of a cell."""
     total = 0.0
     for k in range(points.shape[1]):
@@ -108,19 +108,19 @@ def away(tour, team, robot, cell):
     """Return the distance from the start of a robot to a cell."""
     if team.far.shape[0] > 0:
         return team.far[robot, cell]
-    return flown(tour.points, team.places, robot, cell)
+    return straight_distance(tour.points, team.places, robot, cell)
 
 
 @kernel
-def back(tour, team, robot, one, other):
-    """Return the additional cost of a way from the cell ``one`` to the cell ``other``, compared
-    with a step to a neighbouring cell.
+def back(tour, team, robot, source, target):
+    """Return the additional cost of a path from the cell ``source`` to the cell ``target``,
+    compared with a step to a neighbouring cell.
 
-    The cell ``other`` must be beside the start of the robot.
+    The cell ``target`` must be beside the start of the robot.
     """
     if team.far.shape[0] > 0:
-        return max(team.far[robot, one] - 1.0, 0.0)
-    return max(flown(tour.points, tour.points, one, other) - 1.0, 0.0)
+        return max(team.far[robot, source] - 1.0, 0.0)
+    return max(straight_distance(tour.points, tour.points, source, target) - 1.0, 0.0)
 
 
 @kernel
@@ -150,8 +150,8 @@ def both_ways(tour, team, robot, at, low, budget):
     if first <= at + 1 or behind == 0:
         first = at + 1 if behind + 1.0 <= budget else at - 1
     # if the robot first searches behind
-    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)
-    return max(first, furthest(ahead, at, rest + 1.0)) if rest >= 0 else first
+    budget_left = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)
+    return max(first, furthest(ahead, at, budget_left + 1.0)) if budget_left >= 0 else first
 
 
 @kernel
@@ -162,25 +162,25 @@ def two_way_pass(tour, team, time, first, borders):
     Return whether the robots search all cells of the tour in the given time.
     """
     m, n = team.starts.shape[0], tour.points.shape[0]
-    here = first
+    begin = first
     for i in range(m):
-        borders[i] = here
+        borders[i] = begin
         at, budget = team.starts[i] + n, time * team.rates[i]
-        if here >= at:  # the part of the previous robot reaches the start of robot i, or further
+        if begin >= at:  # the part of the previous robot reaches the start of robot i, or further
             leg = (
-                team.far[i, here % n]
+                team.far[i, begin % n]
                 if team.far.shape[0] > 0
-                else flown(tour.points, tour.points, at % n, here % n)
+                else straight_distance(tour.points, tour.points, at % n, begin % n)
             )
-            here = furthest(tour.ahead, here, (budget - leg) * team.gains[i])
+            begin = furthest(tour.ahead, begin, (budget - leg) * team.gains[i])
         else:
-            here = both_ways(tour, team, i, at, here, budget)
-            if here < at:
+            begin = both_ways(tour, team, i, at, begin, budget)
+            if begin < at:
                 return False
-        if here >= first + n:
+        if begin >= first + n:
             borders[i + 1 :] = first + n
             return True
-    borders[m] = here
+    borders[m] = begin
     return False
 
 
@@ -208,12 +208,12 @@ def best_start(two_ways, tour, team, time, stride, borders):
             first = start + n + place
             if first < 0 or first + n >= ahead.shape[0] - 1:
                 continue
-            done = (
+            feasible = (
                 two_way_pass(tour, team, time, first, borders)
                 if two_ways
                 else shift_pass(tour, team, time, first, borders)
             )
-            if done:
+            if feasible:
                 return True
         offset += stride
     return False
@@ -228,15 +228,15 @@ def hop_pass(tour, team, time, first, turn, borders):
     search all cells of the tour in the given time.
     """
     m, n = team.places.shape[0], tour.points.shape[0]
-    here = first
+    begin = first
     for i in range(m):
-        borders[i] = here
+        borders[i] = begin
         robot = (i + turn) % m
-        if here < first + n:
-            budget = time * team.rates[robot] - away(tour, team, robot, here % n)
-            here = furthest(tour.ahead, here, budget * team.gains[robot])
-    borders[m] = here
-    return here >= first + n
+        if begin < first + n:
+            budget = time * team.rates[robot] - away(tour, team, robot, begin % n)
+            begin = furthest(tour.ahead, begin, budget * team.gains[robot])
+    borders[m] = begin
+    return begin >= first + n
 
 
 @kernel
@@ -265,12 +265,12 @@ def hop_costs(tour, team, firsts, latest):
                 robot = (i + turn) % m
                 if turn == 0 or not alike:  # for equal robots, all turns have equal arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
-                way = (
-                    flown(points, places, robot, cells[i] % n)
+                travel = (
+                    straight_distance(points, places, robot, cells[i] % n)
                     if straight
                     else far[robot, cells[i] % n]
                 )
-                worst = max(worst, way / rates[robot] + whole / power)
+                worst = max(worst, travel / rates[robot] + whole / power)
                 # a bisection could not make this turn the best turn
                 if worst > 1.5 * best and turn > 0:
                     worst = np.inf

@@ -22,18 +22,18 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
             if start < least or start > most:
                 return 1.0, 0.0
             continue
-        one, other = (least - start) / step, (most - start) / step
-        if one > other:
-            one, other = other, one
-        low, high = max(low, one), min(high, other)
+        enter, leave = (least - start) / step, (most - start) / step
+        if enter > leave:
+            enter, leave = leave, enter
+        low, high = max(low, enter), min(high, leave)
         if low > high:
             return 1.0, 0.0
     return low, high
 
 
 @kernel
-def fewest_links(points, starts, boxes, chains, asked, turn, reach, banned, nodes, counts):
-    """For each asked chain of windows, find the cheapest path from the first window to the last.
+def fewest_links(points, starts, boxes, chains, unsolved, turn, reach, banned, nodes, counts):
+    """For each unsolved chain of windows, find the cheapest path from the first window to the last.
 
     A path costs its length plus ``turn`` for each link. ``points`` (K, 2) contains the points of
     all windows. The points of window k have the indices from ``starts[k]`` to ``starts[k + 1] -
@@ -49,7 +49,7 @@ def fewest_links(points, starts, boxes, chains, asked, turn, reach, banned, node
     count = len(points)
     cost = np.empty(count, dtype=np.float64)
     before = np.empty(count, dtype=np.int64)
-    for c in asked:
+    for c in unsolved:
         low_window, high_window = chains[c], chains[c + 1]
         first, goal = starts[low_window], starts[high_window] - 1
         cost[first : goal + 1] = np.inf
@@ -92,5 +92,5 @@ def fewest_links(points, starts, boxes, chains, asked, turn, reach, banned, node
             counts[c] += 1
             node = before[node]
         for k in range(counts[c] // 2):
-            one, other = low_window + k, low_window + counts[c] - 1 - k
-            nodes[one], nodes[other] = nodes[other], nodes[one]
+            front, rear = low_window + k, low_window + counts[c] - 1 - k
+            nodes[front], nodes[rear] = nodes[rear], nodes[front]

@@ -16,10 +16,10 @@ from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
-    knowing,
     plan_search,
     plans_along,
     price_of_turns,
+    with_prior_odds,
 )
 from shoal.search.planning.sightings import planned_success
 from shoal.search.problem import SearchProblem
@@ -117,49 +117,49 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
 
     Examples
     --------
-    >>> found = compare_plans(SearchProblem("rectangle:80x50", robots=2, tour="strips"), seed=1)
-    >>> {one.plan.tour.name for one in found}, len(found)
+    >>> figures = compare_plans(SearchProblem("rectangle:80x50", robots=2, tour="strips"), seed=1)
+    >>> {each.plan.tour.name for each in figures}, len(figures)
     ({'strips'}, 7)
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
-    known: dict[Any, Any] = {}
-    first = plans_along(problem, names[0], seed, known)
+    cache: dict[Any, Any] = {}
+    first = plans_along(problem, names[0], seed, cache)
     if problem.launch is None:  # random starts are cells, which differ from tour to tour
         places = tuple((x, y) for x, y in first[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
-    rest = [plan for name in names[1:] for plan in plans_along(problem, name, seed, known)]
-    plans, limit = _all_knowing([*first, *rest], problem), None
-    found = []
+    others = [plan for name in names[1:] for plan in plans_along(problem, name, seed, cache)]
+    plans, limit = _all_with_prior_odds([*first, *others], problem), None
+    figures = []
     if problem.prior:
         best = plan_search(problem, seed=seed)
         if problem.moves:
             limit = problem.at_most * (best.plain_seconds or 0.0)
-        found.append(_figures(best, problem, limit, by_prior=True))
-    found += [_figures(plan, problem, limit) for plan in plans]
+        figures.append(_figures(best, problem, limit, by_prior=True))
+    figures += [_figures(plan, problem, limit) for plan in plans]
     if problem.tour == AUTO and problem.allocation == AUTO:
         patterns = pattern_plans(problem, seed, {})
-        found += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
-    return sorted(found, key=_rank)
+        figures += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
+    return sorted(figures, key=_rank)
 
 
-def _rank(one: PlanFigures) -> tuple[bool, bool, float]:
-    first = one.price if one.expected_find is None else one.expected_find
-    return one.refusal is not None, one.share < 1, first
+def _rank(figures: PlanFigures) -> tuple[bool, bool, float]:
+    first = figures.price if figures.expected_find is None else figures.expected_find
+    return figures.refusal is not None, figures.share < 1, first
 
 
-def _all_knowing(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+def _all_with_prior_odds(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
     """Return plans that know the prior of the problem, in their own orders."""
     if not problem.prior:
         return list(plans)
-    known: dict[int, SearchPlan] = {}
-    found = []
+    informed_of: dict[int, SearchPlan] = {}
+    informed = []
     for plan in plans:
-        if id(plan.tour) not in known:
-            known[id(plan.tour)] = knowing(plan, problem)
-        like = known[id(plan.tour)]
-        found.append(
+        if id(plan.tour) not in informed_of:
+            informed_of[id(plan.tour)] = with_prior_odds(plan, problem)
+        like = informed_of[id(plan.tour)]
+        informed.append(
             replace(
                 plan,
                 tour_cost=replace(plan.tour_cost, odds=like.tour_cost.odds, at_most=0.0),
@@ -168,30 +168,30 @@ def _all_knowing(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[Se
                 prior_before=like.prior_before,
             )
         )
-    return found
+    return informed
 
 
-def ways_of(plan: SearchPlan) -> list[tuple[int, Points]]:
+def routes_of(plan: SearchPlan) -> list[tuple[int, Points]]:
     """Return the number of each robot that has work, counted from 0, and its route in metres: from
     its start along its stops and, of a vehicle, to where it lands; float64, each of shape (k, 2).
     """
-    return [(robot, way[:, :2]) for robot, way in _ways(plan)]
+    return [(robot, route[:, :2]) for robot, route in _routes(plan)]
 
 
-def _ways(plan: SearchPlan) -> list[tuple[int, Points]]:
-    found = []
+def _routes(plan: SearchPlan) -> list[tuple[int, Points]]:
+    routes = []
     for robot in range(len(plan.places)):
         stops = plan.stops(robot)
         if not len(stops):
             continue
-        way = plan.route(robot, stops).points
+        route = plan.route(robot, stops).points
         if plan.flies:
             home = (plan.places if plan.landing is None else plan.landing)[robot]
-            back = plan.leg(home, way[-1, :2])[::-1]
-            level = np.full((len(back), way.shape[1] - 2), way[-1, 2:])
-            way = np.vstack([way, np.hstack([back, level])[1:]])
-        found.append((robot, way))
-    return found
+            back = plan.leg(home, route[-1, :2])[::-1]
+            level = np.full((len(back), route.shape[1] - 2), route[-1, 2:])
+            route = np.vstack([route, np.hstack([back, level])[1:]])
+        routes.append((robot, route))
+    return routes
 
 
 def _figures(
@@ -205,21 +205,21 @@ def _figures(
     """Return the figures of a plan. ``limit`` counts for a moving target that is not found; a search
     for one that stands still is repeated.
     """
-    ways = _ways(plan)
+    routes = _routes(plan)
     robots = range(len(plan.places))
-    seen = [plan.seen(robot, plan.stops(robot)) for robot in robots]
-    cells = np.unique(np.concatenate([one for own in seen for one in own]))
+    searched = [plan.visible_cells(robot, plan.stops(robot)) for robot in robots]
+    cells = np.unique(np.concatenate([cells for own in searched for cells in own]))
     success, expected = None, None
     if plan.ground is not None:
-        found = planned_success(plan, problem, limit)
-        success, expected = found.probability, found.mean
+        success_of_plan = planned_success(plan, problem, limit)
+        success, expected = success_of_plan.probability, success_of_plan.mean
     times = [end_of(sorties) for sorties in plan.sorties] if plan.flies else _own_times(plan)
     last = max(times, default=0.0)
     return PlanFigures(
         plan,
         seconds=plan.planned_seconds,
-        turns=sum(int(turns_of(way).sum()) for _, way in ways),
-        length=float(sum(plan.leg_lengths(way).sum() for _, way in ways)),
+        turns=sum(int(turns_of(route).sum()) for _, route in routes),
+        length=float(sum(plan.leg_lengths(route).sum() for _, route in routes)),
         evenness=float(np.mean(times)) / last if last else 1.0,
         price=price_of_turns(plan, problem),
         share=len(cells) / len(plan.tour_cost),

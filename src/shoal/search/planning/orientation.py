@@ -19,7 +19,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.geometry import angles_of, partial_sums
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.clipping import lattice_over, rotated, rotated_shape
+from shoal.search.cells.clipping import lattice_over, rotate, rotate_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.lanes import LineLattice, cells_along
 from shoal.search.cells.layers import (
@@ -38,7 +38,7 @@ from shoal.search.planning.choosing import one_by_one
 from shoal.search.problem import TURN_PRICES
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
-from shoal.search.tours.curves import TIE, joined
+from shoal.search.tours.curves import TIE, join_layers
 from shoal.search.tours.headland import HeadlandTour
 from shoal.search.tours.rows import (
     BoustrophedonTour,
@@ -295,15 +295,15 @@ def _through(
     stepwise: bool,
     transit: bool,
     along_rows: bool | None,
-    others: Mapping[str, GridTour] = MappingProxyType({}),
+    priced: Mapping[str, GridTour] = MappingProxyType({}),
 ) -> GridTour:
     """Compute a tour through the cells of a grid. The arguments are those of `grid_tour`.
 
-    The argument ``others`` gives known tours by name. If one of them visits the cells in the same
+    The argument ``priced`` gives known tours by name. If one of them visits the cells in the same
     order, along the same viewpoints, its path is known.
     """
     cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
-    for name, other in others.items():
+    for name, other in priced.items():
         if (name in _STRAIGHT) == (tour in _STRAIGHT) and np.array_equal(
             other.tour.cells, cell_tour.cells
         ):
@@ -334,7 +334,7 @@ def in_layers(
     tour: str,
     *,
     climb: float,
-    **given: Any,
+    **options: Any,
 ) -> GridTour:
     """Divide a region into the cells of several layers, and compute one tour through all layers.
 
@@ -356,27 +356,27 @@ def in_layers(
         Name of the tour for `make_tour`.
     climb : float
         The parameter ``climb`` of `LayeredGrid`.
-    given
+    options
         The arguments ``turn_cost``, ``stepwise`` and ``transit`` of `grid_tour`.
     """
     if len(altitudes) * passes == 1:
         return first
     size, angle, area = sizes[0], first.grid.angle, first.paths.grid.region
-    known = {(size, angle): first}
+    tour_of = {(size, angle): first}
     # so that the rows of the passes cross
-    given |= {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}
+    options |= {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}
     layers: list[GridTour] = []
     for side in sizes:
         for number in range(passes):
             key = side, (angle + 90.0 * (number % 2)) % 180.0
-            if key not in known:
-                known[key] = grid_tour(area, side, tour, angle=key[1], **given)
-            layers.append(known[key])
+            if key not in tour_of:
+                tour_of[key] = grid_tour(area, side, tour, angle=key[1], **options)
+            layers.append(tour_of[key])
     return through_layers(
         layers,
         np.repeat(np.asarray(altitudes, dtype=np.float64), passes),
         climb=climb,
-        turn=given.get("turn_cost", 0.0),
+        turn=options.get("turn_cost", 0.0),
         compared=first.compared,
     )
 
@@ -405,7 +405,7 @@ def through_layers(
         / grid.size
         for cells, layer, altitude in zip(grids, layers, grid.altitudes.tolist(), strict=True)
     ]
-    joined_tour = joined([layer.tour for layer in layers], points, turn=max(turn, TIE))
+    joined_tour = join_layers([layer.tour for layer in layers], points, turn=max(turn, TIE))
     paths = LayeredPaths(
         grid, [layer.paths for layer in layers if isinstance(layer.paths, RegionPaths)]
     )
@@ -424,7 +424,7 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
     along_rows: bool | None = None,
-    known: dict[Any, Any] | None = None,
+    cache: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Return the cells and the tour with the lowest cost of one round, over all compared tours,
     angles and shifts of the rows.
@@ -452,53 +452,57 @@ def best_grid_tour(
         Line in metres that the rows follow, in place of an angle.
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
-    known : dict, optional
+    cache : dict, optional
         Cache of cells and of tours with their costs, for calls that differ in ``tours`` alone.
     """
     import shapely
 
     # cells on the border take longer than cells inside, and a corner makes a cell of the border
     work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
-    tried = max(1, min(_TRIED, int(_WORK / work)))
+    complete_count = max(1, min(_TRIED, int(_WORK / work)))
     if line is not None:
         angle = 0.0
-    known = {} if known is None else known
-    if "orientations" not in known:
-        found = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
-        looked_at = min(_ROUGH, int(_ROUGH_WORK / work))
-        if angle is None and looked_at > tried:
-            likeliest = found[:looked_at]
-            found = _ranked_by_tours(region.area, size, tours, turn_cost, likeliest, tried)
-        known["orientations"] = found
-    orientations = known["orientations"]
+    cache = {} if cache is None else cache
+    if "orientations" not in cache:
+        estimated = (
+            [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
+        )
+        rough_count = min(_ROUGH, int(_ROUGH_WORK / work))
+        if angle is None and rough_count > complete_count:
+            likeliest = estimated[:rough_count]
+            estimated = _ranked_by_tours(
+                region.area, size, tours, turn_cost, likeliest, complete_count
+            )
+        cache["orientations"] = estimated
+    orientations = cache["orientations"]
     priced = []
-    choices = list(product(orientations[:tried], tours))
+    choices = list(product(orientations[:complete_count], tours))
     with one_by_one(choices, "tours") as each:
         for (direction, offset), tour in each:
-            if (direction, offset) not in known:
-                known[direction, offset] = (
+            if (direction, offset) not in cache:
+                cache[direction, offset] = (
                     cells_of(region, size, angle=direction, offset=(0.0, offset))
                     if line is None
                     else cells_along(region, size, line)
                 )
-            if (direction, offset, tour) not in known:
+            if (direction, offset, tour) not in cache:
                 candidate = _through(
-                    known[direction, offset],
+                    cache[direction, offset],
                     tour,
                     turn_cost=turn_cost,
                     stepwise=stepwise,
                     transit=transit,
                     along_rows=along_rows,
-                    others={
-                        other: known[direction, offset, other][0]
+                    priced={
+                        other: cache[direction, offset, other][0]
                         for other in tours
-                        if (direction, offset, other) in known
+                        if (direction, offset, other) in cache
                     },
                 )
                 cost = candidate.once_round(turn_cost, reach)
-                known[direction, offset, tour] = candidate, cost
-            priced.append(known[direction, offset, tour])
-    ranked = sorted(priced, key=lambda one: one[1])
+                cache[direction, offset, tour] = candidate, cost
+            priced.append(cache[direction, offset, tour])
+    ranked = sorted(priced, key=lambda pair: pair[1])
     best = ranked[0][0]
     compared = {
         candidate.tour.name: Candidate(
@@ -507,7 +511,7 @@ def best_grid_tour(
         for candidate, cost in reversed(ranked)
     }
     chosen_among = (
-        sorted(compared.values(), key=lambda one: one.cells)
+        sorted(compared.values(), key=lambda candidate: candidate.cells)
         if angle is None or len(tours) > 1
         else ()
     )
@@ -539,7 +543,7 @@ def _ranked_by_tours(
         return orientations
     costs = []
     for angle, shift in orientations:
-        flat = rotated_shape(simple, -angle)
+        flat = rotate_shape(simple, -angle)
         lattice = lattice_over(flat, size, angle, (0.0, shift))
         boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
         shapely.prepare(flat)
@@ -560,8 +564,8 @@ def _ranked_by_tours(
 
 def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
     cells = make_tour(maker, mask).cells
-    way = np.concatenate([cells, cells[:2]]).astype(np.float64)
-    return float(leg_lengths(way[:-1]).sum()) + turn * float(turns_of(way).sum())
+    path = np.concatenate([cells, cells[:2]]).astype(np.float64)
+    return float(leg_lengths(path[:-1]).sum()) + turn * float(turns_of(path).sum())
 
 
 def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[float]:
@@ -589,11 +593,11 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(simple)), return_index=True
     )
-    here = np.flatnonzero(ring[1:] == ring[:-1])
+    sides_of_rings = np.flatnonzero(ring[1:] == ring[:-1])
     costs = []
     for angle in sorted(angles):
-        flat = rotated(points, -angle)
-        sides = flat[here], flat[here + 1]
+        flat = rotate(points, -angle)
+        sides = flat[sides_of_rings], flat[sides_of_rings + 1]
         shifts = {*_SHIFTS, *_flush_shift(*sides, size)}
         costs += [(_cost_of_rows(*sides, size, turn, shift), angle, shift) for shift in shifts]
     return [(angle, shift) for _, angle, shift in sorted(costs)]
@@ -631,11 +635,11 @@ def _long_sides(area: Any) -> list[float]:
     costs: dict[float, float] = {}
     for ring in shapely.get_rings(shapely.get_parts(area)):
         sides = np.diff(shapely.get_coordinates(ring), axis=0)
-        ways = np.round(np.degrees(angles_of(sides)) % 90.0, 1)
-        for way, length in zip(ways.tolist(), np.hypot(*sides.T).tolist(), strict=True):
-            costs[way % 90.0] = costs.get(way % 90.0, 0.0) + length
-    best = sorted(costs, key=lambda way: -costs[way])[:_SIDES]
-    return [way + quarter for way in best for quarter in (0.0, 90.0)]
+        directions = np.round(np.degrees(angles_of(sides)) % 90.0, 1)
+        for direction, length in zip(directions.tolist(), np.hypot(*sides.T).tolist(), strict=True):
+            costs[direction % 90.0] = costs.get(direction % 90.0, 0.0) + length
+    best = sorted(costs, key=lambda direction: -costs[direction])[:_SIDES]
+    return [direction + quarter for direction in best for quarter in (0.0, 90.0)]
 
 
 def _cost_of_rows(
@@ -652,18 +656,18 @@ def _cost_of_rows(
     low, high = begins[:, 1].min(), begins[:, 1].max()
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
     first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
-    looked_at = min(count, _ROWS)
-    chosen = ((np.arange(looked_at) + 0.5) * count / looked_at).astype(np.int64)
+    sampled = min(count, _ROWS)
+    chosen = ((np.arange(sampled) + 0.5) * count / sampled).astype(np.int64)
     # A row counts if it contains any part of the region. This is tested along its centre line and
     # near both of its sides.
     y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
-    runs, outer, far = (found.reshape(*y.shape, -1) for found in _chords(begins, ends, y.ravel()))
+    runs, outer, far = (rows.reshape(*y.shape, -1) for rows in _chords(begins, ends, y.ravel()))
     slants = np.nan_to_num(np.abs(outer[:, 1] - outer[:, 2])) / size
     lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
     bends = _BENT * (slants > 1.0).sum(axis=1)
     turns = 2.0 * runs.max(axis=(1, 2)) + bends
-    return float((lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / looked_at)
+    return float((lengths + links + runs.max(axis=(1, 2)) + turn * turns).sum() * count / sampled)
 
 
 def _chords(

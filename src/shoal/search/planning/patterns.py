@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.search.allocation.allocate import Arc
 from shoal.search.cells.grid import CellGrid
-from shoal.search.planning.plan import SearchPlan, knowing, plans_along, with_work
+from shoal.search.planning.plan import SearchPlan, plans_along, with_prior_odds, with_work
 from shoal.search.problem import SearchProblem
 
 Cells = NDArray[np.int64]
@@ -53,8 +53,8 @@ def _outward(cells: Cells, start: Floats) -> Cells:
     """
     rows, columns = cells.T
     middle = float(np.median(np.unique(rows)))
-    there = sorted({*rows.tolist()}, key=lambda row: (abs(row - middle), row))
-    rank = np.array([there.index(row) for row in rows.tolist()])
+    rows_outward = sorted({*rows.tolist()}, key=lambda row: (abs(row - middle), row))
+    rank = np.array([rows_outward.index(row) for row in rows.tolist()])
     ends = [cells[(rank == 0)][np.argmin(s * columns[rank == 0])] for s in (1, -1)]
     back = 1 if np.hypot(*(ends[0] - start)) <= np.hypot(*(ends[1] - start)) else -1
     return np.lexsort((back * (1 - 2 * (rank % 2)) * columns, rank))
@@ -62,15 +62,15 @@ def _outward(cells: Cells, start: Floats) -> Cells:
 
 def _square(cells: Cells, likely: Floats) -> Cells:
     """Return the order of an expanding square around the likeliest cell."""
-    here, way = likely.astype(np.int64), np.array([0, 1])
-    far = int(np.abs(cells - here).max())
-    path = [here.copy()]
+    position, step = likely.astype(np.int64), np.array([0, 1])
+    far = int(np.abs(cells - position).max())
+    path = [position.copy()]
     for leg in range(4 * far + 2):
         for _ in range(leg // 2 + 1):
-            here += way
-            path.append(here.copy())
-        way = np.array([-way[1], way[0]])
-    return _passed(cells, np.array(path))
+            position += step
+            path.append(position.copy())
+        step = np.array([-step[1], step[0]])
+    return _entered_cells(cells, np.array(path))
 
 
 def _sectors(cells: Cells, likely: Floats) -> Cells:
@@ -90,13 +90,13 @@ def _sectors(cells: Cells, likely: Floats) -> Cells:
             corners += [likely + reach * np.array([np.sin(angle), np.cos(angle)])]
     corners.append(likely)
     path = [likely[None]]
-    for one, other in pairwise(corners):
-        steps = int(np.ceil(2 * np.hypot(*(other - one)))) + 1
-        path.append(np.linspace(one, other, steps))
-    return _passed(cells, np.rint(np.concatenate(path)).astype(np.int64))
+    for start, end in pairwise(corners):
+        steps = int(np.ceil(2 * np.hypot(*(end - start)))) + 1
+        path.append(np.linspace(start, end, steps))
+    return _entered_cells(cells, np.rint(np.concatenate(path)).astype(np.int64))
 
 
-def _passed(cells: Cells, path: Cells) -> Cells:
+def _entered_cells(cells: Cells, path: Cells) -> Cells:
     """Return the indices of the cells that a path of rows and columns enters, each once."""
     index = {cell: number for number, cell in enumerate(map(tuple, cells.tolist()))}
     entered = (index.get(cell) for cell in map(tuple, path.tolist()))
@@ -117,7 +117,7 @@ cell."""
 
 
 def pattern_plans(
-    problem: SearchProblem, seed: int, known: dict[Any, Any]
+    problem: SearchProblem, seed: int, cache: dict[Any, Any]
 ) -> list[tuple[str, SearchPlan]]:
     """Return a plan for each pattern.
 
@@ -131,14 +131,14 @@ def pattern_plans(
     """
     if problem.multiplicity > 1 or problem.passes > 1 or len(problem.altitudes) > 1:
         return []
-    turned = problem.replaced(tour="boustrophedon", allocation="stay")
+    oriented = problem.replaced(tour="boustrophedon", allocation="stay")
     if problem.along is None and not isinstance(problem.angle, float):
-        turned = turned.replaced(angle=_longer_side(problem))
-    turned = turned.at_place(problem.place)
-    plan = plans_along(turned, "boustrophedon", seed, known)[0]
+        oriented = oriented.replaced(angle=_longer_side(problem))
+    oriented = oriented.at_place(problem.place)
+    plan = plans_along(oriented, "boustrophedon", seed, cache)[0]
     if not isinstance(plan.grid, CellGrid):
         return []
-    plan = knowing(plan, problem)
+    plan = with_prior_odds(plan, problem)
     return [(name, with_work(plan, name, _work(plan, name))) for name in PATTERNS]
 
 

@@ -24,10 +24,10 @@ from shoal.search.allocation.allocate import (
     Allocation,
     Arc,
     allocate,
+    approach_cost,
     in_passes,
     numbers_of,
     time_of,
-    way_to,
 )
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
@@ -49,7 +49,7 @@ from shoal.search.cells.layers import (
     plane_of,
     with_climb_cost,
 )
-from shoal.search.cells.routing import RegionPaths, Route, Transits, WaysOut
+from shoal.search.cells.routing import LaunchDistances, RegionPaths, Route, Transits
 from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
@@ -77,7 +77,7 @@ from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
-from shoal.search.regions.margin import grown, with_margin, without_margin
+from shoal.search.regions.margin import grow, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 from shoal.search.tours import Tour
@@ -118,12 +118,12 @@ def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Poin
     if starts == "clustered":
         middle = middles[rng.integers(len(middles))]
         spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
-        wanted = middle + rng.normal(0, spread, size=(robots, 2))
+        positions = middle + rng.normal(0, spread, size=(robots, 2))
     else:
         low, high = middles.min(axis=0), middles.max(axis=0)
-        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
+        positions = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
     return np.asarray(
-        middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))]
+        middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(positions))]
     )
 
 
@@ -243,10 +243,10 @@ class SearchPlan:
             object.__setattr__(self, "delays", np.zeros(len(self.places)))
         if self.airspace is None:
             region = self.grid.region
-            known = region.for_paths  # all plans of the region share it
-            if "blocked" not in known:
-                known["blocked"] = grown(region.no_go, region.margin)
-            blocked = known["blocked"]
+            cache = region.for_paths  # all plans of the region share it
+            if "blocked" not in cache:
+                cache["blocked"] = grow(region.no_go, region.margin)
+            blocked = cache["blocked"]
             object.__setattr__(self, "airspace", Airspace(blocked, free=region.free))
 
     @property
@@ -257,8 +257,8 @@ class SearchPlan:
     @property
     def layer_tours(self) -> tuple[Tour, ...]:
         """The tour of each layer, from the lowest layer to the highest."""
-        seen = self.tour_cost.footprint
-        return seen.numbers.layers if isinstance(seen, LayeredFootprint) else (self.tour,)
+        footprint = self.tour_cost.footprint
+        return footprint.numbers.layers if isinstance(footprint, LayeredFootprint) else (self.tour,)
 
     @property
     def row_angle(self) -> float:
@@ -371,7 +371,7 @@ class SearchPlan:
         home, with turns and climbs.
         """
         vehicle = self.vehicle
-        out, way = self.flown_route(robot, stops, detours)
+        out, route = self.flown_route(robot, stops, detours)
         ending = "land" if self.landing is not None else "loiter" if vehicle.radius else "return"
         flight = Flight(
             vehicle,
@@ -382,12 +382,12 @@ class SearchPlan:
             rate=float(self.rates[robot]),
             link=float(self.footprints[robot]) * LINK,
         )
-        way_out, search_way = (
-            merge_straight_legs(way[: out + 1], MERGED)[:-1],
-            merge_straight_legs(way[out:], MERGED),
+        approach, search_path = (
+            merge_straight_legs(route[: out + 1], MERGED)[:-1],
+            merge_straight_legs(route[out:], MERGED),
         )
         return Sorties(
-            np.vstack([way_out, search_way]), flight, _MEMORY, self.leg, robot + 1, len(way_out)
+            np.vstack([approach, search_path]), flight, _MEMORY, self.leg, robot + 1, len(approach)
         )
 
     def flown_route(
@@ -471,17 +471,19 @@ class SearchPlan:
         """
         shape = shapely.union_all([layer.region.area for layer in layers_of(self.grid)])
         corners = shapely.get_coordinates(shape.convex_hull)
-        ways = (
+        distances = (
             np.linalg.norm(corners[:, None] - self.places[None], axis=2)
             - self._widest_views / 2**0.5
         )
-        return float((ways / speeds).min(axis=1).max())
+        return float((distances / speeds).min(axis=1).max())
 
     @cached_property
     def paths(self) -> Paths:
         """The object that computes paths inside the region."""
-        known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
-        paths = [known[layer] for layer in layers_of(self.grid)]
+        paths_of = {
+            layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)
+        }
+        paths = [paths_of[layer] for layer in layers_of(self.grid)]
         return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
 
     @cached_property
@@ -498,12 +500,12 @@ class SearchPlan:
         index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
-    def leg_lengths(self, way: Points) -> NDArray[np.float64]:
+    def leg_lengths(self, path: Points) -> NDArray[np.float64]:
         """Return the lengths of a path's legs in metres; float64, shape (k - 1,).
 
         The length of a climb is the length of a horizontal path of the same duration.
         """
-        return leg_lengths(with_climb_cost(self.grid, way))
+        return leg_lengths(with_climb_cost(self.grid, path))
 
     @property
     def altitudes(self) -> list[float]:
@@ -543,12 +545,12 @@ class SearchPlan:
             else select_viewpoints(self.tour_cost, width, cells)[0]
         )
 
-    def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
+    def visible_cells(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
         """Return the cells that robot number ``robot`` (counted from 0) sees from each of its
         stops, as tour indices.
         """
         width = int(self.widths[robot])
-        return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
+        return [self.tour_cost.visible_cells(int(stop), width) for stop in np.asarray(stops)]
 
     def times_by_cost(self, robot: int, stops: ArrayLike) -> NDArray[np.float64]:
         """Return when robot number ``robot`` (counted from 0) is at each of its stops, in seconds, by
@@ -559,9 +561,11 @@ class SearchPlan:
         if not numbers:
             return np.zeros(0)
         cost, start = self.tour_cost, int(self.starts[robot])
-        ways = [way_to(cost, numbers[0], cost.points[start], start)]
-        ways += [cost.way(one, other) for one, other in pairwise(numbers)]
-        cells = np.cumsum(np.array(ways) + 1.0) / self.rates[robot] + _late(self, robot, numbers[0])
+        costs = [approach_cost(cost, numbers[0], cost.points[start], start)]
+        costs += [cost.move_cost(source, target) for source, target in pairwise(numbers)]
+        cells = np.cumsum(np.array(costs) + 1.0) / self.rates[robot] + _lateness(
+            self, robot, numbers[0]
+        )
         if self.flies:
             return np.asarray(cells * (self.planned_seconds / self.allocation.makespan))
         return np.asarray(self.seconds(0.0) + cells * self.cell_seconds)
@@ -574,24 +578,26 @@ class SearchPlan:
         way to the given cell.
         """
         if any(detours):
-            return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
+            return self._route_with_detours(robot, np.asarray(numbers, dtype=np.int64), detours)
         cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
         home = self._home(robot)
         if not len(cells):
             return Route(
                 home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_)
             )
-        return self._after_way_out(home, self.paths.route(cells))
+        return self._with_approach(home, self.paths.route(cells))
 
-    def _after_way_out(self, home: Points, searched: Route) -> Route:
+    def _with_approach(self, home: Points, searched: Route) -> Route:
         """Return a route extended at its beginning by the path from a robot's start position."""
         if self.grid.region.contains(home[None, :2])[0]:
             first = self.paths.legs(np.stack([home, searched.points[0]]))
         else:
-            way = self._way_in(home[:2], searched.points[0, :2])
+            path = self._path_in(home[:2], searched.points[0, :2])
             if len(home) == 3:  # climb above home to the first cell's altitude, and then fly level
-                way = np.vstack([home, at_altitude(way, searched.points[0, 2])])
-            first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
+                path = np.vstack([home, at_altitude(path, searched.points[0, 2])])
+            first = Route(
+                path, np.array([0, len(path) - 1]), np.ones(len(path) - 1, dtype=np.bool_)
+            )
         return Route(
             np.concatenate([first.points[:-1], searched.points]),
             np.concatenate([[0], searched.stops + len(first.points) - 1]),
@@ -603,7 +609,7 @@ class SearchPlan:
         return Transits(self.grid.region, self.places, self.landing)
 
     @cached_property
-    def ways_out(self) -> WaysOut | None:
+    def launch_distances(self) -> LaunchDistances | None:
         """Distances from launch points outside the region to the cells, or None if all robots start
         inside the region.
         """
@@ -611,8 +617,8 @@ class SearchPlan:
         if not outside:
             return None
         launches = {robot + 1: self.places[robot] for robot in outside}
-        return WaysOut(
-            self._way_in, launches, self.tour_cost.points * self.grid.size, self.grid.size
+        return LaunchDistances(
+            self._path_in, launches, self.tour_cost.points * self.grid.size, self.grid.size
         )
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
@@ -621,30 +627,31 @@ class SearchPlan:
 
         If both end points lie inside the region, the path stays inside the region.
         """
-        both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[
+        ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[
             :, :2
         ]
-        inside = bool(self.grid.region.contains(both).all())
+        inside = bool(self.grid.region.contains(ends).all())
         if inside:
-            return self.paths.legs(both).points[:, :2]
+            return self.paths.legs(ends).points[:, :2]
         return (
-            self._way_in(*both)
-            if not self.grid.region.contains(both[:1])[0]
-            else self._way_in(*both[::-1])[::-1]
+            self._path_in(*ends)
+            if not self.grid.region.contains(ends[:1])[0]
+            else self._path_in(*ends[::-1])[::-1]
         )
 
-    def _way_in(self, place: Points, stop: Points) -> Points:
+    def _path_in(self, place: Points, stop: Points) -> Points:
         """Return the path from a place outside the region to a point, in metres; float64, shape (k,
         2).
         """
         if not (self.stay_inside and self.grid.region.contains(stop[None])[0]):
-            return self._transits.way(place, stop)
+            return self._transits.path(place, stop)
         part = min(
-            self.grid.region.parts, key=lambda one: float(one.distance(shapely.points(stop)))
+            self.grid.region.parts,
+            key=lambda polygon: float(polygon.distance(shapely.points(stop))),
         )
         entry = shapely.get_coordinates(shapely.shortest_line(part, shapely.points(place)))[0]
         return np.vstack(
-            [self._transits.way(place, entry)[:-1], self._inner_paths.leg(entry, stop)]
+            [self._transits.path(place, entry)[:-1], self._inner_paths.leg(entry, stop)]
         )
 
     @cached_property
@@ -674,7 +681,7 @@ class SearchPlan:
     def _allowed(self) -> Any:
         return self.grid.region.outline.buffer(TOUCH)
 
-    def _route_round(
+    def _route_with_detours(
         self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]
     ) -> Route:
         grid = self.grid
@@ -686,7 +693,7 @@ class SearchPlan:
                 grid.viewpoints[begins[list(passed)]],
                 grid.viewpoints[begins[cell] : ends[cell]],
             ]
-        return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
+        return self._with_approach(self._home(robot), self.paths.legs(np.concatenate(stops)))
 
 
 def end_of(sorties: SortieTimes) -> float:
@@ -720,7 +727,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     """
     region: SearchRegion = problem.place
     first = None
-    for turned, share in attempts(problem, region.margin):
+    for rotated_rows, share in attempts(problem, region.margin):
         margin = share * region.margin
         try:
             if share < 1:
@@ -730,7 +737,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
                 attempt = problem.replaced(margin=margin).at_place(narrow_region)
             else:
                 attempt = problem
-            plan = plan_at_margin(attempt, seed, turned=turned)
+            plan = plan_at_margin(attempt, seed, rotated_rows=rotated_rows)
         except InvalidInputError:
             if first is None:
                 raise
@@ -738,10 +745,10 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         if not isinstance(plan.refusal, NoRoomError):
             if share < 1:
                 tell_once(narrower_margin_text(margin, region.margin))
-            return _said(plan)
+            return _report_refusal(plan)
         first = plan if first is None else first
     assert first is not None
-    return _said(first)
+    return _report_refusal(first)
 
 
 _TRIES = 6  # of a price of breaks
@@ -764,41 +771,41 @@ def _with_prior(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     prior = problem.open_prior()
     if prior is None:
         return plan
-    kept = _knowing(plan, problem, prior)
-    ground = kept.ground
-    kept = replace(kept, plain=plan, alternatives=(), flown={})
+    informed = _with_prior_odds(plan, problem, prior)
+    ground = informed.ground
+    informed = replace(informed, plain=plan, alternatives=(), flown={})
     if problem.order == TOUR:
-        return kept
+        return informed
     if isinstance(ground, MovingGround):
-        rough = _ahead(replace(kept, ground=ground.thinned(_THINNED)), problem)
-        kept = replace(rough, ground=ground)
-    layouts = [kept]
+        rough = _with_future_odds(replace(informed, ground=ground.thinned(_THINNED)), problem)
+        informed = replace(rough, ground=ground)
+    layouts = [informed]
     if 0 < problem.chosen_detection < 1:
         budget = (problem.longest_order - 1.0) * plan.tour_cost.least
-        more = [_with_revisits(kept, round(share * budget), problem) for share in _REVISITS]
-        layouts += [one for one in more if one is not None]
+        more = [_with_revisits(informed, round(share * budget), problem) for share in _REVISITS]
+        layouts += [layout for layout in more if layout is not None]
     if len(layouts) > 1:
-        layouts = _by_expected_time(layouts, kept, problem)
+        layouts = _by_expected_time(layouts, informed, problem)
     for layout in layouts:
-        found = _in_likely_order(layout, kept, problem)
-        if found is not None:
-            return found
+        ordered = _in_likely_order(layout, informed, problem)
+        if ordered is not None:
+            return ordered
     tell_once(
         "prior: robots search in the order of the plan without it, because no other order that was"
         f" tried takes at most {problem.longest_order:g} times as long; --at-most sets another limit"
     )
-    return kept
+    return informed
 
 
-def knowing(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+def with_prior_odds(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan that knows where the target of the problem's prior may be, with its own order
     of cells.
     """
     prior = problem.open_prior()
-    return plan if prior is None else _knowing(plan, problem, prior)
+    return plan if prior is None else _with_prior_odds(plan, problem, prior)
 
 
-def _knowing(plan: SearchPlan, problem: SearchProblem, prior: Prior) -> SearchPlan:
+def _with_prior_odds(plan: SearchPlan, problem: SearchProblem, prior: Prior) -> SearchPlan:
     ground: Ground | MovingGround
     if problem.moves:
         ground, inside = prior.moving(plan.grid, plan.tour, problem.drift or (0.0, 0.0, 0.0))
@@ -833,8 +840,8 @@ def _by_expected_time(
     times: list[float] = []
     for layout in layouts:
         rough = replace(layout, tour_cost=replace(layout.tour_cost, thorough=False))
-        found = _in_likely_order(rough, plain, problem)
-        times.append(inf if found is None else _expected_time(found, problem))
+        ordered = _in_likely_order(rough, plain, problem)
+        times.append(inf if ordered is None else _expected_time(ordered, problem))
     return [layouts[k] for k in np.argsort(times, kind="stable").tolist()]
 
 
@@ -855,7 +862,7 @@ def _in_likely_order(
     for _ in range(_TRIES):
         cost = replace(plan.tour_cost, at_most=max(limit / least, 1e-9), break_cost=price)
         along = replace(plan, tour_cost=cost)
-        trial = _allocated(along, plan.allocation, problem, plan.allocation.arcs)
+        trial = _reallocate(along, plan.allocation, problem, plan.allocation.arcs)
         seconds, refused = trial.planned_seconds, trial.refusal is not None
         if seconds <= limit * plain.planned_seconds * (1 + 1e-9) and (
             not refused or plain.refusal is not None
@@ -889,14 +896,14 @@ def _with_revisits(plan: SearchPlan, cells: int, problem: SearchProblem) -> Sear
     assert ground is not None
     own = plan.tour.cells[:, 0] if len(layers) > 1 else np.zeros(len(plan.tour), dtype=np.int64)
     pieces = ground if isinstance(ground, Ground) else _pieces(plan.tour_cost.odds, own)
-    again = _looked_at_again(plan, pieces, own)
+    again = _cells_of_revisits(plan, pieces, own)
     # probability, per time of a cell, that the look after all others finds the target
     missed = (1.0 - _detection(problem)) ** (
         np.arange(_LOOKS - 1)[:, None] + (pieces.cells >= 0).sum(axis=1)
     )
     sides = np.array([layer.size / plan.grid.size for layer in layers])[own]
     gains = np.array(
-        [np.bincount(again, pieces.masses * one, minlength=len(own)) / sides for one in missed]
+        [np.bincount(again, pieces.masses * share, minlength=len(own)) / sides for share in missed]
     )
     likeliest = np.argsort(-gains, axis=None, kind="stable")[: np.count_nonzero(gains)]
     spent = np.cumsum(sides[likeliest % len(own)])
@@ -905,8 +912,10 @@ def _with_revisits(plan: SearchPlan, cells: int, problem: SearchProblem) -> Sear
     if not chosen.any():
         return None
     tours = plan.layer_tours
-    known = {layer: RegionPaths(layer, transit=plan.transit) for layer in layers}
-    looks = [GridTour(layer, tour, known[layer]) for layer, tour in zip(layers, tours, strict=True)]
+    paths_of = {layer: RegionPaths(layer, transit=plan.transit) for layer in layers}
+    looks = [
+        GridTour(layer, tour, paths_of[layer]) for layer, tour in zip(layers, tours, strict=True)
+    ]
     altitudes = list(plan.altitudes)
     for further in chosen.reshape(gains.shape):
         for up in np.unique(own[further]).tolist():
@@ -937,7 +946,7 @@ def _with_revisits(plan: SearchPlan, cells: int, problem: SearchProblem) -> Sear
         ),
         flown={},
     )
-    return _allocated(more, plan.allocation, problem)
+    return _reallocate(more, plan.allocation, problem)
 
 
 def _pieces(odds: NDArray[np.float64], layers: NDArray[np.int64]) -> Ground:
@@ -950,7 +959,9 @@ def _pieces(odds: NDArray[np.float64], layers: NDArray[np.int64]) -> Ground:
     return Ground(odds, cells)
 
 
-def _looked_at_again(plan: SearchPlan, pieces: Ground, own: NDArray[np.int64]) -> NDArray[np.int64]:
+def _cells_of_revisits(
+    plan: SearchPlan, pieces: Ground, own: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Return the cell from which robots look at each piece of the ground again, as a tour index;
     int64, shape (G,). The argument ``own`` gives the layer of each cell.
     """
@@ -971,7 +982,7 @@ def _looked_at_again(plan: SearchPlan, pieces: Ground, own: NDArray[np.int64]) -
     return np.asarray(again)
 
 
-def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
+def _with_future_odds(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan with probabilities of cells for a target that moves.
 
     The order of a search follows one probability for each cell. Good ones are those at which the
@@ -981,41 +992,43 @@ def _ahead(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     n, ground = len(plan.tour), plan.ground
     assert isinstance(ground, MovingGround)
 
-    def tried(odds: NDArray[np.float64], thorough: bool) -> tuple[float, SearchPlan, Looks | None]:
+    def evaluate(
+        odds: NDArray[np.float64], thorough: bool
+    ) -> tuple[float, SearchPlan, Looks | None]:
         layout = replace(plan, tour_cost=replace(plan.tour_cost, odds=odds, thorough=thorough))
-        found = _in_likely_order(layout, plan, problem)
-        if found is None:
+        ordered = _in_likely_order(layout, plan, problem)
+        if ordered is None:
             return inf, layout, None
-        looks = _looks_of(found)
-        return _expected_time(found, problem, looks), layout, looks
+        looks = _looks_of(ordered)
+        return _expected_time(ordered, problem, looks), layout, looks
 
     plans = [
-        tried(ground.still(share * plan.planned_seconds).shares(n, _detection(problem)), False)
+        evaluate(ground.still(share * plan.planned_seconds).shares(n, _detection(problem)), False)
         for share in _LATER
     ]
-    best = min(plans, key=lambda one: one[0])
+    best = min(plans, key=lambda result: result[0])
     _, layout, looks = best
     for _ in range(_ROUNDS):
         if looks is None or layout.tour_cost.odds is None:
             break
-        found = ground.masses[looks.pieces] * looks.chances(problem.chosen_detection)
-        mixed = (layout.tour_cost.odds + np.bincount(looks.cells, found, minlength=n)) / 2
-        plans.append(tried(mixed, False))
+        masses = ground.masses[looks.pieces] * looks.chances(problem.chosen_detection)
+        mixed = (layout.tour_cost.odds + np.bincount(looks.cells, masses, minlength=n)) / 2
+        plans.append(evaluate(mixed, False))
         _, layout, looks = plans[-1]
-    best = min(plans, key=lambda one: one[0])
+    best = min(plans, key=lambda result: result[0])
     assert plan.tour_cost.odds is not None
     assert best[1].tour_cost.odds is not None
-    plans += [tried(plan.tour_cost.odds, True), tried(best[1].tour_cost.odds, True)]
-    return min(plans, key=lambda one: one[0])[1]
+    plans += [evaluate(plan.tour_cost.odds, True), evaluate(best[1].tour_cost.odds, True)]
+    return min(plans, key=lambda result: result[0])[1]
 
 
 def _looks_of(plan: SearchPlan) -> Looks:
     """Return the looks of a plan at the ground of its prior, with times in seconds."""
     assert plan.ground is not None
     stops = [plan.stops(robot) for robot in range(len(plan.places))]
-    seen = [plan.seen(robot, own) for robot, own in enumerate(stops)]
+    cells = [plan.visible_cells(robot, own) for robot, own in enumerate(stops)]
     times = [plan.times_by_cost(robot, own) for robot, own in enumerate(stops)]
-    return looks_from(plan.ground, seen, times)
+    return looks_from(plan.ground, cells, times)
 
 
 def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None = None) -> float:
@@ -1029,14 +1042,14 @@ def _expected_time(plan: SearchPlan, problem: SearchProblem, looks: Looks | None
     return plan.ground.expected_time(looks, problem.chosen_detection, limit)
 
 
-def _allocated(
+def _reallocate(
     plan: SearchPlan,
     like: Allocation,
     problem: SearchProblem,
-    known: Sequence[Sequence[Arc]] | None = None,
+    arcs: Sequence[Sequence[Arc]] | None = None,
 ) -> SearchPlan:
     """Return a plan whose allocation follows its own tour cost, by the rule of another one. The
-    argument ``known`` is that of `allocate`.
+    argument ``arcs`` is that of `allocate`.
     """
     middles = plan.tour_cost.points[plan.starts]
     allocation = allocate(
@@ -1046,7 +1059,7 @@ def _allocated(
         rates=plan.rates,
         places=middles,
         widths=plan.widths,
-        known=known,
+        plain_arcs=arcs,
     )
     shared = _in_passes(
         plan.tour_cost, allocation, plan.starts, plan.rates, plan.widths, problem.multiplicity
@@ -1079,21 +1092,21 @@ def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
     side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
     flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
     turns = problem.chosen_angle is None and problem.along is None
-    others = [(True, shares[-1])] if turns and flown else []
-    return [*((False, share) for share in shares), *others]
+    rotations = [(True, shares[-1])] if turns and flown else []
+    return [*((False, share) for share in shares), *rotations]
 
 
-def narrower_margin_text(margin: float, wanted: float) -> str:
+def narrower_margin_text(margin: float, default: float) -> str:
     """Return the notice about a margin that is narrower than the default because of a vehicle
     without room.
     """
     return (
-        f"margin: {margin:.3g} m in place of {wanted:.3g} m, because with the wider margin a"
+        f"margin: {margin:.3g} m in place of {default:.3g} m, because with the wider margin a"
         " vehicle has no room for its turns or its path; --margin sets another one"
     )
 
 
-def _said(plan: SearchPlan) -> SearchPlan:
+def _report_refusal(plan: SearchPlan) -> SearchPlan:
     """Return a plan, with a notice if a vehicle cannot fly its path."""
     if plan.refusal is not None:
         tell_once(
@@ -1103,27 +1116,27 @@ def _said(plan: SearchPlan) -> SearchPlan:
     return plan
 
 
-def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -> SearchPlan:
+def plan_at_margin(problem: SearchProblem, seed: int, *, rotated_rows: bool = False) -> SearchPlan:
     """Return the plan of a search with the margin of the problem's region.
 
     If a camera, which turns with its vehicle, misses some of the region, the cells become narrower.
-    With ``turned``, the plan is the fastest of those that vehicles can fly with the rows at one of
-    the `other_angles`.
+    With ``rotated_rows``, the plan is the fastest of those that vehicles can fly with the rows at
+    one of the `other_angles`.
     """
-    plain = _turned_plan(problem, seed) if turned else _plain_plan(problem, seed)
+    plain = _rotated_plan(problem, seed) if rotated_rows else _plain_plan(problem, seed)
     if not problem.prior:
         return plain
     # Missions learn their start times from the order, so the order does not depend on these.
-    return _delayed(_with_prior(_delayed(plain, -plain.delays), problem), plain.delays)
+    return _add_delays(_with_prior(_add_delays(plain, -plain.delays), problem), plain.delays)
 
 
 def in_order(plan: SearchPlan, problem: SearchProblem) -> SearchPlan:
     """Return a plan with a prior in another `SearchProblem.order`, that of ``problem``."""
     assert plan.plain is not None
-    return _delayed(_with_prior(plan.plain, problem), plan.delays)
+    return _add_delays(_with_prior(plan.plain, problem), plan.delays)
 
 
-def _delayed(plan: SearchPlan, seconds: NDArray[np.float64]) -> SearchPlan:
+def _add_delays(plan: SearchPlan, seconds: NDArray[np.float64]) -> SearchPlan:
     """Return a plan whose robots depart so many seconds later."""
     times = plan.allocation.times + seconds / plan.cell_seconds
     return replace(
@@ -1154,7 +1167,7 @@ def _plain_plan(problem: SearchProblem, seed: int) -> SearchPlan:
     return plan
 
 
-def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
+def _rotated_plan(problem: SearchProblem, seed: int) -> SearchPlan:
     """Return the fastest plan with its rows at one of the `other_angles`, if possible one that
     vehicles can fly.
     """
@@ -1178,18 +1191,18 @@ def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
     """Return whether the camera, which turns with the vehicle, sees the whole region along the
     paths of a plan.
     """
-    ways = [
+    routes = [
         plan.route(robot, stops)
         for robot in range(len(plan.places))
         if len(stops := plan.stops(robot))
     ]
-    seen = [way.points[way.stops[1] :] for way in ways]
+    searched = [route.points[route.stops[1] :] for route in routes]
     sides = [
         float(plan.footprints[robot]) for robot in range(len(plan.places)) if len(plan.stops(robot))
     ]
     return (
         coverage_check(
-            grid.region, seen, sides, angle=grid.angle, image=plan.image
+            grid.region, searched, sides, angle=grid.angle, image=plan.image
         ).covered_fraction
         > 1 - _UNSEEN
     )
@@ -1204,8 +1217,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     image whatever its heading.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    known: dict[Any, Any] = {}
-    first = _grid_tour(problem, speeds, scale=scale, known=known)
+    cache: dict[Any, Any] = {}
+    first = _grid_tour(problem, speeds, scale=scale, cache=cache)
     landing = (
         None
         if problem.land is None
@@ -1223,7 +1236,7 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     )
     tours = [first]
     for name in names:
-        grid_tour = _grid_tour(problem, speeds, tour=name, scale=scale, known=known)
+        grid_tour = _grid_tour(problem, speeds, tour=name, scale=scale, cache=cache)
         # the best tour is also the best of its name, and others may be equal: planned once
         if not any(_is_same(grid_tour, other) for other in tours):
             tours.append(grid_tour)
@@ -1247,10 +1260,10 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     return replace(best, alternatives=tuple(alternatives))
 
 
-def _is_same(one: GridTour, other: GridTour) -> bool:
+def _is_same(first: GridTour, second: GridTour) -> bool:
     """Return whether two tours lead through the same cells in the same order."""
-    return np.array_equal(one.tour.cells, other.tour.cells) and np.array_equal(
-        one.grid.viewpoints, other.grid.viewpoints
+    return np.array_equal(first.tour.cells, second.tour.cells) and np.array_equal(
+        first.grid.viewpoints, second.grid.viewpoints
     )
 
 
@@ -1271,13 +1284,13 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
 
 
 def plans_along(
-    problem: SearchProblem, tour: str, seed: int, known: dict[Any, Any]
+    problem: SearchProblem, tour: str, seed: int, cache: dict[Any, Any]
 ) -> list[SearchPlan]:
     """Return the plans of all allocations that the problem compares, along one tour. The argument
-    ``known`` is that of `best_grid_tour`.
+    ``cache`` is that of `best_grid_tour`.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, known=known)
+    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, cache=cache)
     landing = (
         None
         if problem.land is None
@@ -1418,21 +1431,25 @@ def _in_passes(
 def _with_delays(plan: SearchPlan) -> SearchPlan:
     """Return a plan whose completion times contain what robots need before they begin."""
     late = [
-        _late(plan, robot, int(stops[0]) if len(stops := plan.stops(robot)) else None)
+        _lateness(plan, robot, int(stops[0]) if len(stops := plan.stops(robot)) else None)
         for robot in range(len(plan.places))
     ]
     times = plan.allocation.times + np.array(late)
     return replace(plan, allocation=replace(plan.allocation, times=times))
 
 
-def _late(plan: SearchPlan, robot: int, first: int | None) -> float:
+def _lateness(plan: SearchPlan, robot: int, first: int | None) -> float:
     """Return the time, in cells, that a robot's delay and its path from a launch point outside the
     region to its first cell add to its times.
     """
     late = float(plan.delays[robot]) / plan.cell_seconds
-    if first is not None and plan.ways_out is not None and robot + 1 in plan.ways_out:
-        way = plan.ways_out.length(robot + 1, first)
-        late += (way - plan.tour_cost.length(int(plan.starts[robot]), first)) / plan.rates[robot]
+    if (
+        first is not None
+        and plan.launch_distances is not None
+        and robot + 1 in plan.launch_distances
+    ):
+        length = plan.launch_distances.length(robot + 1, first)
+        late += (length - plan.tour_cost.length(int(plan.starts[robot]), first)) / plan.rates[robot]
     return late
 
 
@@ -1442,12 +1459,12 @@ def _grid_tour(
     *,
     scale: float,
     tour: str | None = None,
-    known: dict[Any, Any] | None = None,
+    cache: dict[Any, Any] | None = None,
 ) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour
     through all layers.
 
-    With ``tour``, the function compares no other tours. The argument ``known`` is that of
+    With ``tour``, the function compares no other tours. The argument ``cache`` is that of
     `best_grid_tour`.
     """
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
@@ -1470,7 +1487,7 @@ def _grid_tour(
         reach=turn_cost * sizes[0],
         angle=problem.chosen_angle,
         line=problem.line,
-        known=known,
+        cache=cache,
         **options,
     )
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
@@ -1493,14 +1510,14 @@ def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False)
     begins = partial_sums(np.diff(grid.viewpoint_starts)[index])
     steps = np.diff(distances[begins]) / grid.size
     # the last entry of the turns belongs to the first point
-    closed_way = np.concatenate([round_trip.points, round_trip.points[1:2]])
-    shares = turn_shares(closed_way, reach=turn_cost * grid.size)
+    closed_path = np.concatenate([round_trip.points, round_trip.points[1:2]])
+    shares = turn_shares(closed_path, reach=turn_cost * grid.size)
     turns = np.diff(np.cumsum(np.concatenate([[0], shares[-1:], shares]))[round_trip.stops[begins]])
     free = grid.region.free
     straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)
     options: dict[str, Any] = {"distances": None}
     if isinstance(paths, LayeredPaths):
-        options |= _of_layers(grid_tour, paths, straight=straight or stepwise)
+        options |= _layer_options(grid_tour, paths, straight=straight or stepwise)
         if stepwise:
             options["distances"] = cells_of_layers(paths.grid, tour, steps)
     else:
@@ -1514,7 +1531,7 @@ def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False)
     return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **options)
 
 
-def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
+def _layer_options(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return the arguments of `TourCost` for a tour through several layers."""
     numbers = LayerNumbers(grid_tour.tour, tuple(layer.tour for layer in grid_tour.layers))
     grids = layers_of(grid_tour.grid)
@@ -1523,12 +1540,12 @@ def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> d
     own = {
         layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(bases)
     }
-    seen = {
+    footprint_of = {
         layer: RegionFootprint(grid, layer.tour)
         for layer, grid in zip(grid_tour.layers, grids, strict=True)
     }
     return {
-        "footprint": LayeredFootprint(numbers, [seen[layer] for layer in grid_tour.layers]),
+        "footprint": LayeredFootprint(numbers, [footprint_of[layer] for layer in grid_tour.layers]),
         "least": (
             sum(layer.grid.n_cells * layer.grid.size for layer in grid_tour.layers)
             / grid_tour.grid.size

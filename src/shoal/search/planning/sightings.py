@@ -209,7 +209,7 @@ def planned_success(
     return success_of(
         plan,
         [sightings_of(plan, robot, stops[robot]) for robot in robots],
-        [plan.seen(robot, stops[robot]) for robot in robots],
+        [plan.visible_cells(robot, stops[robot]) for robot in robots],
         view=problem.view,
         detection=problem.chosen_detection,
         limit=plan.planned_seconds if limit is None else limit,

@@ -51,7 +51,7 @@ from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
-from shoal.search.regions.places import places_of, read_line, read_points, seen_along
+from shoal.search.regions.places import places_of, read_line, read_points, swept_area
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import TOURS
@@ -577,11 +577,11 @@ class SearchProblem(Problem):
             "starts": "{} points",
             "delays": "{} times",
         }
-        for name, what in of_robots.items():
+        for name, form in of_robots.items():
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
                 raise InvalidInputError(
-                    f"{name}: expected {what.format(self.robots)}, one per robot, got {len(value)}"
+                    f"{name}: expected {form.format(self.robots)}, one per robot, got {len(value)}"
                 )
         for fault in self.faults:
             if fault.robot > self.robots:
@@ -593,7 +593,7 @@ class SearchProblem(Problem):
                 f"multiplicity: expected at most {self.robots}, the number of robots, got"
                 f" {self.multiplicity}"
             )
-        if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
+        if (self.bands or self._volume) and self._base_vehicle.kind == "rover":
             raise InvalidInputError(
                 "vehicle: expected a flying vehicle for bands or a box, got a rover"
             )
@@ -619,8 +619,8 @@ class SearchProblem(Problem):
                 f" {shortened(self.starts)}"
             )
         for name in ("detection", "lateral_range"):
-            given = name in self.given and getattr(self, name) is not None
-            if given and not self.given & {"targets", "false_alarm", "prior"}:
+            is_given = name in self.given and getattr(self, name) is not None
+            if is_given and not self.given & {"targets", "false_alarm", "prior"}:
                 raise InvalidInputError(
                     f"{name}: expected targets or a prior of one, which robots detect, got none and a"
                     f" {name.replace('_', ' ')} of {getattr(self, name)}"
@@ -773,14 +773,14 @@ class SearchProblem(Problem):
         if self.bands is not None:
             return self.bands
         if not self._volume:
-            return (self._asked_vehicle.height,)
+            return (self._base_vehicle.height,)
         place: SearchRegion = self.place
         # rows keep a reserve, layers none
         side = self._row_distance(self.vehicle_at(0.0), reserved=False)
         return place.layer_altitudes(float(np.min(side)))
 
     @property
-    def _asked_vehicle(self) -> Vehicle:
+    def _base_vehicle(self) -> Vehicle:
         vehicle = vehicle_of("ideal" if self.vehicle is None else self.vehicle)
         if self.overlap is None or vehicle.image_size is None or self.footprint is not None:
             return vehicle
@@ -791,20 +791,20 @@ class SearchProblem(Problem):
         """The vehicle of the robots at the lowest altitude of the search. By default, robots have
         the ideal vehicle.
         """
-        asked = self._asked_vehicle
+        vehicle = self._base_vehicle
         if self.bands is None and not self._volume:
-            return asked
+            return vehicle
         speeds = {
-            name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")
+            name: getattr(vehicle, name) or vehicle.cruise for name in ("climb_speed", "sink_speed")
         }
-        return asked.replaced(altitude=self.altitudes[0], **speeds)
+        return vehicle.replaced(altitude=self.altitudes[0], **speeds)
 
     def vehicle_at(self, altitude: float) -> Vehicle:
         """Return the vehicle with its altitude changed to ``altitude``. In a volume, the vehicle
         keeps its own altitude.
         """
         return (
-            self._asked_vehicle if self._volume else self._asked_vehicle.replaced(altitude=altitude)
+            self._base_vehicle if self._volume else self._base_vehicle.replaced(altitude=altitude)
         )
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
@@ -869,13 +869,13 @@ class SearchProblem(Problem):
         vehicle = self.chosen_vehicle
         size = vehicle.image_size
         side = size[0] if self.footprint is None and size is not None else self.view
-        wanted, most = vehicle.cross_track, float(np.min(side)) / 4
-        if wanted > most:
+        reserve, most = vehicle.cross_track, float(np.min(side)) / 4
+        if reserve > most:
             tell_once(
-                f"cross_track: {most:.3g} m in place of {wanted:.3g} m, because robots see only"
+                f"cross_track: {most:.3g} m in place of {reserve:.3g} m, because robots see only"
                 f" {4 * most:.4g} m: with larger errors of their positions, gaps between rows remain"
             )
-        return round(min(wanted, most), 3)
+        return round(min(reserve, most), 3)
 
     @property
     def curve(self) -> LateralRange | None:
@@ -942,36 +942,36 @@ class SearchProblem(Problem):
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
-            return self.kept_margin(self._less_searched(self.region))
+            return self.with_own_margin(self._without_searched(self.region))
         reading = {name: getattr(self, name) for name in READING}
         whole = open_region(self.region, no_go=list(self.no_go) or None, **reading)
-        return self.kept_margin(self._less_searched(whole))
+        return self.with_own_margin(self._without_searched(whole))
 
-    def _less_searched(self, region: SearchRegion) -> SearchRegion:
+    def _without_searched(self, region: SearchRegion) -> SearchRegion:
         """Return a region without what was seen along the given tracks; with a prior and a
         detection below 1, robots look there again.
         """
         if not self.searched:
             return region
-        side = float(np.min(self.footprint or self._asked_vehicle.row_spacing or FOOTPRINT))
-        seen = [seen_along(track, region, side) for track in self.searched]
-        for track, area in zip(self.searched, seen, strict=True):
+        side = float(np.min(self.footprint or self._base_vehicle.row_spacing or FOOTPRINT))
+        areas = [swept_area(track, region, side) for track in self.searched]
+        for track, area in zip(self.searched, areas, strict=True):
             if not area.intersects(region.area):
                 raise InvalidInputError(
                     "searched: expected tracks that see some of the region, got none of it by"
                     f" {shortened(track)}"
                 )
         again = bool(self.prior) and self.chosen_detection < 1
-        return replace(region, looks=(*region.looks, *seen), again=again)
+        return replace(region, looks=(*region.looks, *areas), again=again)
 
-    def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
+    def with_own_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
         """Return a region with the problem's margin, or with the default margin if the problem has
         none.
 
         The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``:
         have a geofence.
         """
-        vehicle = self._asked_vehicle
+        vehicle = self._base_vehicle
         if self.margin is not None:
             plain = without_margin(region) if fenced else region
             return with_margin(
@@ -979,13 +979,13 @@ class SearchProblem(Problem):
             )
         if region.margin or (region.no_go.is_empty and not fenced):
             return region
-        wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
-        if fenced and wanted:
-            wanted = round(wanted + max(0.0, sag_of(region) - ROUNDED / 2), 3)
-        inner, outer = self.known_places(region)
+        default = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
+        if fenced and default:
+            default = round(default + max(0.0, sag_of(region) - ROUNDED / 2), 3)
+        inner, outer = self.fixed_places(region)
         return with_default_margin(
             region,
-            wanted,
+            default,
             footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
             least=(vehicle.position_error or 0.0) + ROUNDED,
             inner=inner,
@@ -994,16 +994,16 @@ class SearchProblem(Problem):
             pointed=vehicle.radius > 0,
         )
 
-    def known_places(self, region: SearchRegion) -> tuple[Any, Any]:
+    def fixed_places(self, region: SearchRegion) -> tuple[Any, Any]:
         """Return the points where robots start inside the region, and the launch and landing
         points, in metres.
         """
-        given = [
+        named_values = [
             (getattr(self, name), name)
             for name in ("launch", "land")
             if getattr(self, name) is not None
         ]
-        places = [places_of(value, region, self.robots, what=name) for value, name in given]
+        places = [places_of(value, region, self.robots, what=name) for value, name in named_values]
         outer = np.concatenate([np.zeros((0, 2)), *places])
         inner = np.zeros((0, 2))
         if not isinstance(self.starts, str):
@@ -1011,7 +1011,7 @@ class SearchProblem(Problem):
         elif os.path.isfile(self.starts) and self.launch is None:
             inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
         # it cannot leave the region between the border and the margin
-        if self._asked_vehicle.kind == "rover":
+        if self._base_vehicle.kind == "rover":
             inner = np.concatenate([inner, outer[region.contains(outer)]])
         return inner, outer
 
@@ -1021,13 +1021,13 @@ class SearchProblem(Problem):
         """
         if isinstance(self.region, SearchRegion):
             return None
-        kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
+        names: tuple[str, ...] = ("region", "no_go", "margin", *READING)
         if self.searched:
-            kept += ("searched", "footprint", "vehicle", "prior", "detection", "lateral_range")
-            kept += ("overlap", "cross_track") if self.lateral_range else ()
+            names += ("searched", "footprint", "vehicle", "prior", "detection", "lateral_range")
+            names += ("overlap", "cross_track") if self.lateral_range else ()
         # the default margin depends on the vehicle, on what it sees, and on the known places
-        if self.margin is None and self._asked_vehicle.clearance:
-            kept += (
+        if self.margin is None and self._base_vehicle.clearance:
+            names += (
                 "vehicle",
                 "footprint",
                 "overlap",
@@ -1038,7 +1038,7 @@ class SearchProblem(Problem):
                 "land",
             )
         return self.canonical(
-            without=("kind", *(name for name in self.declarations() if name not in kept))
+            without=("kind", *(name for name in self.declarations() if name not in names))
         )
 
     def place_files(self) -> tuple[str, ...]:
@@ -1062,7 +1062,7 @@ class SearchProblem(Problem):
                 f" {self.altitudes[-1]:g} m"
             )
         if self.stay_inside and all(
-            region.contains(places).all() for places in self.known_places(region)
+            region.contains(places).all() for places in self.fixed_places(region)
         ):
             raise InvalidInputError(
                 "stay_inside: expected launch or landing points outside the region, got all of them"

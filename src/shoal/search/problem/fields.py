@@ -81,13 +81,13 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     )
     height = check_number(data["height"], what="region: height", least=0)
     barriers = tuple(
-        read_polygon(check_text(one, what="region: barriers"), where="region: barriers")
-        for one in list_of(data["barriers"])
+        read_polygon(check_text(text, what="region: barriers"), where="region: barriers")
+        for text in list_of(data["barriers"])
     )
     region = region_of(area, frame=place, name=name)
-    seen = tuple(
-        read_polygon(check_text(one, what="region: looks"), where="region: looks")
-        for one in list_of(looks)
+    look_shapes = tuple(
+        read_polygon(check_text(text, what="region: looks"), where="region: looks")
+        for text in list_of(looks)
     )
     return replace(
         region,
@@ -95,7 +95,7 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
         no_go_zones=count,
         height=height,
         barriers=barriers,
-        looks=seen,
+        looks=look_shapes,
         again=check_bool(again, what="region: again"),
     )
 
@@ -112,7 +112,7 @@ def dump_region(value: str | SearchRegion) -> Any:
     area, no_go = (
         shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go)
     )
-    told = {
+    data = {
         "name": value.name,
         "area": area,
         "frame": frame,
@@ -120,13 +120,13 @@ def dump_region(value: str | SearchRegion) -> Any:
         "no_go_zones": value.no_go_zones,
     }
     if value.barriers:
-        told["barriers"] = [
+        data["barriers"] = [
             shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers
         ]
     if value.looks:
-        told["looks"] = [shapely.to_wkt(shape, rounding_precision=-1) for shape in value.looks]
-        told["again"] = value.again
-    return told | ({"height": value.height} if value.height else {})
+        data["looks"] = [shapely.to_wkt(shape, rounding_precision=-1) for shape in value.looks]
+        data["again"] = value.again
+    return data | ({"height": value.height} if value.height else {})
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
@@ -137,18 +137,18 @@ def check_no_go(value: Any) -> tuple[Any, ...]:
 
 
 def _check_zone(zone: Any, number: int) -> Any:
-    what = f"no-go zone {number}"
+    label = f"no-go zone {number}"
     if hasattr(zone, "geom_type"):
         return zone
     if isinstance(zone, dict) and set(zone) == {"wkt"}:
-        return read_polygon(check_text(zone["wkt"], what=what), where=what)
+        return read_polygon(check_text(zone["wkt"], what=label), where=label)
     if isinstance(zone, str | os.PathLike):
-        return check_path(zone, what, "a file")
+        return check_path(zone, label, "a file")
     try:
-        return _points(zone, what)
+        return _points(zone, label)
     except InvalidInputError:
         expected = "a file, a Shapely polygon or points of shape (n, 2)"
-        raise InvalidInputError(f"{what}: expected {expected}, got {shortened(zone)}") from None
+        raise InvalidInputError(f"{label}: expected {expected}, got {shortened(zone)}") from None
 
 
 def check_tracks(value: Any) -> tuple[Any, ...]:
@@ -230,7 +230,7 @@ def check_number_list(
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
     return tuple(
-        check_number(one, what=what, least=least, above=above, most=FARTHEST) for one in value
+        check_number(number, what=what, least=least, above=above, most=FARTHEST) for number in value
     )
 
 
@@ -268,8 +268,12 @@ def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[
     def check(value: Any) -> Any:
         if isinstance(value, str | os.PathLike):
             return check_path(value, what, expected)
-        one = not isinstance(value, list | tuple) and np.ndim(value) == 0
-        return check_integer(value, what=what, least=0) if count and one else _points(value, what)
+        is_single = not isinstance(value, list | tuple) and np.ndim(value) == 0
+        return (
+            check_integer(value, what=what, least=0)
+            if count and is_single
+            else _points(value, what)
+        )
 
     return check
 

@@ -75,11 +75,13 @@ class LateralRange:
         # The mean of m^r where m goes from a to b in a straight line is
         # (b^(r + 1) - a^(r + 1)) / ((r + 1) (b - a)).
         power = self._looks(speed)
-        one, other = missed[:-1], missed[1:]
-        flat = np.abs(other - one) < 1e-9
+        miss_begin, miss_end = missed[:-1], missed[1:]
+        flat = np.abs(miss_end - miss_begin) < 1e-9
         with np.errstate(divide="ignore", invalid="ignore"):
-            sloped = (other ** (power + 1) - one ** (power + 1)) / ((power + 1) * (other - one))
-        means = np.where(flat, ((one + other) / 2) ** power, sloped)
+            sloped = (miss_end ** (power + 1) - miss_begin ** (power + 1)) / (
+                (power + 1) * (miss_end - miss_begin)
+            )
+        means = np.where(flat, ((miss_begin + miss_end) / 2) ** power, sloped)
         return float(1.0 - (np.diff(ends) @ means) / half)
 
     def sweep_width(self, speed: float) -> float:

@@ -205,7 +205,7 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     if not 0 <= loss <= 1:
         raise InvalidInputError(f"loss: expected a probability from 0 to 1, got {loss!r}")
     media = [Medium("loss", (loss,))] if loss else []
-    for part in filter(None, (piece.strip() for piece in text.split(","))):
+    for part in filter(None, (entry.strip() for entry in text.split(","))):
         name, *words = part.split(":")
         if name == "perfect" and not words:
             continue
@@ -217,9 +217,9 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
             ):
                 raise ValueError
         except (KeyError, ValueError):
-            known = ", ".join(f"{kind}:{model.form}" for kind, model in _MODELS.items())
+            forms = ", ".join(f"{kind}:{model.form}" for kind, model in _MODELS.items())
             raise InvalidInputError(
-                f"network: expected perfect or some of {known}, got {part[:60]!r}"
+                f"network: expected perfect or some of {forms}, got {part[:60]!r}"
             ) from None
         media.append(Medium(name, numbers))
     return RadioNetwork(tuple(media))
@@ -323,9 +323,9 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
     faults: list[Fault] = []
     for entry in value:
         if not isinstance(entry, str):
-            faults.append(_checked(entry))
+            faults.append(_check_fault(entry))
             continue
-        faults += [_parsed(word.strip()) for word in entry.split(",") if word.strip()]
+        faults += [_parse(word.strip()) for word in entry.split(",") if word.strip()]
     return tuple(faults)
 
 
@@ -344,7 +344,7 @@ def fault_text(fault: Fault) -> str:
     return ":".join([kind, numbers.pop("robot") + time, *numbers.values()])
 
 
-def _parsed(text: str) -> Fault:
+def _parse(text: str) -> Fault:
     match = _SPELLING.fullmatch(text)
     kind = None if match is None else KINDS.get(match[1])
     if match is None or kind is None:
@@ -352,32 +352,33 @@ def _parsed(text: str) -> Fault:
             "faults: expected KIND:ROBOT@TIME, as in crash:2@30, with a kind of"
             f" {', '.join(KINDS)}, got {text[:60]!r}"
         )
-    names = [one.name for one in fields(kind)]
+    names = [field.name for field in fields(kind)]
     values: dict[str, Any] = {"robot": int(match[2])}
-    others = [name for name in names if name not in ("robot", "time")]
+    parameters = [name for name in names if name not in ("robot", "time")]
     try:
-        for name, word in zip(["time", *others], [match[3], match[4]], strict=False):
+        for name, word in zip(["time", *parameters], [match[3], match[4]], strict=False):
             if word is not None:
                 values[name] = int(word) if name == "off" else float(word)
-        if match[4] is not None and not others:
+        if match[4] is not None and not parameters:
             raise ValueError
-        return _checked(kind(**values))
+        return _check_fault(kind(**values))
     except (TypeError, ValueError):
-        form = f"{match[1]}:ROBOT{'@TIME' * ('time' in names)}{''.join(':' + name.upper() for name in others)}"
+        numbers = "".join(":" + name.upper() for name in parameters)
+        form = f"{match[1]}:ROBOT{'@TIME' * ('time' in names)}{numbers}"
         raise InvalidInputError(f"faults: expected {form}, got {text[:60]!r}") from None
 
 
-def _checked(fault: Any) -> Fault:
+def _check_fault(fault: Any) -> Fault:
     if not isinstance(fault, tuple(KINDS.values())):
         raise InvalidInputError(
             f"faults: expected faults such as crash:2@30, got {shortened(fault)}"
         )
     for name, value in asdict(cast("Fault", fault)).items():
-        what = f"faults: {name}"
+        label = f"faults: {name}"
         if name in ("robot", "off"):
-            check_integer(value, what=what, least=1 if name == "robot" else -inf)
+            check_integer(value, what=label, least=1 if name == "robot" else -inf)
         else:
-            check_number(value, what=what, least=0)
+            check_number(value, what=label, least=0)
     return cast("Fault", fault)
 
 

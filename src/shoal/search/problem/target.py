@@ -50,7 +50,7 @@ class Looks:
         return np.asarray(detection * (1.0 - detection) ** self.earlier)
 
 
-def _in_order(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
+def _sort_looks(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
     """Return looks sorted by piece and time."""
     order = np.lexsort((times, pieces))
     pieces = pieces[order]
@@ -59,21 +59,26 @@ def _in_order(pieces: Numbers, cells: Numbers, times: Floats) -> Looks:
 
 
 def looks_from(
-    ground: Ground | MovingGround, seen: Sequence[Sequence[Numbers]], times: Sequence[Floats]
+    ground: Ground | MovingGround,
+    cells_of_stops: Sequence[Sequence[Numbers]],
+    times: Sequence[Floats],
 ) -> Looks:
     """Return the looks of robots at the ground.
 
     Parameters
     ----------
     ground : Ground or MovingGround
-    seen : sequence of sequence of ndarray of int64
+    cells_of_stops : sequence of sequence of ndarray of int64
         For each stop of each robot, the cells that it searches, as tour indices.
     times : sequence of ndarray of float64
         For each robot, when it is at each of its stops, in seconds.
     """
-    cells = [np.zeros(0, dtype=np.int64)] + [one for own in seen for one in own]
+    cells = [np.zeros(0, dtype=np.int64)] + [
+        stop_cells for own in cells_of_stops for stop_cells in own
+    ]
     moments = [np.zeros(0)] + [
-        np.repeat(own, [len(one) for one in stops]) for own, stops in zip(times, seen, strict=True)
+        np.repeat(own, [len(stop_cells) for stop_cells in stops])
+        for own, stops in zip(times, cells_of_stops, strict=True)
     ]
     return ground.looks(np.concatenate(cells), np.concatenate(moments))
 
@@ -112,10 +117,10 @@ class Ground:
             else:
                 numbers, base = again, layers.index(layer.whole)
             cells = before.cells[numbers]
-            there = numbers >= 0
+            present = numbers >= 0
             if cells.shape[1] == 3:
-                there &= cells[:, 0] == base
-            columns.append(np.where(there, tour.position[(up, *cells[:, -2:].T)], -1))
+                present &= cells[:, 0] == base
+            columns.append(np.where(present, tour.position[(up, *cells[:, -2:].T)], -1))
         return Ground(self.masses, np.stack(columns, axis=1))
 
     def shares(self, n: int, detection: float) -> Floats:
@@ -126,11 +131,11 @@ class Ground:
         Of k looks with the probability d of detection, the look after j others finds the target
         with the probability d (1 - d)^j / (1 - (1 - d)^k).
         """
-        there = self.cells >= 0
-        earlier: Numbers = np.cumsum(there, axis=1) - there.astype(np.int64)
-        shares = there * (1.0 - detection) ** earlier
+        present = self.cells >= 0
+        earlier: Numbers = np.cumsum(present, axis=1) - present.astype(np.int64)
+        shares = present * (1.0 - detection) ** earlier
         shares *= (self.masses / np.maximum(shares.sum(axis=1), 1e-300))[:, None]
-        return np.bincount(self.cells[there], shares[there], minlength=n).astype(np.float64)
+        return np.bincount(self.cells[present], shares[present], minlength=n).astype(np.float64)
 
     def looks(self, cells: Numbers, times: Floats) -> Looks:
         """Return the looks at each piece, in the order of their times, if robots search cells at
@@ -145,7 +150,7 @@ class Ground:
             pieces.append(order[np.repeat(low, counts) + within])
             numbers.append(np.repeat(np.arange(len(cells)), counts))
         look = np.concatenate(numbers)
-        return _in_order(np.concatenate(pieces), cells[look], times[look])
+        return _sort_looks(np.concatenate(pieces), cells[look], times[look])
 
     def expected_time(self, looks: Looks, detection: float, period: float) -> float:
         """Return the expected time until the target is found if robots repeat the search each
@@ -161,15 +166,15 @@ class Ground:
         if not (detection > 0 and len(looks.pieces)):
             return inf
         counts = np.bincount(looks.pieces, minlength=len(self.masses))
-        seen, missed = counts > 0, (1.0 - detection) ** counts
+        covered, missed = counts > 0, (1.0 - detection) ** counts
         chances = looks.chances(detection)
         sums = np.bincount(looks.pieces, chances * looks.times, minlength=len(counts))
         with np.errstate(divide="ignore", over="ignore"):  # of a sure detection, or next to none
             # 1 - (1 - d)^k, of which subtraction leaves nothing if d is tiny
-            found = -np.expm1(counts[seen] * np.log1p(-detection))
-            each = (sums + missed * period)[seen] / found
-            total = float(self.masses[seen].sum())
-            return float(self.masses[seen] @ each) / total if total > 0 else inf
+            success = -np.expm1(counts[covered] * np.log1p(-detection))
+            each = (sums + missed * period)[covered] / success
+            total = float(self.masses[covered].sum())
+            return float(self.masses[covered] @ each) / total if total > 0 else inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,10 +226,10 @@ class Tracks:
         rows = self.points.transpose(1, 0, 2)
         if len(self.times) == 1:
             return np.repeat(rows, len(times), axis=0)
-        piece = np.clip(np.searchsorted(self.times, times, "right") - 1, 0, len(self.times) - 2)
-        span = self.times[piece + 1] - self.times[piece]
-        share = np.clip((times - self.times[piece]) / span, 0.0, 1.0)[:, None, None]
-        return np.asarray(rows[piece] * (1.0 - share) + rows[piece + 1] * share)
+        segment = np.clip(np.searchsorted(self.times, times, "right") - 1, 0, len(self.times) - 2)
+        span = self.times[segment + 1] - self.times[segment]
+        share = np.clip((times - self.times[segment]) / span, 0.0, 1.0)[:, None, None]
+        return np.asarray(rows[segment] * (1.0 - share) + rows[segment + 1] * share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +297,7 @@ class MovingGround:
                 particles.append(particle)
                 numbers.append(part[met])
         look = np.concatenate(numbers)
-        return _in_order(np.concatenate(particles), cells[look], times[look])
+        return _sort_looks(np.concatenate(particles), cells[look], times[look])
 
     def _squares(self, times: Floats, grid: CellGrid) -> Numbers:
         """Return the number of the square of a lattice in which each particle is at k times, row by
@@ -315,6 +320,6 @@ class MovingGround:
 
         A search is not repeated until it finds a moving target: the target may have left.
         """
-        found = looks.chances(detection) * self.masses[looks.pieces]
+        probabilities = looks.chances(detection) * self.masses[looks.pieces]
         times = np.minimum(looks.times, horizon)
-        return float(found @ times + max(1.0 - found.sum(), 0.0) * horizon)
+        return float(probabilities @ times + max(1.0 - probabilities.sum(), 0.0) * horizon)

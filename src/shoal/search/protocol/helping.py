@@ -39,11 +39,11 @@ class Run:
         searches it.
         """
         front = Run(self.first, ahead, self.step, self.pace, self.late)
-        rest = Run((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
-        return [half for half in (front, rest) if half.count]
+        back = Run((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
+        return [half for half in (front, back) if half.count]
 
 
-def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
+def cell_to_help(robot: Robot, remaining: int, own: int, time: float) -> int | None:
     """Return the cell that an idle robot searches next, in its own part or in the part of a dead or
     late robot.
 
@@ -52,35 +52,35 @@ def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None
     """
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
-    offered = [
+    open_parts = [
         index
         for index, part in enumerate(parts)
-        if part.bits & wanted
+        if part.bits & remaining
         and any(_is_left(robot, parts[index - back].robot, own, time) for back in range(count))
     ]
-    if not offered:
+    if not open_parts:
         return None
-    others = [
+    helpers = [
         part.robot
         for part in parts
         if part.robot != robot.number and can_come(robot, part.robot, own, time)
     ]
     runs = [
         run
-        for index in offered
+        for index in open_parts
         for arc in parts[index].arcs
-        for run in _remaining_runs(robot, arc, wanted, others, time)
+        for run in _remaining_runs(robot, arc, remaining, helpers, time)
     ]
     for run in runs:
         if not run.pace and run.first == (robot.cell + run.step) % n:
             return run.first  # the robot continues
     for back in range(1, len(parts) + 1):
-        number = parts[offered[0] - back].robot
+        number = parts[open_parts[0] - back].robot
         if number == robot.number:
             best = _best_run(robot, speed_of(robot, number, time), robot.cell, runs)
             return None if best is None else (best[0].first + best[0].step * best[1]) % n
         if (
-            number in others
+            number in helpers
             and robot.peers[number].heartbeat.status == "waiting"
             and not is_late(robot, number, time)
         ):
@@ -125,27 +125,31 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _remaining_runs(
-    robot: Robot, arc: Arc, wanted: int, others: list[int], time: float
+    robot: Robot, arc: Arc, remaining: int, helpers: list[int], time: float
 ) -> Iterator[Run]:
     """Yield the runs of remaining cells in an arc, in the order of the search. A new run begins
     where another robot searches.
     """
     n = len(robot.brief.tour_cost)
-    left = arc.bits(n) & wanted
+    open_cells = arc.bits(n) & remaining
     fronts: dict[int, tuple[float, float]] = {}
-    for number in others:
+    for number in helpers:
         peer = robot.peers[number]
         heartbeat = peer.heartbeat
         ahead = (heartbeat.place - arc.first) * arc.step % n
         if heartbeat.status == "searching" and ahead < arc.count:
-            cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
+            cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~open_cells
             rate, pace = speed_of(robot, number, time)
-            late = max(peer.since + peer.way / rate - time, 0.0) if left >> cell & 1 else 0.0
+            late = (
+                max(peer.since + peer.distance / rate - time, 0.0)
+                if open_cells >> cell & 1
+                else 0.0
+            )
             while own >> cell & 1:  # the peer has searched this cell since it reported its position
                 own, cell = own & ~(1 << cell), (cell + arc.step) % n
-            if left >> cell & 1:
+            if open_cells >> cell & 1:
                 fronts[cell] = max(fronts.get(cell, (0.0, 0.0)), (pace, late))
-    for first, length in arc.stretches(left, n):
+    for first, length in arc.stretches(open_cells, n):
         run = Run(first, length, arc.step)
         places = sorted(
             ((cell - run.first) * arc.step % n, *front) for cell, front in fronts.items()
@@ -173,16 +177,16 @@ def _best_run(
     longest = (tour_cost.whole + len(tour_cost)) / pace
     best, most, least = None, -1.0, WORTH / pace
     for run in runs:
-        way = tour_cost.length(at, run.first) / rate
+        travel = tour_cost.length(at, run.first) / rate
         alone = min(run.late + run.count / run.pace, longest) if run.pace else 2 * longest
-        ahead = _cells_to_skip(run, way, pace)
+        ahead = _cells_to_skip(run, travel, pace)
         # the time without the helper, minus the time until the helper has searched its cells
         work = (run.count - ahead) / pace
-        gain = alone - way - work
+        gain = alone - travel - work
         if ahead >= run.count or gain <= least:
             continue
         likely = tour_cost.odds is not None
-        value = _likelihood(tour_cost, run, ahead) / (way + work) if likely else gain
+        value = _likelihood(tour_cost, run, ahead) / (travel + work) if likely else gain
         if value > most:
             best, most = (run, ahead), value
     return best
@@ -195,14 +199,14 @@ def _likelihood(tour_cost: TourCost, run: Run, ahead: int) -> float:
     return float(tour_cost.odds_ahead[low + count] - tour_cost.odds_ahead[low])
 
 
-def _cells_to_skip(run: Run, way: float, pace: float) -> int:
+def _cells_to_skip(run: Run, travel: float, pace: float) -> int:
     """Return the number of cells that a helper skips at the front of a run. The helper reaches the
-    run after the time ``way``.
+    run after the time ``travel``.
     """
     # a slow robot may not yet have reached the last cell
     if not run.pace or run.count == 1:
         return 0
     return max(
-        ceil((way - run.late + run.count / pace) / (1 / run.pace + 1 / pace)),
-        int(run.late <= way),
+        ceil((travel - run.late + run.count / pace) / (1 / run.pace + 1 / pace)),
+        int(run.late <= travel),
     )

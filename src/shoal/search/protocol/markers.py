@@ -41,7 +41,7 @@ def marker_rule(markers: Iterable[int], *, stop: bool = True) -> Callable[[Robot
         if robot.at_launch:
             cell = robot.start
         elif cell == robot.start or (stop and cell in marked):
-            return robot.but(status="complete", next_beat=inf, lingering=0), Declare(), inf
-        return head_for(robot.but(aim=cell), cell, time)
+            return robot.replaced(status="complete", next_beat=inf, lingering=0), Declare(), inf
+        return head_for(robot.replaced(aim=cell), cell, time)
 
     return decide

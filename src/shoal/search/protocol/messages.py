@@ -111,7 +111,7 @@ def _facts(beacon: Beacon) -> Iterator[bytes]:
     without the others.
     """
     for heartbeat in beacon.heartbeats:
-        yield _encoded_heartbeat(heartbeat)
+        yield _encode_heartbeat(heartbeat)
     for kind, sets in (
         (_SEARCHED, beacon.searched),
         (_FOUND, beacon.found),
@@ -121,7 +121,7 @@ def _facts(beacon: Beacon) -> Iterator[bytes]:
             yield from _pieces(_numbers(kind, number), intervals(bits))
 
 
-def _encoded_heartbeat(heartbeat: Heartbeat) -> bytes:
+def _encode_heartbeat(heartbeat: Heartbeat) -> bytes:
     flags = (
         _STATUSES.index(heartbeat.status)
         | _RATED * (heartbeat.rate != 1.0)
@@ -136,7 +136,7 @@ def _encoded_heartbeat(heartbeat: Heartbeat) -> bytes:
     return body + _numbers(heartbeat.width) if heartbeat.width > 1 else body
 
 
-def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
+def _pieces(head: bytes, spans: Iterable[tuple[int, int]]) -> Iterator[bytes]:
     """Yield short byte strings that together encode a set of intervals. Each byte string begins
     with the bytes ``head``.
 
@@ -144,7 +144,7 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
     same byte string, and its length.
     """
     body, count, end = bytearray(), 0, 0
-    for first, length in found:
+    for first, length in spans:
         if len(body) > FULL_PIECE:
             yield head + _numbers(count) + bytes(body)
             body, count, end = bytearray(), 0, 0
@@ -161,11 +161,11 @@ def _numbers(*numbers: int) -> bytes:
     """
     body = bytearray()
     for number in numbers:
-        rest = number
-        while rest > 0x7F:
-            body.append(rest & 0x7F | 0x80)
-            rest >>= 7
-        body.append(rest)
+        remainder = number
+        while remainder > 0x7F:
+            body.append(remainder & 0x7F | 0x80)
+            remainder >>= 7
+        body.append(remainder)
     return bytes(body)
 
 
@@ -257,14 +257,14 @@ class _Reader:
         """Read and return intervals of whole numbers below ``most``, as pairs (first number,
         length).
         """
-        found, end = [], 0
+        pairs, end = [], 0
         for _ in range(self.number(len(self.body))):
             first = end + self.number(most - 1)
             end = first + self.number(most)
             if end > most:
                 raise InvalidInputError(f"beacon: expected numbers less than {most}, got {end - 1}")
-            found.append((first, end - first))
-        return found
+            pairs.append((first, end - first))
+        return pairs
 
 
 VERSION = 2

@@ -67,11 +67,11 @@ from shoal.search.protocol.state import (
     Send,
     Sensed,
     WakeAt,
-    known_free,
+    free_cells,
     obstacles,
     own_reach,
-    reachable,
-    settled,
+    reachable_cells,
+    settled_cells,
     silence_limit,
     step_cost,
 )
@@ -107,7 +107,7 @@ def advance(
     time = event.time
     match event:
         case Begin():
-            robot = robot.but(
+            robot = robot.replaced(
                 began=time,
                 next_beat=time,
                 cell=robot.start,
@@ -116,15 +116,15 @@ def advance(
                 passed=1 << robot.start,
             )
         case Heard():
-            robot = heard(robot, event.beacon, time)
+            robot = receive(robot, event.beacon, time)
         case Sensed():
-            robot = _sensed(robot.but(lag=robot.lag_at(time)), event)
+            robot = _handle_sensed(robot.replaced(lag=robot.lag_at(time)), event)
         case Blocked():
-            robot = _blocked(robot.but(lag=robot.lag_at(time)), event.cell, time)
+            robot = _handle_blocked(robot.replaced(lag=robot.lag_at(time)), event.cell, time)
         case Obstructed():
-            robot = _obstructed(robot, event.cell, event.at)
+            robot = _handle_obstructed(robot, event.cell, event.at)
         case Recharged():
-            robot = robot.but(
+            robot = robot.replaced(
                 cell=robot.start,
                 fresh=True,
                 at_launch=True,
@@ -136,16 +136,16 @@ def advance(
         robot.status == "listening"
         and time >= robot.began + robot.brief.listening(robot.number) - 1e-9
     ):
-        robot = _allotted(robot, time)
+        robot = _allot(robot, time)
     wake = inf
-    if _heeds_later(robot, event):
-        robot, wake = robot.but(unheeded=robot.unheeded + 1), robot.waits_until
+    if _defers_decision(robot, event):
+        robot, wake = robot.replaced(unheeded=robot.unheeded + 1), robot.waits_until
     elif robot.status in ("searching", "waiting") and robot.target is None:
         robot, action, wake = (decide or next_action)(robot, time)
         if action is not None:
             actions.append(action)
         else:
-            robot = robot.but(unheeded=0, waits_until=wake)
+            robot = robot.replaced(unheeded=0, waits_until=wake)
     if robot.status != "complete" or robot.lingering > 0:
         robot = _with_due_beacon(robot, time, actions)
         wake = min(wake, robot.next_beat)
@@ -155,7 +155,7 @@ def advance(
     return robot, actions
 
 
-def _heeds_later(robot: Robot, event: Event) -> bool:
+def _defers_decision(robot: Robot, event: Event) -> bool:
     """Return whether a waiting robot does not decide after a message, because it has decided after
     one of the messages just before.
     """
@@ -168,127 +168,131 @@ def _heeds_later(robot: Robot, event: Event) -> bool:
     )
 
 
-def _sensed(robot: Robot, event: Sensed) -> Robot:
+def _handle_sensed(robot: Robot, event: Sensed) -> Robot:
     """Return the state of a robot after a search. All cells that the robot sees from its cell count
     as searched.
     """
     findings = dict(robot.found)
     for cell in (*((event.cell,) if event.found else ()), *event.beside):
         findings[cell] = findings.get(cell, 0) | 1 << robot.number
-    searched = {**robot.searched, robot.number: robot.mine | _seen(robot, event.cell)}
-    stopped = _stopped(robot, event.cell, robot.through, left=robot.left - robot.cost)
-    return stopped.but(searched=searched, found=findings, fresh=False)
+    searched = {**robot.searched, robot.number: robot.mine | _visible_cells(robot, event.cell)}
+    stopped = _handle_stopped(robot, event.cell, robot.through, energy=robot.left - robot.cost)
+    return stopped.replaced(searched=searched, found=findings, fresh=False)
 
 
-def _seen(robot: Robot, cell: int) -> int:
+def _visible_cells(robot: Robot, cell: int) -> int:
     """Return the bitset of cells that a robot sees from a cell."""
     if robot.width == 1:
         return 1 << cell
-    return bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
+    return bitset_of(robot.brief.tour_cost.visible_cells(cell, robot.width).tolist())
 
 
-def _blocked(robot: Robot, cell: int, time: float) -> Robot:
+def _handle_blocked(robot: Robot, cell: int, time: float) -> Robot:
     """Return the state of a robot that avoids a cell for a while, because another robot is in this
     cell.
 
     Otherwise, two robots could wait for each other forever.
     """
-    stopped = _stopped(robot, cell, robot.through, left=robot.left - robot.cost)
+    stopped = _handle_stopped(robot, cell, robot.through, energy=robot.left - robot.cost)
     avoided = robot.avoided | 1 << cell
-    return stopped.but(fresh=True, avoided=avoided, avoided_until=time + AVOIDED)
+    return stopped.replaced(fresh=True, avoided=avoided, avoided_until=time + AVOIDED)
 
 
-def _obstructed(robot: Robot, cell: int, at: int) -> Robot:
+def _handle_obstructed(robot: Robot, cell: int, at: int) -> Robot:
     """Return the state of a robot that stops in front of an obstacle, and reports the cell of the
     obstacle as blocked.
     """
     path = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
-    left = robot.left - robot.brief.tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK
+    energy = (
+        robot.left - robot.brief.tour_cost.length(robot.cell, at) - robot.launch_cost(at) - LOOK
+    )
     closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
     fresh = robot.fresh or at != robot.cell
-    return _stopped(robot, at, path, left=left).but(fresh=fresh, closed=closed)
+    return _handle_stopped(robot, at, path, energy=energy).replaced(fresh=fresh, closed=closed)
 
 
-def _stopped(robot: Robot, cell: int, path: tuple[int, ...], *, left: float) -> Robot:
+def _handle_stopped(robot: Robot, cell: int, path: tuple[int, ...], *, energy: float) -> Robot:
     """Return the state of a robot that has stopped in a cell after the cells of a path, which are
     therefore free.
     """
     distances, passed = robot.brief.tour_cost.distances, robot.passed
     if path and isinstance(distances, CellDistances):
         passed |= distances.crossed(robot.cell, path)
-    return robot.but(cell=cell, at_launch=False, target=None, through=(), passed=passed, left=left)
+    return robot.replaced(
+        cell=cell, at_launch=False, target=None, through=(), passed=passed, left=energy
+    )
 
 
-def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
+def receive(robot: Robot, beacon: Beacon, time: float) -> Robot:
     """Return the state of a robot after it has received a beacon."""
-    peers, lost, got = dict(robot.peers), robot.lost, robot.got
+    peers, lost, received = dict(robot.peers), robot.lost, robot.received
     searched = _with_news(robot, robot.searched, beacon.searched)
     for heartbeat in beacon.heartbeats:
-        known = peers.get(heartbeat.robot)
+        peer = peers.get(heartbeat.robot)
         if (
-            known is not None and known.heartbeat.count >= heartbeat.count
+            peer is not None and peer.heartbeat.count >= heartbeat.count
         ) or heartbeat.robot == robot.number:
             continue
-        if heartbeat.robot == beacon.sender and known is not None:
-            lost, got = lost + heartbeat.count - known.heartbeat.count - 1, got + 1
+        if heartbeat.robot == beacon.sender and peer is not None:
+            lost, received = lost + heartbeat.count - peer.heartbeat.count - 1, received + 1
         peers[heartbeat.robot] = Peer(
             heartbeat,
             time,
-            _marks(robot, known, heartbeat.lag, time),
-            *_path_of_peer(robot, known, heartbeat, time),
+            _marks(robot, peer, heartbeat.lag, time),
+            *_path_of_peer(robot, peer, heartbeat, time),
         )
     closed = _with_news(robot, robot.closed, beacon.closed)
     findings = robot.found
     for cell, witnesses in beacon.found:
         if cell < len(robot.brief.tour_cost) and witnesses & ~findings.get(cell, 0):
             findings = {**findings, cell: findings.get(cell, 0) | witnesses}
-    return robot.but(
-        peers=peers, lost=lost, got=got, searched=searched, found=findings, closed=closed
+    return robot.replaced(
+        peers=peers, lost=lost, received=received, searched=searched, found=findings, closed=closed
     )
 
 
 def _marks(
-    robot: Robot, known: Peer | None, lag: float, time: float
+    robot: Robot, peer: Peer | None, lag: float, time: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return two pairs (time, lag of a peer), several beacon periods apart. The pairs serve to
     estimate the peer's speed.
     """
-    if known is None:
+    if peer is None:
         return ((time, lag),) * 2
-    if time - known.marks[1][0] < MARK * robot.brief.beat:
-        return known.marks
-    return known.marks[1], (time, lag)
+    if time - peer.marks[1][0] < MARK * robot.brief.beat:
+        return peer.marks
+    return peer.marks[1], (time, lag)
 
 
 def _path_of_peer(
-    robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float
+    robot: Robot, peer: Peer | None, heartbeat: Heartbeat, time: float
 ) -> tuple[float, float]:
     """Return the time at which a peer first reported its destination, and the length of its path
     there in cell sides.
     """
     before, n = (
-        heartbeat.start if known is None else known.heartbeat.place,
+        heartbeat.start if peer is None else peer.heartbeat.place,
         len(robot.brief.tour_cost),
     )
-    if known is not None and before == heartbeat.place:
-        return known.since, known.way
+    if peer is not None and before == heartbeat.place:
+        return peer.since, peer.distance
     return time, robot.brief.tour_cost.length(before % n, heartbeat.place % n)
 
 
 def _with_news(
-    robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]
+    robot: Robot, cells_of: Mapping[int, int], news: tuple[tuple[int, int], ...]
 ) -> Mapping[int, int]:
-    """Return one set of cells for each robot: the set ``known``, extended by the cells that a
+    """Return one set of cells for each robot: the set in ``cells_of``, extended by the cells that a
     beacon reports for this robot.
     """
     for other, reported in news:
-        bits = known.get(other, 0)
+        bits = cells_of.get(other, 0)
         if reported != bits and other != robot.number:
             # a bit that stands for no cell would never be settled
             more = reported & robot.brief.everything & ~bits
             if more:
-                known = {**known, other: bits | more}
-    return known
+                cells_of = {**cells_of, other: bits | more}
+    return cells_of
 
 
 def _with_due_beacon(robot: Robot, time: float, actions: list[Action]) -> Robot:
@@ -299,9 +303,9 @@ def _with_due_beacon(robot: Robot, time: float, actions: list[Action]) -> Robot:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
     pause = min(robot.brief.beat, robot.brief.hello / HELLOS) if hello else robot.brief.beat
-    robot = robot.but(count=robot.count + 1, next_beat=time + pause)
+    robot = robot.replaced(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
-        robot = robot.but(lingering=robot.lingering - 1)
+        robot = robot.replaced(lingering=robot.lingering - 1)
     robot, beacon = with_beacon(robot, time)
     actions.append(Send(beacon))
     return robot
@@ -309,7 +313,7 @@ def _with_due_beacon(robot: Robot, time: float, actions: list[Action]) -> Robot:
 
 def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     """Return the state of a robot that has sent a beacon, and this beacon."""
-    n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
+    n, knowledge = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
     before: tuple[Mapping[int, int], ...] = (
         robot.announced[0] if len(robot.announced) == REPEATED else ({}, {}, {})
     )
@@ -321,13 +325,15 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
     )
     beacon = Beacon(
         robot.number,
-        (_own_heartbeat(robot, time), *relayed(robot)),
+        (_own_heartbeat(robot, time), *relayed_heartbeats(robot)),
         _news(robot, robot.searched, before[0], window),
         findings,
         _news(robot, robot.closed, before[2], window),
     )
-    announced = (*robot.announced[-REPEATED + 1 :], known)
-    return robot.but(announced=announced, window=(robot.window + window.bit_count()) % n), beacon
+    announced = (*robot.announced[-REPEATED + 1 :], knowledge)
+    return robot.replaced(
+        announced=announced, window=(robot.window + window.bit_count()) % n
+    ), beacon
 
 
 def _news(
@@ -339,10 +345,10 @@ def _news(
     Of more than `NEWS` other robots, successive beacons tell in turn what is missing in ``before``.
     """
     fresh = {number: bits & ~before.get(number, 0) for number, bits in now.items()}
-    others = sorted(number for number, bits in fresh.items() if bits and number != robot.number)
-    if len(others) > NEWS:
-        first = robot.count * NEWS % len(others)
-        for number in (others[first:] + others[:first])[NEWS:]:
+    senders = sorted(number for number, bits in fresh.items() if bits and number != robot.number)
+    if len(senders) > NEWS:
+        first = robot.count * NEWS % len(senders)
+        for number in (senders[first:] + senders[:first])[NEWS:]:
             fresh[number] = 0
     news = ((number, fresh[number] | bits & window) for number, bits in sorted(now.items()))
     return tuple((number, bits) for number, bits in news if bits)
@@ -386,14 +392,14 @@ def _own_heartbeat(robot: Robot, time: float) -> Heartbeat:
     )
 
 
-def relayed(robot: Robot) -> list[Heartbeat]:
+def relayed_heartbeats(robot: Robot) -> list[Heartbeat]:
     """Return the heartbeats of some other robots. Successive beacons relay the heartbeats of all
     other robots in turn.
     """
-    others = sorted(robot.peers)
-    count = max(RELAYED, min(ceil(len(others) / 4), MOST_RELAYED))
-    first = robot.count * count % max(len(others), 1) if count < len(others) else 0
-    return [robot.peers[number].heartbeat for number in (others[first:] + others[:first])[:count]]
+    peers = sorted(robot.peers)
+    count = max(RELAYED, min(ceil(len(peers) / 4), MOST_RELAYED))
+    first = robot.count * count % max(len(peers), 1) if count < len(peers) else 0
+    return [robot.peers[number].heartbeat for number in (peers[first:] + peers[:first])[:count]]
 
 
 def next_action(robot: Robot, time: float) -> Decision:
@@ -402,39 +408,39 @@ def next_action(robot: Robot, time: float) -> Decision:
     """
     # the robot knows more robots than at the last division
     if robot.allotted_to <= len(robot.peers):
-        robot = _allotted(robot, time)
-    done = settled(robot, time)
-    own, anyone = reachable(robot, time)
-    if anyone & ~done == 0:
-        return robot.but(status="complete", next_beat=time), Declare(), inf
-    wanted = own & ~done & ~robot.mine
-    if time < robot.avoided_until and wanted & ~robot.avoided:
-        wanted &= ~robot.avoided
+        robot = _allot(robot, time)
+    closed_cells = settled_cells(robot, time)
+    own, anyone = reachable_cells(robot, time)
+    if anyone & ~closed_cells == 0:
+        return robot.replaced(status="complete", next_beat=time), Declare(), inf
+    remaining = own & ~closed_cells & ~robot.mine
+    if time < robot.avoided_until and remaining & ~robot.avoided:
+        remaining &= ~robot.avoided
     elif robot.avoided:
-        robot = robot.but(avoided=0)
-    cell, wake = _own_cell(robot, wanted), inf
+        robot = robot.replaced(avoided=0)
+    cell, wake = _own_cell(robot, remaining), inf
     if (
         cell is None
         or is_taken(robot, cell, time)
         or (_is_apart(robot, cell) and leaves_to_others(robot, own, time))
     ):
-        cell, wake = _cell_of_others(robot, wanted, own, cell, time)
+        cell, wake = _cell_of_others(robot, remaining, own, cell, time)
     if cell is None:
-        return robot.but(status="waiting"), None, wake
+        return robot.replaced(status="waiting"), None, wake
     if _is_apart(robot, cell):
-        robot = robot.but(next_beat=time)  # other robots learn at once where this robot helps
-    robot = robot.but(aim=cell)
+        robot = robot.replaced(next_beat=time)  # other robots learn at once where this robot helps
+    robot = robot.replaced(aim=cell)
     return head_for(
-        robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time
+        robot, cell if robot.width == 1 else _stop_for(robot, cell, own, remaining, time), time
     )
 
 
-def _own_cell(robot: Robot, wanted: int) -> int | None:
-    """Return the next cell of ``wanted`` in the arcs that the robot must search, or None if no such
-    cell remains.
+def _own_cell(robot: Robot, remaining: int) -> int | None:
+    """Return the next cell of ``remaining`` in the arcs that the robot must search, or None if no
+    such cell remains.
     """
     for arc in _arcs_to_search(robot):
-        cell = arc.next_of(wanted, len(robot.brief.tour_cost))
+        cell = arc.next_of(remaining, len(robot.brief.tour_cost))
         if cell is not None:
             return int(cell)
     return None
@@ -449,7 +455,7 @@ def _is_apart(robot: Robot, cell: int) -> bool:
 
 
 def _cell_of_others(
-    robot: Robot, wanted: int, own: int, mine: int | None, time: float
+    robot: Robot, remaining: int, own: int, mine: int | None, time: float
 ) -> tuple[int | None, float]:
     """Return a cell that the robot searches to help other robots, or None and the time until which
     the robot waits.
@@ -458,26 +464,26 @@ def _cell_of_others(
     the robot cannot wait any longer, the result is the next cell in its own arcs (``mine``) or, if
     ``mine`` is None, the next unsearched cell.
     """
-    cell = cell_to_help(robot, wanted, own, time)
+    cell = cell_to_help(robot, remaining, own, time)
     if cell is not None and not (_is_apart(robot, cell) and leaves_to_others(robot, own, time)):
         need = step_cost(
             robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot)
-        ) + robot.way_out(cell)
-        need += _cost_alone(robot, wanted & ~(1 << cell), cell, False)
+        ) + robot.launch_cost(cell)
+        need += _cost_alone(robot, remaining & ~(1 << cell), cell, False)
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, inf
-    last = robot.deadline - _cost_alone(robot, wanted, robot.cell, robot.fresh) / robot.rate
-    if wanted and time >= last - 1e-9:
+    last = robot.deadline - _cost_alone(robot, remaining, robot.cell, robot.fresh) / robot.rate
+    if remaining and time >= last - 1e-9:
         n = len(robot.brief.tour_cost)
-        return next_in(wanted, robot.cell, n) if mine is None else mine, inf
+        return next_in(remaining, robot.cell, n) if mine is None else mine, inf
     limit = silence_limit(robot) + 1e-6
     silences = [peer.heard + limit for peer in robot.peers.values()]
     return None, min(
-        [last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf
+        [last if remaining else inf, *(moment for moment in silences if moment > time)], default=inf
     )
 
 
-def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
+def _stop_for(robot: Robot, cell: int, own: int, remaining: int, time: float) -> int:
     """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
     If the robot, after the best stop, could not search all remaining cells before its deadline, the
@@ -488,7 +494,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
     part = next(part for part in robot.parts if part.bits >> cell & 1)
 
     def cost(stop: int) -> float:
-        return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed) + robot.way_out(stop)
+        return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed) + robot.launch_cost(stop)
 
     shut = (
         (robot.avoided if time < robot.avoided_until else 0)
@@ -496,10 +502,16 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
         | closed
     )
     stop = best_viewpoint(
-        tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut
+        tour_cost,
+        robot.width,
+        robot.cell,
+        bits_to_array(remaining & part.bits, n),
+        cell,
+        cost,
+        shut,
     )
-    left = wanted & ~_seen(robot, stop)
-    need = cost(stop) + cost_of_all(tour_cost, left, stop, False, closed)
+    unseen = remaining & ~_visible_cells(robot, stop)
+    need = cost(stop) + cost_of_all(tour_cost, unseen, stop, False, closed)
     return stop if time + need / robot.rate <= robot.deadline else cell
 
 
@@ -515,82 +527,88 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
     home: tuple[int, ...] = ()
     if isinstance(distances, CellDistances):
         closed = obstacles(robot)
-        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed) + robot.way_out(cell)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed) + robot.launch_cost(cell)
         through = tour_cost.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
-        unsure = robot.brief.everything & ~known_free(robot)
+        unsure = robot.brief.everything & ~free_cells(robot)
         home = distances.cells(robot.cell, robot.start, unsure)
         need = (
             2 * cost
             + LOOK
             + distances.length(robot.cell, robot.start, unsure)
             + back
-            - robot.way_out(cell)
+            - robot.launch_cost(cell)
         )  # the robot may have to return along the same path
     else:
-        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh) + robot.way_out(cell)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh) + robot.launch_cost(cell)
         need = cost + (tour_cost.length(cell, robot.start) + back if robot.left < inf else 0.0)
     if need > robot.left and robot.left < robot.brief.energy:
         cost = tour_cost.length(robot.cell, robot.start, unsure) + robot.brief.recharge * robot.rate
         cost += robot.brief.from_launch(robot.number, robot.start, robot.cell)
-        return robot.but(status="searching", target=-1, since=time, cost=cost), GoHome(home), inf
+        return (
+            robot.replaced(status="searching", target=-1, since=time, cost=cost),
+            GoHome(home),
+            inf,
+        )
     return (
-        robot.but(status="searching", target=cell, through=through, since=time, cost=cost),
+        robot.replaced(status="searching", target=cell, through=through, since=time, cost=cost),
         Go(cell, through),
         inf,
     )
 
 
-def _allotted(robot: Robot, time: float) -> Robot:
+def _allot(robot: Robot, time: float) -> Robot:
     """Return the state of a robot after it has divided the tour among all robots that it knows.
 
     If the robot, with its new part, could not search all remaining cells alone before its deadline,
     it keeps its previous part.
     """
     brief, n = robot.brief, len(robot.brief.tour_cost)
-    known = {robot.number: (robot.start, robot.rate, robot.width)}
-    known |= {
+    team = {robot.number: (robot.start, robot.rate, robot.width)}
+    team |= {
         number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width)
         for number, peer in robot.peers.items()
     }
     parts = partition(
         brief.tour_cost,
         brief.allocator,
-        tuple((number, *known[number]) for number in sorted(known)),
+        tuple((number, *team[number]) for number in sorted(team)),
     )
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
-    allotted = robot.but(
-        parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time
+    allotted = robot.replaced(
+        parts=parts, own=own, status="searching", allotted_to=len(team), allotted_at=time
     )
     if not brief.helping:
-        return allotted.but(deadline=inf)
-    rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
+        return allotted.replaced(deadline=inf)
+    remaining = reachable_cells(allotted, -inf)[0] & ~(
+        settled_cells(allotted, -inf) | allotted.mine
+    )
     last = max(
-        time + _cost_alone(allotted, rest, robot.cell, robot.fresh) / robot.rate,
-        _after_others(allotted, known),
+        time + _cost_alone(allotted, remaining, robot.cell, robot.fresh) / robot.rate,
+        _after_others(allotted, team),
     )
     if robot.status == "listening":
-        return allotted.but(deadline=last)
-    return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
+        return allotted.replaced(deadline=last)
+    return allotted if last <= robot.deadline + 1e-9 else robot.replaced(allotted_to=len(team))
 
 
-def _cost_alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return the cost, in cells, of searching all cells in ``wanted`` alone: first the robot's own
-    arcs, then all other cells.
+def _cost_alone(robot: Robot, remaining: int, position: int, fresh: bool) -> float:
+    """Return the cost, in cells, of searching all cells in ``remaining`` alone: first the robot's
+    own arcs, then all other cells.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
-        for first, count in arc.stretches(wanted, n):
+        for first, count in arc.stretches(remaining, n):
             if away:
-                cost, away = robot.way_out(first), False
-            cost += tour_cost.way(here, first, fresh=fresh, closed=closed) + tour_cost.search_cost(
-                first, count, arc.step
-            )
-            here, fresh = (first + arc.step * (count - 1)) % n, False
-        wanted &= ~arc.bits(n)
-    if away and (cell := next_in(wanted, here, n)) is not None:
-        cost = robot.way_out(cell)
-    return cost + cost_of_all(tour_cost, wanted, here, fresh, closed)
+                cost, away = robot.launch_cost(first), False
+            cost += tour_cost.move_cost(
+                position, first, fresh=fresh, closed=closed
+            ) + tour_cost.search_cost(first, count, arc.step)
+            position, fresh = (first + arc.step * (count - 1)) % n, False
+        remaining &= ~arc.bits(n)
+    if away and (cell := next_in(remaining, position, n)) is not None:
+        cost = robot.launch_cost(cell)
+    return cost + cost_of_all(tour_cost, remaining, position, fresh, closed)
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
@@ -604,18 +622,18 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
     ]
 
 
-def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> float:
+def _after_others(robot: Robot, team: Mapping[int, tuple[int, float, int]]) -> float:
     """Return when a robot would finish if it searched everything after all others should be done; 0
     without planned departures.
 
     A robot that waits for its planned departure is not dead: nobody searches its part for it as
-    long as it may be on time. Cells that a robot cannot reach do not count. The mapping ``known``
+    long as it may be on time. Cells that a robot cannot reach do not count. The mapping ``team``
     gives the start, the rate and the width of each robot.
     """
     brief, n, end, theirs = robot.brief, len(robot.brief.tour_cost), 0.0, 0
     for own, part in enumerate(robot.parts if brief.delays else ()):
-        start, rate, width = known[part.robot]
-        other = robot.but(
+        start, rate, width = team[part.robot]
+        other = robot.replaced(
             number=part.robot,
             start=start,
             width=width,
@@ -633,15 +651,15 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
             theirs |= bits
     if not theirs:
         return 0.0
-    reach, here, fresh = own_reach(robot), robot.cell, True
+    reach, position, fresh = own_reach(robot), robot.cell, True
     for arc in _arcs_to_search(robot)[-1:]:
         last = (arc.first + arc.step * (arc.count - 1)) % n
         if reach >> last & 1:
-            here, fresh = last, False
-    after = robot.but(at_launch=robot.at_launch and fresh)
+            position, fresh = last, False
+    after = robot.replaced(at_launch=robot.at_launch and fresh)
     cost = max(
         _cost_alone(robot, reach, robot.cell, robot.fresh),
-        _cost_alone(after, theirs & reach, here, fresh),
+        _cost_alone(after, theirs & reach, position, fresh),
     )
     return end + ARRIVAL * brief.beat + cost / robot.rate
 

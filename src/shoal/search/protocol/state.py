@@ -13,7 +13,7 @@ from shoal.search.allocation.allocate import Part
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import gain_of
 from shoal.search.cells.distances import CellDistances
-from shoal.search.cells.routing import WaysOut
+from shoal.search.cells.routing import LaunchDistances
 from shoal.search.kernels.protocol.numbers import (
     BEATS,
     CRAWL,
@@ -50,7 +50,7 @@ class Brief:
         battery allows. A robot must return to its start before its battery is empty.
     recharge : float
         Time that a robot needs to recharge its battery.
-    ways_out : WaysOut, optional
+    ways_out : LaunchDistances, optional
         Distances from launch points outside the region to cells.
     delays : tuple of float
         Departure delay of each robot, in the order of the robots' numbers, or an empty tuple if no
@@ -67,7 +67,7 @@ class Brief:
     beat: float = 1.0
     energy: float = inf
     recharge: float = 0.0
-    ways_out: WaysOut | None = None
+    launch_distances: LaunchDistances | None = None
     delays: tuple[float, ...] = ()
     helping: bool = True
 
@@ -82,11 +82,11 @@ class Brief:
         The result can be negative. For a robot that moves only from cell to cell, the result is the
         distance from the launch point to the start cell, where the robot enters the region.
         """
-        if self.ways_out is None or number not in self.ways_out:
+        if self.launch_distances is None or number not in self.launch_distances:
             return 0.0
         if self.tour_cost.stepwise:
-            return self.ways_out.length(number, start)
-        return self.ways_out.length(number, cell) - self.tour_cost.length(start, cell)
+            return self.launch_distances.length(number, start)
+        return self.launch_distances.length(number, cell) - self.tour_cost.length(start, cell)
 
     @property
     def everything(self) -> int:
@@ -101,14 +101,14 @@ class Peer:
     The attribute ``heartbeat`` is the peer's latest heartbeat, which arrived at the time ``heard``.
     The attribute ``marks`` contains two pairs: an earlier time, and the peer's lag at this time.
     The attribute ``since`` is the time at which the peer first reported its present destination.
-    The attribute ``way`` is the length of the peer's path to its destination, in cell sides.
+    The attribute ``distance`` is the length of the peer's path to its destination, in cell sides.
     """
 
     heartbeat: Heartbeat
     heard: float
     marks: tuple[tuple[float, float], tuple[float, float]]
     since: float
-    way: float
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ class Robot:
     unheeded: int = 0
     waits_until: float = inf
     lost: int = 0
-    got: int = 0
+    received: int = 0
     announced: tuple[tuple[Mapping[int, int], ...], ...] = ()
     window: int = 0
     lingering: int = LINGER
@@ -240,7 +240,7 @@ class Robot:
         """Bitset of the cells that the robot itself has searched."""
         return self.searched.get(self.number, 0)
 
-    def way_out(self, cell: int) -> float:
+    def launch_cost(self, cell: int) -> float:
         """Return the extra distance from the launch point to a cell (see `from_launch`), or 0 after
         the robot's departure.
         """
@@ -256,7 +256,7 @@ class Robot:
             else self.lag + max(time - self.since - self.cost / self.rate, 0.0)
         )
 
-    def but(self, **changes: Any) -> Robot:
+    def replaced(self, **changes: Any) -> Robot:
         """Return a copy of the state in which the given fields have new values.
 
         Every message needs a copy of the state, and `dataclasses.replace` would be slower than this
@@ -381,14 +381,14 @@ class Declare:
 Action = Go | GoHome | Send | WakeAt | Declare
 
 
-def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell`` and
+def step_cost(tour_cost: TourCost, source: int, cell: int, fresh: bool, closed: int = 0) -> float:
+    """Return the cost, in cells, of moving from the cell ``source`` to the cell ``cell`` and
     searching ``cell``.
 
-    The argument ``fresh`` tells whether the robot has arrived in the cell ``here`` but has not
+    The argument ``fresh`` tells whether the robot has arrived in the cell ``source`` but has not
     searched it. The bitset ``closed`` contains the blocked cells.
     """
-    return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
+    return 1.0 + tour_cost.move_cost(source, cell, fresh=fresh, closed=closed)
 
 
 def obstacles(robot: Robot) -> int:
@@ -410,7 +410,7 @@ def own_reach(robot: Robot) -> int:
     return distances.reach(robot.cell, obstacles(robot))
 
 
-def reachable(robot: Robot, time: float) -> tuple[int, int]:
+def reachable_cells(robot: Robot, time: float) -> tuple[int, int]:
     """Return two bitsets: the cells that this robot can reach, and the cells that at least one live
     robot can reach.
 
@@ -435,12 +435,12 @@ def silence_limit(robot: Robot) -> float:
 
     This time grows with the fraction of lost messages.
     """
-    return robot.brief.beat * _silent_beats(robot.lost, robot.got)
+    return robot.brief.beat * _silent_beats(robot.lost, robot.received)
 
 
 @lru_cache(maxsize=1024)
-def _silent_beats(lost: int, got: int) -> float:
-    share = lost / (lost + got) if got else 0.5
+def _silent_beats(lost: int, received: int) -> float:
+    share = lost / (lost + received) if received else 0.5
     beats = log(FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
     return min(max(SHORTEST_SILENCE, beats), LONGEST_SILENCE) + 0.5
 
@@ -498,12 +498,12 @@ def is_late(robot: Robot, number: int, time: float) -> bool:
     if not robot.brief.helping:
         return False
     if number == robot.number:
-        return robot.lag_at(time) > RELUCTANCE * _tolerated(robot, time)
+        return robot.lag_at(time) > RELUCTANCE * _tolerance(robot, time)
     peer = robot.peers.get(number)
-    return peer is not None and peer.heartbeat.lag > _tolerated(robot, peer.heard)
+    return peer is not None and peer.heartbeat.lag > _tolerance(robot, peer.heard)
 
 
-def _tolerated(robot: Robot, time: float) -> float:
+def _tolerance(robot: Robot, time: float) -> float:
     return TOLERATED * max(time - robot.allotted_at, 0.0) + BEATS * robot.brief.beat
 
 
@@ -517,30 +517,30 @@ def _waits_for_others(robot: Robot, time: float) -> bool:
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 
 
-def settled(robot: Robot, time: float) -> int:
+def settled_cells(robot: Robot, time: float) -> int:
     """Return the bitset of cells that need no further search."""
-    seen = robot.searched
+    searched_by = robot.searched
     if robot.closed:
-        seen = {
-            number: seen.get(number, 0) | robot.closed.get(number, 0)
-            for number in {*seen, *robot.closed}
+        searched_by = {
+            number: searched_by.get(number, 0) | robot.closed.get(number, 0)
+            for number in {*searched_by, *robot.closed}
         }
-    everyone = list(seen.values())
+    everyone = list(searched_by.values())
     if robot.brief.multiplicity == 1:
         return at_least(everyone, 1)
-    mine = seen.get(robot.number, 0)
+    mine = searched_by.get(robot.number, 0)
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     # no further robot can search a cell that all live robots have searched
     for number, peer in robot.peers.items():
         if is_live(robot, number, time) and _waits_for_others(robot, time):
-            theirs = seen.get(number, 0)
+            theirs = searched_by.get(number, 0)
             if isinstance(distances, CellDistances):
                 theirs |= ~distances.reach(peer.heartbeat.start % n, obstacles(robot))
             mine &= theirs
     return at_least(everyone, robot.brief.multiplicity) | mine
 
 
-def known_free(robot: Robot) -> int:
+def free_cells(robot: Robot) -> int:
     """Return the bitset of cells that are known to be free.
 
     A cell is known to be free if this robot has passed it, or if a robot with a footprint of one

@@ -15,7 +15,7 @@ from shoal.search.kernels.borders import (
     BinnedLines,
     bins_of,
     find_bends,
-    find_way,
+    find_path,
     look,
     pull,
 )
@@ -61,15 +61,15 @@ class Border:
         starts, ends : ndarray of float64, shape (n, 2)
             Start and end of each segment in metres.
         """
-        found = np.empty(len(starts), dtype=np.int8)
-        look(self._lines, *map(np.ascontiguousarray, (starts, ends)), found)
-        met: NDArray[np.bool_] = found != CLEAR
-        doubtful = np.flatnonzero(found == DOUBTFUL)
+        codes = np.empty(len(starts), dtype=np.int8)
+        look(self._lines, *map(np.ascontiguousarray, (starts, ends)), codes)
+        met: NDArray[np.bool_] = codes != CLEAR
+        doubtful = np.flatnonzero(codes == DOUBTFUL)
         if len(doubtful):
             met[doubtful] = self._is_met_exactly(starts[doubtful], ends[doubtful])
         return met
 
-    def way_round(
+    def path_around(
         self,
         places: NDArray[np.float64],
         sides: NDArray[np.float64],
@@ -91,44 +91,46 @@ class Border:
             Length in metres up to which paths count.
         """
         points = np.concatenate([places, ends])
-        way = np.empty(len(places), dtype=np.int64)
+        bend_of = np.empty(len(places), dtype=np.int64)
 
         def find(*doubts: Any) -> tuple[int, int]:
-            known, met, unclear = doubts
-            given = places, sides, ends, float(most), known, met
-            found: tuple[int, int] = find_way(self._lines, *given, way, unclear)
-            return found
+            answered, met, unclear = doubts
+            arguments = places, sides, ends, float(most), answered, met
+            outcome: tuple[int, int] = find_path(self._lines, *arguments, bend_of, unclear)
+            return outcome
 
-        bends = self._without_doubts(find, partial(_segments_between, points))
-        return None if bends < 0 else way[:bends].copy()
+        bends = self._resolve_doubts(find, partial(_segments_between, points))
+        return None if bends < 0 else bend_of[:bends].copy()
 
-    def pull(self, way: NDArray[np.float64], ahead: int) -> NDArray[np.int64]:
+    def pull(self, path: NDArray[np.float64], ahead: int) -> NDArray[np.int64]:
         """Return the indices of those points of a path from each of which the last visible one of
         the next ``ahead`` points is kept, too; int64, shape (k,). The last point is among them.
 
         Parameters
         ----------
-        way : ndarray of float64, shape (n, 2)
+        path : ndarray of float64, shape (n, 2)
             The path in metres, with legs that do not meet the border.
         ahead : int
         """
-        points, kept = np.ascontiguousarray(way), np.empty(len(way), dtype=np.int64)
+        points, indices = np.ascontiguousarray(path), np.empty(len(path), dtype=np.int64)
 
-        def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
-            found: tuple[int, int] = pull(self._lines, points, ahead, known, met, kept, unclear)
-            return found
+        def find(answered: Any, met: Any, unclear: Any) -> tuple[int, int]:
+            outcome: tuple[int, int] = pull(
+                self._lines, points, ahead, answered, met, indices, unclear
+            )
+            return outcome
 
-        return kept[: self._without_doubts(find, partial(_segments_between, points))]
+        return indices[: self._resolve_doubts(find, partial(_segments_between, points))]
 
     def with_fewer_bends(
-        self, way: NDArray[np.float64], lengths: NDArray[np.float64], price: float
+        self, path: NDArray[np.float64], lengths: NDArray[np.float64], price: float
     ) -> NDArray[np.float64]:
         """Return the bends of the path that `shoal.search.cells.bends.with_fewer_bends` describes;
         float64, shape (k, 2).
 
         Parameters
         ----------
-        way : ndarray of float64, shape (n, 2)
+        path : ndarray of float64, shape (n, 2)
             A path in metres, with legs that do not meet the border.
         lengths : ndarray of float64, shape (n - 1,)
             The lengths of its legs, above 0.
@@ -136,18 +138,18 @@ class Border:
             Length in metres that a bend may cost.
         """
         bends, ends = np.empty((len(lengths) - 1, 2)), np.empty((_DOUBTS, 4))
-        given = np.ascontiguousarray(way), lengths, float(price)
+        arguments = np.ascontiguousarray(path), lengths, float(price)
 
-        def find(known: Any, met: Any, unclear: Any) -> tuple[int, int]:
-            found: tuple[int, int] = find_bends(
-                self._lines, *given, known, met, bends, unclear, ends
+        def find(answered: Any, met: Any, unclear: Any) -> tuple[int, int]:
+            outcome: tuple[int, int] = find_bends(
+                self._lines, *arguments, answered, met, bends, unclear, ends
             )
-            return found
+            return outcome
 
-        count = self._without_doubts(find, lambda codes: ends[: len(codes)])
+        count = self._resolve_doubts(find, lambda codes: ends[: len(codes)])
         return bends[:count][::-1]
 
-    def _without_doubts(
+    def _resolve_doubts(
         self,
         find: Callable[..., tuple[int, int]],
         segments: Callable[[NDArray[np.int64]], NDArray[np.float64]],
@@ -158,20 +160,20 @@ class Border:
         Parameters
         ----------
         find : callable
-            Function that calls the kernel with the arguments ``known``, ``met`` and ``doubts`` of
-            `shoal.search.kernels.borders`, and returns its result and the number of doubts.
+            Function that calls the kernel with the arguments ``answered``, ``met`` and ``doubts``
+            of `shoal.search.kernels.borders`, and returns its result and the number of doubts.
         segments : callable
             Function that returns the ends (x, y, x, y) of the segments with given numbers.
         """
-        known, met = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+        answered, met = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
         doubts = np.empty(_DOUBTS, dtype=np.int64)
         while True:
-            result, doubtful = find(known, met, doubts)
+            result, doubtful = find(answered, met, doubts)
             if not doubtful:
                 return result
             ends = segments(doubts[:doubtful])
             blocked = self._is_met_exactly(ends[:, :2], ends[:, 2:])
-            known, first = np.unique(np.append(known, doubts[:doubtful]), return_index=True)
+            answered, first = np.unique(np.append(answered, doubts[:doubtful]), return_index=True)
             met = np.append(met, blocked)[first]
             if blocked.all() and doubtful < _DOUBTS:
                 return result

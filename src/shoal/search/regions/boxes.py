@@ -12,7 +12,7 @@ from shoal.search.regions.outline import Points
 _FEW_BOXES, _FEW_CORNERS = 4, 64
 
 
-def clipped_to(shape: Any, low: Points, high: Points) -> Any:
+def clip_to_boxes(shape: Any, low: Points, high: Points) -> Any:
     """Return the part of a Shapely polygon or line inside each of many boxes; Shapely geometries,
     shape (n,).
 
@@ -27,12 +27,12 @@ def clipped_to(shape: Any, low: Points, high: Points) -> Any:
     """
     import shapely
 
-    found = np.full(len(low), None, dtype=object)
-    left = [(shape, np.arange(len(low)))]
-    while left:
-        part, boxes = left.pop()
+    pieces = np.full(len(low), None, dtype=object)
+    stack = [(shape, np.arange(len(low)))]
+    while stack:
+        part, boxes = stack.pop()
         if len(boxes) <= _FEW_BOXES or shapely.get_num_coordinates(part) <= _FEW_CORNERS:
-            found[boxes] = shapely.intersection(part, shapely.box(*low[boxes].T, *high[boxes].T))
+            pieces[boxes] = shapely.intersection(part, shapely.box(*low[boxes].T, *high[boxes].T))
             continue
         middles = low[boxes] + high[boxes]
         order = boxes[np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")]
@@ -41,19 +41,19 @@ def clipped_to(shape: Any, low: Points, high: Points) -> Any:
             # wider, so that what touches a box on its side is cut by this box only
             some = 0.01 * (most - least)
             bounds = shapely.box(*(least - some), *(most + some))
-            left.append((_alike(shapely.intersection(part, bounds), shape), half))
-    return found
+            stack.append((_keep_dimension(shapely.intersection(part, bounds), shape), half))
+    return pieces
 
 
-def _alike(cut: Any, shape: Any) -> Any:
+def _keep_dimension(cut: Any, shape: Any) -> Any:
     """Return the parts of a cut shape that have the dimension of the whole ``shape``."""
     import shapely
 
     if cut.geom_type != "GeometryCollection":
         return cut
     parts = shapely.get_parts(cut)
-    kept = parts[shapely.get_dimensions(parts) == shapely.get_dimensions(shape)]
-    return shapely.union_all(kept)
+    alike = parts[shapely.get_dimensions(parts) == shapely.get_dimensions(shape)]
+    return shapely.union_all(alike)
 
 
 def uncovered(

@@ -31,7 +31,7 @@ from shoal.search.regions.outline import (
     text_of,
 )
 from shoal.search.regions.projection import REACH, LocalFrame
-from shoal.search.regions.region import SearchRegion, polygons_in, region_of, united
+from shoal.search.regions.region import SearchRegion, polygons_in, region_of, unite
 
 INNER = ("no-go", "search")
 """Possible meanings of a polygon inside another polygon if the file does not mark the inner
@@ -118,7 +118,7 @@ def open_region(
         check_choice(hidden, what="--hidden", choices=HIDDEN)
     reading = Reading(layer=layer, hidden=hidden, closed_lines=closed_lines)
     if not isinstance(source, str | os.PathLike):
-        drawn = _drawn(source, list_of(holes), geographic=geographic)
+        drawn = _outlines_of(source, list_of(holes), geographic=geographic)
         return build_region(drawn, extra, name=name or "polygon", inner=inner, reading=reading)
     if holes is not None or geographic:
         raise InvalidInputError(
@@ -134,25 +134,27 @@ def open_region(
                 f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with"
                 f" the region {text!r}"
             )
-        found = builtin_region(text)
-        return build_region(found, extra, name=name or text, inner=inner, reading=reading)
+        outlines_of_name = builtin_region(text)
+        return build_region(
+            outlines_of_name, extra, name=name or text, inner=inner, reading=reading
+        )
     outlines = read_outlines(text, reading)
     stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
     return build_region(outlines, extra, name=name or stem, inner=inner, reading=reading)
 
 
-def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
+def _outlines_of(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
     """Return polygons with holes from their corners, or from Shapely polygons."""
     import shapely
 
     several = list_of(source)
     parts = [
-        one
+        outline
         for k, part in enumerate(several)
-        for one in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")
+        for outline in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")
     ]
     for k, hole in enumerate(holes):
-        (ring,) = (one.shell for one in _rings(hole, f"hole {k + 1}"))
+        (ring,) = (outline.shell for outline in _rings(hole, f"hole {k + 1}"))
         inner = check_polygon(RegionOutline(ring), closed=False)
         around = [check_polygon(part, closed=False).covers(inner) for part in parts]
         if not any(around):
@@ -166,7 +168,7 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 
 
 def build_region(
-    found: RegionOutlines,
+    source: RegionOutlines,
     extra: Sequence[Any],
     *,
     name: str,
@@ -178,10 +180,10 @@ def build_region(
 
     Parameters
     ----------
-    found : RegionOutlines
+    source : RegionOutlines
         The outlines of the region. Some outlines may be marked as no-go zones.
     extra : sequence
-        No-go zones besides those in ``found``, in the unit of the outlines: files, Shapely
+        No-go zones besides those in ``source``, in the unit of the outlines: files, Shapely
         polygons, or points of shape (n, 2).
     name : str
         Name of the region.
@@ -193,54 +195,64 @@ def build_region(
     """
     import shapely
 
-    searched = [outline for outline in found.outlines if not outline.no_go]
+    searched = [outline for outline in source.outlines if not outline.no_go]
     if not searched:
         raise InvalidInputError(
-            f"{found.where}: expected a polygon to search, got only no-go zones"
+            f"{source.where}: expected a polygon to search, got only no-go zones"
         )
-    zones = [outline for outline in found.outlines if outline.no_go]
+    zones = [outline for outline in source.outlines if outline.no_go]
     reading = reading or Reading()
     beside = [
         outline
         for k, zone in enumerate(extra)
-        for outline in _zone(zone, f"no-go zone {k + 1}", found, reading)
+        for outline in _zone(zone, f"no-go zone {k + 1}", source, reading)
     ]
     reading.check_effects(
-        [found.where, *(str(zone) for zone in extra if isinstance(zone, str | os.PathLike))]
+        [source.where, *(str(zone) for zone in extra if isinstance(zone, str | os.PathLike))]
     )
     frame: LocalFrame | None = None
-    if found.geographic:
+    if source.geographic:
         for ring in (ring for outline in (*searched, *zones, *beside) for ring in outline.rings):
             check_degrees(ring)
-        frame = _frame(searched, found.where)
-    wanted = _polygons(searched, frame, closed=found.closed)
-    taken = _polygons(zones, frame, closed=found.closed)
-    taken += _polygons(beside, frame, closed=False)
+        frame = _frame(searched, source.where)
+    search_polygons = _polygons(searched, frame, closed=source.closed)
+    zone_polygons = _polygons(zones, frame, closed=source.closed)
+    zone_polygons += _polygons(beside, frame, closed=False)
     if frame is not None:  # all at once, because there may be thousands
-        _check_reach([ring for one in (*searched, *zones, *beside) for ring in one.rings], frame)
-    given_zones = len(taken)
-    different = _different(wanted)
-    wanted, searched = [wanted[k] for k in different], [searched[k] for k in different]
-    taken = [taken[k] for k in _different(taken)]
-    check_overlaps([*wanted, *taken], found.where)
-    inside = _inside_others(wanted, searched, refused=inner is None)
+        _check_reach(
+            [
+                ring
+                for polygon_outline in (*searched, *zones, *beside)
+                for ring in polygon_outline.rings
+            ],
+            frame,
+        )
+    zone_count = len(zone_polygons)
+    different = _distinct(search_polygons)
+    search_polygons, searched = (
+        [search_polygons[k] for k in different],
+        [searched[k] for k in different],
+    )
+    zone_polygons = [zone_polygons[k] for k in _distinct(zone_polygons)]
+    check_overlaps([*search_polygons, *zone_polygons], source.where)
+    inside = _inside_others(search_polygons, searched, refused=inner is None)
     if inner is not None and not inside:
         raise InvalidInputError(
             "--inner: expected a polygon without a mark inside another polygon, got none in"
-            f" {found.where}"
+            f" {source.where}"
         )
     if inner != "search":
-        taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
-        given_zones += len(inside)
-        wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
-    no_go = polygons_in(united(taken)) if taken else None
-    with errors_at(found.where):
-        whole = polygons_in(shapely.union_all(wanted))
-        region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=given_zones)
-        return replace(region, height=found.height)
+        zone_polygons += [polygon for k, polygon in enumerate(search_polygons) if k in inside]
+        zone_count += len(inside)
+        search_polygons = [polygon for k, polygon in enumerate(search_polygons) if k not in inside]
+    no_go = polygons_in(unite(zone_polygons)) if zone_polygons else None
+    with errors_at(source.where):
+        whole = polygons_in(shapely.union_all(search_polygons))
+        region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=zone_count)
+        return replace(region, height=source.height)
 
 
-def _different(polygons: list[Any]) -> list[int]:
+def _distinct(polygons: list[Any]) -> list[int]:
     """Return the indices of the polygons, each without the polygons that are equal to it."""
     import shapely
 
@@ -259,10 +271,10 @@ def _polygons(
     if frame is None:
         for ring in (ring for outline in outlines for ring in outline.rings):
             check_metres(ring)
-    given = check_polygons(outlines, closed=closed)
+    polygons = check_polygons(outlines, closed=closed)
     if frame is None:
-        return given
-    flat = shapely.transform(np.array(given, dtype=object), frame.to_metres)
+        return polygons
+    flat = shapely.transform(np.array(polygons, dtype=object), frame.to_metres)
     # A vertex that lies on a side in degrees may lie slightly outside this side in metres.
     bent = ~shapely.is_valid(flat)
     flat[bent] = shapely.buffer(flat[bent], 0)
@@ -279,10 +291,10 @@ def _inside_others(
 
     inside: set[int] = set()
     for k, other in shapely.STRtree(polygons).query(polygons, predicate="intersects").T.tolist():
-        one, around = polygons[k], polygons[other]
-        if k == other or one.area > around.area or one.equals(around):
+        polygon, around = polygons[k], polygons[other]
+        if k == other or polygon.area > around.area or polygon.equals(around):
             continue
-        if one.intersection(around).area > one.area / 2:
+        if polygon.intersection(around).area > polygon.area / 2:
             inside.add(k)
             if refused:
                 raise InvalidInputError(
@@ -331,39 +343,39 @@ def _check_reach(rings: list[Ring], frame: LocalFrame) -> None:
         )
 
 
-def _zone(zone: Any, what: str, found: RegionOutlines, reading: Reading) -> list[RegionOutline]:
+def _zone(zone: Any, what: str, source: RegionOutlines, reading: Reading) -> list[RegionOutline]:
     """Return the outlines of a no-go zone that the user gives in addition to the region, in the
     unit of the region.
     """
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone, reading, zones=True)
-        if read.geographic != found.geographic:
+        if read.geographic != source.geographic:
             units = ["metres", "degrees"]
             raise InvalidInputError(
-                f"{read.where}: expected no-go zones in {units[found.geographic]}, as the region"
+                f"{read.where}: expected no-go zones in {units[source.geographic]}, as the region"
                 f" has, got {units[read.geographic]}"
             )
         return list(read.outlines)
-    return [replace(one, no_go=True) for one in _rings(zone, what, "a file, ")]
+    return [replace(outline, no_go=True) for outline in _rings(zone, what, "a file, ")]
 
 
-def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
+def _rings(polygon: Any, what: str, also: str = "") -> list[RegionOutline]:
     """Return the outlines of a Shapely geometry, or the outline of a polygon given by
     its corners.
     """
-    if hasattr(given, "geom_type"):
-        outlines = polygon_outlines(given, what)
+    if hasattr(polygon, "geom_type"):
+        outlines = polygon_outlines(polygon, what)
         if not outlines:
-            raise InvalidInputError(f"{what}: expected a polygon, got {given.geom_type}")
+            raise InvalidInputError(f"{what}: expected a polygon, got {polygon.geom_type}")
         return outlines
     try:
-        points = np.asarray(given, dtype=np.float64)
+        points = np.asarray(polygon, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
         raise InvalidInputError(
             f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got"
-            f" {str(given)[:80]}"
+            f" {str(polygon)[:80]}"
         )
     return [RegionOutline(Ring(points, what))]
 
@@ -396,8 +408,10 @@ def builtin_region(text: str) -> RegionOutlines:
     if name not in SHAPES:
         near = difflib.get_close_matches(name, SHAPES, n=1, cutoff=0.5)
         guess = f"did you mean {near[0]!r}? " if near else ""
-        known = ", ".join(f"{known}:{form}" for known, (form, _) in SHAPES.items())
-        raise UnknownNameError(f"unknown region {text[:80]!r}: {guess}(known: {known}, or a file)")
+        shape_name = ", ".join(f"{shape_name}:{form}" for shape_name, (form, _) in SHAPES.items())
+        raise UnknownNameError(
+            f"unknown region {text[:80]!r}: {guess}(known: {shape_name}, or a file)"
+        )
     form, shape = SHAPES[name]
     numbers = option.lower().removesuffix("m").split("x")
     expected = f"{name}:{form}"

@@ -64,7 +64,7 @@ def affordable_rectangle(
             f" {len(lengths)} ranges"
         )
     losses = check_integer(losses, what="losses", least=0, most=len(points) - 1)
-    left = sorted(lengths)[: len(points) - losses]
+    surviving_lengths = sorted(lengths)[: len(points) - losses]
     low, high = points.min(axis=0), points.max(axis=0)
 
     def missing(steps: int) -> float:
@@ -73,7 +73,7 @@ def affordable_rectangle(
         columns, rows = ceil(width / side - 1e-9), ceil(height / side - 1e-9)
         cells = columns * rows
         tour = (cells + 1 if min(columns, rows) > 1 else 2 * cells) * side
-        searched = sum(max(value - 2 * hypot(width, height), 0.0) for value in left)
+        searched = sum(max(value - 2 * hypot(width, height), 0.0) for value in surviving_lengths)
         return float(tour - searched)
 
     if missing(0) > 0:

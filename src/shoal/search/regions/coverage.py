@@ -13,7 +13,7 @@ from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import left_of, unit_vectors
-from shoal.search.regions.boxes import clipped_to, uncovered
+from shoal.search.regions.boxes import clip_to_boxes, uncovered
 from shoal.search.regions.outline import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
@@ -148,8 +148,8 @@ def coverage_check(
     Examples
     --------
     >>> from shoal.search import open_region
-    >>> seen = coverage_check(open_region("rectangle:40x20"), [[(5, 5), (35, 5)], [(5, 15), (25, 15)]], 10)
-    >>> seen.covered_fraction, seen.uncovered_m2, seen.outside_m
+    >>> coverage = coverage_check(open_region("rectangle:40x20"), [[(5, 5), (35, 5)], [(5, 15), (25, 15)]], 10)
+    >>> coverage.covered_fraction, coverage.uncovered_m2, coverage.outside_m
     (0.875, 100.0, 0.0)
     """
     import shapely
@@ -157,27 +157,29 @@ def coverage_check(
     sides = check_footprints(footprint, len(routes), what="route")
     check_number(tolerance, what="tolerance", least=0)
     check_number(angle, what="angle", least=-360, most=360)
-    ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
-    starts, ends = _legs(ways)
+    paths = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
+    starts, ends = _legs(paths)
     swept, squares = [], [np.zeros((0, 4))]
     # in the frame of the footprints, where most of what they cover are upright rectangles
     turn = unit_vectors(np.radians(np.array([-angle, 90.0 - angle])))
     for side in np.unique(sides).tolist():
-        legs = _once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side]))
+        legs = _distinct_legs(
+            *_legs([path for path, own in zip(paths, sides, strict=True) if own == side])
+        )
         if image is None:
             legs = (legs[0] @ turn, legs[1] @ turn)
             swept.append(footprints_along(*legs, side / 2, 0.0))
             places = np.unique(np.concatenate(legs), axis=0)
             squares.append(np.hstack([places - side / 2, places + side / 2]))
         else:
-            swept.append(_turned(image.along_legs(*legs, side, angle), -angle))
+            swept.append(_rotate(image.along_legs(*legs, side, angle), -angle))
     uncovered = region.area
     if swept:
-        area, shapes = _turned(region.area, -angle), np.concatenate(swept)
-        seen = _without(area, shapes, np.concatenate(squares), float(sides.min()))
-        uncovered = _turned(seen, angle)
-    uncovered = _without_slivers(uncovered)
-    left = float(uncovered.area)
+        area, shapes = _rotate(region.area, -angle), np.concatenate(swept)
+        unseen_part = _subtract(area, shapes, np.concatenate(squares), float(sides.min()))
+        uncovered = _rotate(unseen_part, angle)
+    uncovered = _remove_slivers(uncovered)
+    uncovered_m2 = float(uncovered.area)
     lengths = np.hypot(*(ends - starts).T)
     lines = shapely.linestrings(np.stack([starts, ends], axis=1))
     allowed = region.free.buffer(tolerance) if tolerance > 0 else region.free
@@ -185,8 +187,8 @@ def coverage_check(
     strays = lines[~shapely.covers(allowed, lines)]
     outside = float(shapely.length(shapely.difference(strays, allowed)).sum())
     return AreaCoverage(
-        1 - left / region.area_m2,
-        left,
+        1 - uncovered_m2 / region.area_m2,
+        uncovered_m2,
         uncovered,
         outside,
         len(strays),
@@ -195,7 +197,7 @@ def coverage_check(
     )
 
 
-def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
+def combine_coverages(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
     """Return one coverage for several layers, with the sums of the areas, the lengths and the legs
     of all layers.
 
@@ -203,33 +205,35 @@ def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
     --------
     >>> from shoal.search import open_region
     >>> region = open_region("rectangle:20x10")
-    >>> whole, half = (coverage_check(region, [way], 10) for way in ([(5, 5), (15, 5)], [(5, 5)]))
-    >>> together([whole, half]).covered_fraction, together([whole, half]).uncovered_m2
+    >>> whole, half = (coverage_check(region, [route], 10) for route in ([(5, 5), (15, 5)], [(5, 5)]))
+    >>> combine_coverages([whole, half]).covered_fraction, combine_coverages([whole, half]).uncovered_m2
     (0.75, 100.0)
     """
     if len(coverages) == 1:
         return coverages[0]
     import shapely
 
-    area = sum(one.area_m2 for one in coverages)
-    left, outside, length = (
-        sum(getattr(one, name) for one in coverages)
+    area = sum(coverage.area_m2 for coverage in coverages)
+    uncovered_m2, outside, length = (
+        sum(getattr(coverage, name) for coverage in coverages)
         for name in ("uncovered_m2", "outside_m", "length_m")
     )
-    legs = sum(one.legs_outside for one in coverages)
-    uncovered = shapely.union_all([one.uncovered for one in coverages])
-    return AreaCoverage(1 - left / area, left, uncovered, outside, legs, length, area)
+    legs = sum(coverage.legs_outside for coverage in coverages)
+    uncovered = shapely.union_all([coverage.uncovered for coverage in coverages])
+    return AreaCoverage(
+        1 - uncovered_m2 / area, uncovered_m2, uncovered, outside, legs, length, area
+    )
 
 
-def _legs(ways: list[Points]) -> tuple[Points, Points]:
+def _legs(paths: list[Points]) -> tuple[Points, Points]:
     """Return the start and the end of each leg of all routes. The function merges consecutive
     collinear legs.
     """
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for way in ways:
-        if len(way) == 0:
+    for path in paths:
+        if len(path) == 0:
             continue
-        bends = _bends(way)
+        bends = _bends(path)
         if len(bends) == 1:
             bends = np.repeat(bends, 2, axis=0)
         starts.append(bends[:-1])
@@ -237,22 +241,22 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
     return np.concatenate(starts), np.concatenate(ends)
 
 
-def _bends(way: Points) -> Points:
+def _bends(path: Points) -> Points:
     """Return a route without the points at which it is straight. Tiny bends count as straight,
     because files round coordinates.
     """
     import shapely
 
-    if len(way) < 2 or np.all(way == way[0]):
-        return way[:1]
+    if len(path) < 2 or np.all(path == path[0]):
+        return path[:1]
     return np.asarray(
         shapely.get_coordinates(
-            shapely.simplify(shapely.linestrings(way), _GRID / 10, preserve_topology=False)
+            shapely.simplify(shapely.linestrings(path), _GRID / 10, preserve_topology=False)
         )
     )
 
 
-def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
+def _distinct_legs(starts: Points, ends: Points) -> tuple[Points, Points]:
     """Return the legs without repetitions. A leg in the opposite direction counts as a
     repetition.
     """
@@ -279,15 +283,15 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
     """
     import shapely
 
-    way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
-    square = np.sqrt(2) * half * unit_vectors(way)
+    directions = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
+    square = np.sqrt(2) * half * unit_vectors(directions)
     if angle == 0:
         square = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     corners = np.concatenate([starts[:, None] + square, ends[:, None] + square], axis=1)
     return shapely.convex_hull(shapely.multipoints(corners))
 
 
-def _without(area: Any, shapes: Any, squares: NDArray[np.float64], footprint: float) -> Any:
+def _subtract(area: Any, shapes: Any, squares: NDArray[np.float64], footprint: float) -> Any:
     """Subtract shapes from an area, separately in each small block of the area. One large union of
     all shapes would be slow.
 
@@ -303,21 +307,21 @@ def _without(area: Any, shapes: Any, squares: NDArray[np.float64], footprint: fl
     # apart from what rounding leans a side
     upright = sizes.prod(axis=1) - shapely.area(shapes) <= _GRID * sizes.sum(axis=1)
     rectangles = np.concatenate([bounds[upright], squares])
-    fields, of = _fields(rectangles, np.array(area.bounds), footprint)
+    fields, of = _uncovered_boxes(rectangles, np.array(area.bounds), footprint)
     parts = shapely.box(*fields.T)
     tree = shapely.STRtree(shapes)
     shapely.prepare(area)
-    kept = shapely.intersects(area, parts)
-    kept[tree.query(parts, predicate="covered_by")[0]] = False
-    blocks = np.split(fields[kept], np.flatnonzero(np.diff(of[kept])) + 1)
+    partial = shapely.intersects(area, parts)
+    partial[tree.query(parts, predicate="covered_by")[0]] = False
+    blocks = np.split(fields[partial], np.flatnonzero(np.diff(of[partial])) + 1)
     bounds = np.array([_bounds(block) for block in blocks if len(block)]).reshape(-1, 4)
-    left = []
-    for part in clipped_to(area, bounds[:, :2], bounds[:, 2:]):
+    remainders = []
+    for part in clip_to_boxes(area, bounds[:, :2], bounds[:, 2:]):
         # Without a grid, GEOS 3.13 would lose whole footprints if many footprints have almost equal
         # sides.
-        seen = shapely.union_all(shapes[tree.query(part)], grid_size=_GRID)
-        left.append(shapely.difference(part, seen, grid_size=_GRID))
-    return shapely.union_all([shape for shape in left if shape.area > 0])
+        seen_part = shapely.union_all(shapes[tree.query(part)], grid_size=_GRID)
+        remainders.append(shapely.difference(part, seen_part, grid_size=_GRID))
+    return shapely.union_all([shape for shape in remainders if shape.area > 0])
 
 
 def _bounds(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -326,13 +330,13 @@ def _bounds(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([low - 2 * _GRID, high + 2 * _GRID])
 
 
-def _fields(
+def _uncovered_boxes(
     rectangles: NDArray[np.float64], bounds: NDArray[np.float64], footprint: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the boxes that rectangles leave of a box, and the number of the block in which each of
     them lies, in increasing order.
     """
-    found: list[NDArray[np.float64]] = []
+    fields: list[NDArray[np.float64]] = []
     blocks = [(bounds, np.arange(len(rectangles)))]
     while blocks:
         block, among = blocks.pop()
@@ -340,15 +344,17 @@ def _fields(
         near = among[((rectangles[among, :2] <= high) & (rectangles[among, 2:] >= low)).all(axis=1)]
         axis = int(np.argmax(high - low))
         if len(near) <= _FEW or high[axis] - low[axis] <= _SMALLEST * footprint:
-            found.append(uncovered(rectangles[near], block, _GRID))
+            fields.append(uncovered(rectangles[near], block, _GRID))
             continue
         halves = block.copy(), block.copy()
         halves[0][2 + axis] = halves[1][axis] = (low[axis] + high[axis]) / 2
         blocks += [(half, near) for half in halves]
-    return np.concatenate(found), np.repeat(np.arange(len(found)), [len(one) for one in found])
+    return np.concatenate(fields), np.repeat(
+        np.arange(len(fields)), [len(boxes) for boxes in fields]
+    )
 
 
-def _turned(shapes: Any, angle: float) -> Any:
+def _rotate(shapes: Any, angle: float) -> Any:
     """Rotate a Shapely geometry, or an array of geometries, about the origin, by an angle in
     degrees counter-clockwise.
     """
@@ -360,7 +366,7 @@ def _turned(shapes: Any, angle: float) -> Any:
     return shapely.transform(shapes, lambda points: points @ turn)
 
 
-def _without_slivers(shape: Any) -> Any:
+def _remove_slivers(shape: Any) -> Any:
     """Remove parts narrower than `TOUCH` from a shape. Rounding errors leave narrow parts between
     footprints.
     """
@@ -378,19 +384,19 @@ def check_footprints(
     footprint, shape (robots,).
     """
     try:
-        given = np.asarray(footprint, dtype=np.float64)
+        sides = np.asarray(footprint, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        given = np.full(1, np.nan)
+        sides = np.full(1, np.nan)
     if (
-        not given.size
-        or not (np.isfinite(given) & (given > 0)).all()
+        not sides.size
+        or not (np.isfinite(sides) & (sides > 0)).all()
         or isinstance(footprint, bool)
     ):
         raise InvalidInputError(
             f"footprint: expected a length above 0 in metres, got {footprint!r:.200}"
         )
-    if given.shape not in ((), (robots,)):
+    if sides.shape not in ((), (robots,)):
         raise InvalidInputError(
-            f"footprint: expected one length, or {robots}, one per {what}, got {np.size(given)}"
+            f"footprint: expected one length, or {robots}, one per {what}, got {np.size(sides)}"
         )
-    return np.broadcast_to(given, (robots,)).astype(np.float64)
+    return np.broadcast_to(sides, (robots,)).astype(np.float64)

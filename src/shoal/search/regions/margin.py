@@ -19,7 +19,7 @@ _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the ma
 # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around
 # the corner
 _POINTED = 2.0
-# smallest step of `coarse`, relative to the side of a square with the area of the shape
+# smallest step of `grow_coarsely`, relative to the side of a square with the area of the shape
 _COARSE = 0.02
 # of the wanted margin, tried in this order
 _SHARES = 1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01
@@ -115,7 +115,7 @@ def without_margin(region: SearchRegion) -> SearchRegion:
 
 def with_default_margin(
     region: SearchRegion,
-    wanted: float,
+    default: float,
     *,
     footprint: float,
     least: float = 0.0,
@@ -124,17 +124,17 @@ def with_default_margin(
     divided: bool = False,
     pointed: bool = False,
 ) -> SearchRegion:
-    """Return a region with the margin ``wanted``, or with the largest smaller margin that takes
+    """Return a region with the margin ``default``, or with the largest smaller margin that takes
     nothing from the search.
 
-    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than
+    A smaller margin is chosen if the margin ``default`` would divide the region, leave more than
     0.05 % of it unseen, or bar a start, launch or landing point. Shoal prints a notice that names
     the chosen margin and the reason.
 
     Parameters
     ----------
     region : SearchRegion
-    wanted : float
+    default : float
         Margin in metres.
     footprint : float
         Side in metres of the smallest square that a robot sees.
@@ -161,7 +161,7 @@ def with_default_margin(
     """
     import shapely
 
-    if wanted <= 0:
+    if default <= 0:
         return region
     outline, reason = region.outline, ""
     near = [np.inf]
@@ -172,11 +172,11 @@ def with_default_margin(
     shape: dict[str, Any] = (
         {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
     )
-    tried = [(round(share * wanted, 3), _MOST_UNSEEN) for share in _SHARES]
-    if not region.no_go.is_empty and 0 < least < wanted:
-        smaller = [k for k, (margin, _) in enumerate(tried) if margin < least]
-        tried.insert(smaller[0] if smaller else len(tried), (round(least, 3), _MOST_LOST))
-    for margin, unseen in tried:
+    candidates = [(round(share * default, 3), _MOST_UNSEEN) for share in _SHARES]
+    if not region.no_go.is_empty and 0 < least < default:
+        smaller = [k for k, (margin, _) in enumerate(candidates) if margin < least]
+        candidates.insert(smaller[0] if smaller else len(candidates), (round(least, 3), _MOST_LOST))
+    for margin, unseen in candidates:
         if margin <= 0 or margin > min(near):
             reason = (
                 reason or "a start, launch or landing point is nearer to a border or a no-go zone"
@@ -191,10 +191,10 @@ def with_default_margin(
             break
     else:
         margin = 0.0
-    if margin < wanted:
+    if margin < default:
         tell_once(
-            f"margin: {margin:g} m in place of the default {wanted:g} m, because {reason}; --margin"
-            " sets another one"
+            f"margin: {margin:g} m in place of the default {default:g} m, because {reason};"
+            " --margin sets another one"
         )
     return with_margin(region, margin, pointed=pointed)
 
@@ -210,7 +210,7 @@ def _divides(outline: Any, free: Any) -> bool:
     return bool((np.bincount(of, minlength=1) > 1).any())
 
 
-def grown(shape: Any, margin: float, *, pointed: bool = False) -> Any:
+def grow(shape: Any, margin: float, *, pointed: bool = False) -> Any:
     """Return all points that are at most ``margin`` metres away from a Shapely geometry.
 
     If ``pointed`` is true, the result has few corners in place of arcs, and contains some more
@@ -225,8 +225,8 @@ def grown(shape: Any, margin: float, *, pointed: bool = False) -> Any:
     )
 
 
-def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape with few corners that contains the shape ``grown(shape, margin)`` and is only
+def grow_coarsely(shape: Any, margin: float) -> Any:
+    """Return a shape with few corners that contains the shape ``grow(shape, margin)`` and is only
     slightly larger.
     """
     step = max(margin / 4, _COARSE * shape.area**0.5)
@@ -253,7 +253,9 @@ def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -
     """
     if not region.restricted:
         return region
-    area = region.outline if _is_near(region, footprint) else _seen_area(region, footprint, angle)
+    area = (
+        region.outline if _is_near(region, footprint) else _visible_area(region, footprint, angle)
+    )
     visible = replace(region, area=area)
     vars(visible)["for_paths"] = region.for_paths
     return visible
@@ -263,17 +265,17 @@ def _is_near(region: SearchRegion, footprint: float) -> bool:
     """Return whether all of a region is so near to where robots may be that they see it at any
     angle of the footprint: they see at least the disc inside the footprint.
     """
-    known = region.for_paths  # grids at many angles ask
-    if ("near", footprint) not in known:
+    cache = region.for_paths  # grids at many angles ask
+    if ("near", footprint) not in cache:
         inner = region.free if region.bends is None else region.bends  # inside, of fewer corners
         near = inner.buffer(_NARROWER * footprint / 2, quad_segs=4)
         far = region.outline.difference(near).area
-        known["near", footprint] = bool(far <= _SEEN * region.outline.area)
-    is_near: bool = known["near", footprint]
+        cache["near", footprint] = bool(far <= _SEEN * region.outline.area)
+    is_near: bool = cache["near", footprint]
     return is_near
 
 
-def _seen_area(region: SearchRegion, footprint: float, angle: float) -> Any:
+def _visible_area(region: SearchRegion, footprint: float, angle: float) -> Any:
     """Return the part of a region that robots see with a footprint at an angle."""
     import shapely
 
@@ -285,6 +287,6 @@ def _seen_area(region: SearchRegion, footprint: float, angle: float) -> Any:
         for ring in edges
         for shape in footprints_along(ring[:-1], ring[1:], footprint / 2, angle)
     ]
-    seen = shapely.union_all([region.free, *around])
-    whole = region.outline.difference(seen).area <= _SEEN * region.outline.area
-    return region.outline if whole else polygons_in(region.outline.intersection(seen))
+    seen_part = shapely.union_all([region.free, *around])
+    whole = region.outline.difference(seen_part).area <= _SEEN * region.outline.area
+    return region.outline if whole else polygons_in(region.outline.intersection(seen_part))

@@ -69,7 +69,7 @@ _FAULTS = (
 
 
 @contextmanager
-def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
+def open_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
     """Open a zip archive for reading. The argument ``what`` is the name of the archive in error
     messages.
 
@@ -221,9 +221,9 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
         raise InvalidInputError(
             f"{ring.where}: expected a ring of 3 different vertices or more, got {different}"
         )
-    kept = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
-    _check_shape(kept, ring)
-    return np.vstack([kept, kept[:1]])
+    distinct = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
+    _check_shape(distinct, ring)
+    return np.vstack([distinct, distinct[:1]])
 
 
 def _check_shape(corners: Points, ring: Ring) -> None:
@@ -253,7 +253,7 @@ def _check_shape(corners: Points, ring: Ring) -> None:
         )
 
 
-def place_of(said: str) -> str:
+def place_of(explanation: str) -> str:
     """Extract the point from Shapely's explanation of an invalid polygon, as the text " at (x, y)".
 
     If the explanation names no point, the result is an empty text.
@@ -263,7 +263,7 @@ def place_of(said: str) -> str:
     >>> place_of("Self-intersection[1.5 2]")
     ' at (1.5, 2)'
     """
-    match = re.search(r"\[(\S+) ([^\s\]]+)", said)
+    match = re.search(r"\[(\S+) ([^\s\]]+)", explanation)
     return f" at {text_of([float(match[1]), float(match[2])])}" if match else ""
 
 
@@ -298,14 +298,14 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
         )
     whole = Polygon(corners[0], corners[1:])
     if not whole.is_valid:
-        said = explain_validity(whole)
+        explanation = explain_validity(whole)
         why = (
             "holes that leave the inside in one piece"
-            if "disconnected" in said
+            if "disconnected" in explanation
             else "holes apart from the outline and each other"
         )
         raise InvalidInputError(
-            f"{outline.shell.where}: expected {why}, got others{place_of(said)}"
+            f"{outline.shell.where}: expected {why}, got others{place_of(explanation)}"
         )
     return whole
 
@@ -318,7 +318,7 @@ def check_polygons(outlines: Sequence[RegionOutline], *, closed: bool = True) ->
     """
     import shapely
 
-    found: list[Any] = [None] * len(outlines)
+    polygons: list[Any] = [None] * len(outlines)
     small = [
         k
         for k, outline in enumerate(outlines)
@@ -338,9 +338,9 @@ def check_polygons(outlines: Sequence[RegionOutline], *, closed: bool = True) ->
         good &= np.bincount(of[~np.isfinite(points).all(axis=1)], minlength=len(rings)) == 0
         good &= ends_at_begin | (not closed)
         good &= np.bincount(of) - ends_at_begin >= 3
-        kept = good[of]
-        kept[first[ends_at_begin]] = False  # it is the last vertex, too
-        inner, counts = np.flatnonzero(kept), np.bincount(of[kept], minlength=len(rings))
+        used = good[of]
+        used[first[ends_at_begin]] = False  # it is the last vertex, too
+        inner, counts = np.flatnonzero(used), np.bincount(of[used], minlength=len(rings))
         numbers = np.flatnonzero(counts)
         shapes = np.full(len(rings), None, dtype=object)
         if len(numbers):
@@ -352,10 +352,10 @@ def check_polygons(outlines: Sequence[RegionOutline], *, closed: bool = True) ->
         size = (high - low).max(axis=1)
         good &= shapely.is_valid(shapes) & (shapely.area(shapes) > _FLAT * size * size)
         for k, shape, right in zip(small, shapes, good.tolist(), strict=True):
-            found[k] = shape if right else None
+            polygons[k] = shape if right else None
     return [
         check_polygon(outline, closed=closed) if polygon is None else polygon
-        for outline, polygon in zip(outlines, found, strict=True)
+        for outline, polygon in zip(outlines, polygons, strict=True)
     ]
 
 
@@ -517,14 +517,14 @@ def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[Reg
         for part in shapely.get_parts(shape)
         if part.geom_type == "Polygon" and not part.is_empty
     ]
-    found = []
+    outlines = []
     for index, part in enumerate(parts):
         place = f"{where}, polygon {index + 1}" if len(parts) > 1 else where
         holes = tuple(
             Ring(shapely.get_coordinates(ring), f"{place}, hole {k + 1}")
             for k, ring in enumerate(part.interiors)
         )
-        found.append(
+        outlines.append(
             RegionOutline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go)
         )
-    return found
+    return outlines

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.formats.flight_logs import LOGS, flown_lines
+from shoal.search.regions.formats.flight_logs import LOGS, flight_lines
 from shoal.search.regions.formats.geodata import read_positions
 from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_lines
 from shoal.search.regions.formats.tables import read_vertices
@@ -57,16 +57,16 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     if not isinstance(value, str):
         points, line = check_plane_points(value, what=what), False
     elif _COORDINATES.fullmatch(value):
-        given = np.array([pair.split(",") for pair in value.split(";")], dtype=np.float64)
-        points, line = _in_metres(given, region, what, degrees=None), False
+        coordinates = np.array([pair.split(",") for pair in value.split(";")], dtype=np.float64)
+        points, line = _in_metres(coordinates, region, what, degrees=None), False
     else:
         points, line = _read(Path(value), region, what)
     if line:
         import shapely
 
-        way = shapely.linestrings(points)
+        linestring = shapely.linestrings(points)
         spaced = shapely.line_interpolate_point(
-            way, (np.arange(robots) + 0.5) / robots, normalized=True
+            linestring, (np.arange(robots) + 0.5) / robots, normalized=True
         )
         return np.asarray(shapely.get_coordinates(spaced))
     if len(points) not in (1, robots):
@@ -165,7 +165,7 @@ _SIMPLER = (
 _GAP = 1e-3  # metres: narrower gaps between what two legs saw are rounding errors
 
 
-def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any:
+def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any:
     """Return what a vehicle saw along a track that it flew: the squares of the given side along each
     leg, as a Shapely geometry in metres.
 
@@ -184,7 +184,7 @@ def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     Examples
     --------
     >>> from shoal.search import open_region
-    >>> seen_along([(10.0, 10.0), (50.0, 10.0)], open_region("square:100"), 20.0).area
+    >>> swept_area([(10.0, 10.0), (50.0, 10.0)], open_region("square:100"), 20.0).area
     1200.0
     """
     import shapely
@@ -204,14 +204,14 @@ def seen_along(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
         )
         if len(points) > 1:
             line = shapely.simplify(shapely.linestrings(points), _SIMPLER * side)
-            way = shapely.get_coordinates(line)
-            pairs.append(np.stack([way[:-1], way[1:]], axis=1))
+            vertices = shapely.get_coordinates(line)
+            pairs.append(np.stack([vertices[:-1], vertices[1:]], axis=1))
     legs = shapely.linestrings(np.concatenate(pairs))
     legs = legs[shapely.length(legs) > 0]
     if not len(legs):
         raise InvalidInputError("searched: expected a track that moves, got one place")
-    seen = shapely.union_all(shapely.buffer(legs, side / 2, cap_style="square"))
-    return seen.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
+    strip = shapely.union_all(shapely.buffer(legs, side / 2, cap_style="square"))
+    return strip.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
 
 
 def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
@@ -222,18 +222,18 @@ def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
         if not lines:
             raise InvalidInputError(f"{path}: expected a track that was flown, got none")
     elif kind in LOGS:
-        lines = flown_lines(path)
+        lines = flight_lines(path)
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:
         rows, degrees = read_vertices(path, what="table of searched")
         groups = groupby(rows, lambda row: row is not None)
-        tables = [np.array([row[:2] for row in group if row]) for there, group in groups if there]
+        tables = [np.array([row[:2] for row in group if row]) for is_row, group in groups if is_row]
         return [_in_metres(table, region, path, degrees=degrees) for table in tables]
     return [_in_metres(line, region, path, degrees=True) for line in lines if len(line)]
 
 
-def points_inside(given: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
+def points_inside(source: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
     """Return points inside a region in metres, which are given as an array in metres or as the path
     of a file; float64, shape (k, 2).
 
@@ -242,9 +242,9 @@ def points_inside(given: str | ArrayLike, region: SearchRegion, *, what: str) ->
     InvalidInputError
         If the file is invalid, or if a point lies outside the region.
     """
-    if isinstance(given, str):
-        return region.check_inside(read_points(Path(given), region, what=what), what=given)
-    return region.check_inside(given, what=what)
+    if isinstance(source, str):
+        return region.check_inside(read_points(Path(source), region, what=what), what=source)
+    return region.check_inside(source, what=what)
 
 
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
@@ -252,8 +252,8 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     a line.
     """
     if path.suffix.lower() in (".geojson", ".json"):
-        found, line = read_positions(path, what=f"file of {what}")
-        return _in_metres(found, region, path, degrees=True), line
+        positions, line = read_positions(path, what=f"file of {what}")
+        return _in_metres(positions, region, path, degrees=True), line
     rows, degrees = read_vertices(path, what=f"table of {what}")
     points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
     return _in_metres(points, region, path, degrees=degrees), False

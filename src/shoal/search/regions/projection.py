@@ -147,7 +147,7 @@ class LocalFrame:
         """
         return self.to_metres(np.round(self.to_degrees(points), DECIMALS))
 
-    def _check_near(self, points: Points, given: Points, unit: str) -> None:
+    def _check_near(self, points: Points, original: Points, unit: str) -> None:
         """Refuse points in metres that are too far from the origin. The error message shows the
         user's original point.
         """
@@ -156,7 +156,7 @@ class LocalFrame:
             raise InvalidInputError(
                 f"local frame: expected points within {2 * REACH / 1000:g} km of the origin"
                 f" {text_of([self.longitude, self.latitude])}, got"
-                f" {text_of(given[int(np.argmin(near))])}{unit}"
+                f" {text_of(original[int(np.argmin(near))])}{unit}"
             )
 
 
@@ -213,15 +213,15 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
     moved = tuple(
         replace(
             outline,
-            shell=_moved(outline.shell, transformer),
-            holes=tuple(_moved(hole, transformer) for hole in outline.holes),
+            shell=_transform_ring(outline.shell, transformer),
+            holes=tuple(_transform_ring(hole, transformer) for hole in outline.holes),
         )
         for outline in outlines
     )
     return RegionOutlines(moved, where, geographic=True)
 
 
-def _moved(ring: Ring, transformer: Any) -> Ring:
+def _transform_ring(ring: Ring, transformer: Any) -> Ring:
     finite = np.isfinite(ring.points).all(axis=1)
     points = ring.points.copy()
     points[finite] = np.stack(transformer.transform(*ring.points[finite].T), axis=1)

@@ -86,13 +86,13 @@ class SearchRegion:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.area)
         if self.searched is not None:
-            rest = polygons_in(self.area.difference(self.searched))
-            if rest.is_empty:
+            unsearched = polygons_in(self.area.difference(self.searched))
+            if unsearched.is_empty:
                 raise InvalidInputError(
                     f"region {self.name!r}: expected a part that was not searched yet, got tracks"
                     " that saw all of it"
                 )
-            object.__setattr__(self, "area", rest)
+            object.__setattr__(self, "area", unsearched)
 
     @cached_property
     def searched(self) -> Any:
@@ -111,8 +111,10 @@ class SearchRegion:
     @property
     def unseen_m2(self) -> float:
         """Size of the area that robots cannot see while they keep the margin, in square metres."""
-        asked = self.outline if self.searched is None else self.outline.difference(self.searched)
-        return max(0.0, float(asked.area - self.area.area))
+        wanted_area = (
+            self.outline if self.searched is None else self.outline.difference(self.searched)
+        )
+        return max(0.0, float(wanted_area.area - self.area.area))
 
     @cached_property
     def scale_error(self) -> float:
@@ -327,10 +329,10 @@ def region_of(
     )
     free = whole if zones.is_empty else polygons_in(whole.difference(zones))
     if free.is_empty or not free.area > 0:
-        got = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
-        raise InvalidInputError(f"{name}: expected a region with an area to search, got {got}")
-    given = len(shapely.get_parts(zones)) if no_go_zones is None else no_go_zones
-    return SearchRegion(free, frame, zones, name, given)
+        actual = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
+        raise InvalidInputError(f"{name}: expected a region with an area to search, got {actual}")
+    zone_count = len(shapely.get_parts(zones)) if no_go_zones is None else no_go_zones
+    return SearchRegion(free, frame, zones, name, zone_count)
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
@@ -344,20 +346,21 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
         )
     points = shapely.get_coordinates(shape)
     if not (np.abs(points) <= FARTHEST).all():
-        got = text_of(points[int(np.argmin((np.abs(points) <= FARTHEST).all(axis=1)))])
+        actual = text_of(points[int(np.argmin((np.abs(points) <= FARTHEST).all(axis=1)))])
         raise InvalidInputError(
-            f"{what}: expected coordinates of at most {FARTHEST:g} m, got {got}"
+            f"{what}: expected coordinates of at most {FARTHEST:g} m, got {actual}"
         )
     parts = shapely.get_parts(shapely.force_2d(shape))
     for index, part in enumerate(parts):
         if not part.is_valid:
-            said = explain_validity(part)
+            explanation = explain_validity(part)
             raise InvalidInputError(
                 f"{what}: expected a valid polygon, got"
-                f" {said.partition('[')[0].lower()}{place_of(said)} in part {index + 1}"
+                f" {explanation.partition('[')[0].lower()}{place_of(explanation)} in part"
+                f" {index + 1}"
             )
     return (
-        polygons_in(united(parts))
+        polygons_in(unite(parts))
         if len(parts) > 1
         else parts[0]
         if len(parts)
@@ -365,7 +368,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
     )
 
 
-def united(polygons: Any) -> Any:
+def unite(polygons: Any) -> Any:
     """Return the union of valid Shapely polygons. Thousands that do not overlap are only put
     together.
     """
@@ -381,21 +384,19 @@ def polygons_in(shape: Any) -> Any:
     """
     import shapely
 
-    parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]
+    parts = [part for part in _flatten(shape) if part.geom_type == "Polygon" and part.area > 0]
     size = max(
         (float(np.ptp(np.reshape(part.bounds, (2, 2)), axis=0).max()) for part in parts),
         default=0.0,
     )
-    kept = [part for part in parts if part.area > 1e-15 * size * size]
-    return kept[0] if len(kept) == 1 else shapely.MultiPolygon(kept)
+    substantial = [part for part in parts if part.area > 1e-15 * size * size]
+    return substantial[0] if len(substantial) == 1 else shapely.MultiPolygon(substantial)
 
 
-def _flattened(shape: Any) -> list[Any]:
+def _flatten(shape: Any) -> list[Any]:
     import shapely
 
     parts = shapely.get_parts(shape)
     return [
-        piece
-        for part in parts
-        for piece in (_flattened(part) if hasattr(part, "geoms") else [part])
+        leaf for part in parts for leaf in (_flatten(part) if hasattr(part, "geoms") else [part])
     ]

@@ -75,10 +75,10 @@ class SearchBatch:
         position, cells = self.tour.position, self.tour.cells
         n, m = len(cells), problem.robots
         flat = np.ravel_multi_index(tuple(cells.T), position.shape)
-        ways = np.asarray(directions, dtype=np.int64).reshape(-1, 3)
+        offsets = np.asarray(directions, dtype=np.int64).reshape(-1, 3)
         if cells.shape[1] == 2:
-            ways = ways[ways[:, 0] == 0, 1:]
-        around = cells[:, None] + ways
+            offsets = offsets[offsets[:, 0] == 0, 1:]
+        around = cells[:, None] + offsets
         inside = np.all((around >= 0) & (around < position.shape), axis=2)
         beside = np.where(
             inside, position[tuple(np.moveaxis(np.where(inside[..., None], around, 0), 2, 0))], -1
@@ -197,9 +197,9 @@ class SearchBatch:
             0 for a robot that continues or waits. Robots ignore an action that `masks` excludes.
         where : ndarray of bool, shape (worlds,), optional
         """
-        chosen, searches, done, begun = self.chosen(where), self._searches, 0, False
+        chosen, searches, progress, begun = self.chosen(where), self._searches, 0, False
         while True:
-            done = agents.step(
+            progress = agents.step(
                 searches.tour,
                 searches.rules,
                 searches.partitions,
@@ -210,12 +210,12 @@ class SearchBatch:
                 chosen,
                 actions,
                 self._length,
-                done,
+                progress,
                 begun,
             )
-            if done == len(chosen):
+            if progress == len(chosen):
                 break
-            searches.serve(int(chosen[done]))
+            searches.serve(int(chosen[progress]))
             begun = True
         self.terminated[chosen] = (self._agents.left[chosen] == 0) | ~self.alive[chosen].any(axis=1)
         self.truncated[chosen] = ~self.terminated[chosen] & (
@@ -237,13 +237,13 @@ class SearchBatch:
         views, m = self._views, self.problem.robots
         planes, cells = self._seen(views.planes, where), self._seen(views.cells, where)
         full, steps = self._searches.rules.energy, self._seen(self._agents.steps, where)
-        left = np.ones(cells.shape) if full == inf else self._seen(views.left, where) / full
+        energy_share = np.ones(cells.shape) if full == inf else self._seen(views.left, where) / full
         return {
             "planes": planes.reshape(len(cells), m, PLANES, *self.tour.position.shape),
             "position": self.tour.cells[cells].astype(np.int64),
             "heard": self._seen(views.heard, where),
             "told": self._seen(self._searches.worlds.told, where),
-            "energy": left[..., None].astype(np.float32).clip(0, 1),
+            "energy": energy_share[..., None].astype(np.float32).clip(0, 1),
             "time": np.repeat(steps, m).reshape(-1, m, 1),
         }
 
@@ -253,8 +253,8 @@ class SearchBatch:
         """
         w, m = self._searches.worlds, self.problem.robots
         codes = (self.tour.position >= 0).astype(np.int64)
-        done = self._agents.scored[world] >= self.problem.multiplicity
-        codes[tuple(self.tour.cells[done].T)] = 2
+        searched = self._agents.scored[world] >= self.problem.multiplicity
+        codes[tuple(self.tour.cells[searched].T)] = 2
         for i in range(m):
             robot = w.robots[world, i]
             codes[tuple(self.tour.cells[int(robot.place)])] = 3 + i + m * (not robot.alive)

@@ -209,7 +209,7 @@ class CompiledSearches:
             self.n,
             float(cost.turn_cost),
             int(cost.distances is None),
-            int(self.brief.ways_out is not None),
+            int(self.brief.launch_distances is not None),
             cost.ahead,
             np.ascontiguousarray(cost.points),
             np.zeros(0) if cost.odds is None else cost.odds_ahead,
@@ -236,7 +236,7 @@ class CompiledSearches:
         )
         sets, rows = (_SETS, max(_ROWS // n, 2)) if stepwise else (1, 0)
         rows = min(rows, sets * n)
-        room = len(edges[1]) + n + 2 if stepwise else 0
+        capacity = len(edges[1]) + n + 2 if stepwise else 0
         return [
             int(stepwise),
             *edges,
@@ -248,8 +248,8 @@ class CompiledSearches:
             np.zeros((rows, n)),
             np.full(1 << (2 * rows + 1).bit_length(), -1, dtype=np.int64),
             np.zeros(1 << (2 * rows + 1).bit_length(), dtype=np.int32),
-            np.zeros(room),
-            np.zeros(room, dtype=np.int64),
+            np.zeros(capacity),
+            np.zeros(capacity, dtype=np.int64),
         ]
 
     def _worlds(self) -> None:
@@ -257,7 +257,7 @@ class CompiledSearches:
         words, media = (n + 63) // 64, len(self.rules.media)
         bursts = "bursts" in {medium.kind for medium in self.scenario.network.media}
         relayed = min(m, 1 + max(RELAYED, min((m + 3) // 4, MOST_RELAYED)))
-        facts, findings, ways = words + m, 1, self.tour.stepwise
+        facts, findings, stepwise = words + m, 1, self.tour.stepwise
         split, late = self.rules.longest > 0, self.rules.longest > 0 and self.rules.remembered
         self.worlds = Worlds(
             control=np.zeros(b, dtype=CONTROL),
@@ -272,8 +272,8 @@ class CompiledSearches:
             claims=np.zeros((b, m, n if self.rules.multiplicity > 1 else 0), dtype=np.int32),
             goal=np.zeros((b, words), dtype=np.uint64),
             blocked=np.zeros((b, words), dtype=np.uint64),
-            passed=np.zeros((b, m, words if ways else 0), dtype=np.uint64),
-            path=np.zeros((b, m, n + 4 if ways else 0), dtype=np.int64),
+            passed=np.zeros((b, m, words if stepwise else 0), dtype=np.uint64),
+            path=np.zeros((b, m, n + 4 if stepwise else 0), dtype=np.int64),
             covered=np.zeros((b, n), dtype=np.int32),
             occupied=np.zeros((b, n), dtype=np.int32),
             owner=np.zeros((b, facts), dtype=np.int32),
@@ -324,7 +324,7 @@ class CompiledSearches:
             visited=np.zeros((b, 64)),
             states=np.zeros((b, 8 * m + 16, 2), dtype=np.int64),
             stated=np.zeros((b, 8 * m + 16)),
-            passes=np.zeros((b, 2 * n + 64 if ways else 1, 2), dtype=np.int64),
+            passes=np.zeros((b, 2 * n + 64 if stepwise else 1, 2), dtype=np.int64),
             stops=np.zeros((b, 4, 2), dtype=np.int64),
             stopped=np.zeros((b, 4)),
             wanted=np.zeros((b, words), dtype=np.uint64),
@@ -399,10 +399,10 @@ class CompiledSearches:
                 slow[i].append((fault.time, fault.factor))
         most = max(map(len, slow))
         if most > self.worlds.slow.shape[2]:
-            self.worlds = self.worlds._replace(slow=_longer(self.worlds.slow, 2, most))
+            self.worlds = self.worlds._replace(slow=_enlarge(self.worlds.slow, 2, most))
         self.worlds.slow[world, ..., 0], self.worlds.slow[world, ..., 1] = inf, 1.0
-        for i, found in enumerate(slow):
-            for k, pair in enumerate(found):
+        for i, periods in enumerate(slow):
+            for k, pair in enumerate(periods):
                 self.worlds.slow[world, i, k] = pair
         self._grow(world, faults=len(rows) + self.m)
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
@@ -433,9 +433,9 @@ class CompiledSearches:
         declared = w.robots[world]["declared"]
         order = np.argsort(declared, kind="stable")
         return SearchOutcome(
-            tuple(np.array(one, dtype=np.int64) for one in cells),
-            tuple(np.array(one, dtype=np.float64) for one in times),
-            tuple(tuple(one) for one in states),
+            tuple(np.array(entries, dtype=np.int64) for entries in cells),
+            tuple(np.array(entries, dtype=np.float64) for entries in times),
+            tuple(tuple(entries) for entries in states),
             tuple(self._found(world, i) for i in range(self.m)),
             {int(i) + 1: float(declared[i]) for i in order if declared[i] < inf},
             int(control.sent),
@@ -473,67 +473,71 @@ class CompiledSearches:
     def _found(self, world: int, i: int) -> dict[int, int]:
         """Return the bitset of the robots that found something in each cell, as a robot knows."""
         w = self.worlds
-        found: dict[int, int] = {}
+        witnesses: dict[int, int] = {}
         for finding in range(int(self.worlds.control[world].findings)):
             if int(w.reported[world, i, finding >> 6]) >> (finding & 63) & 1:
                 cell = int(w.place[world, finding])
-                found[cell] = found.get(cell, 0) | 2 << int(w.finder[world, finding])
-        return found
+                witnesses[cell] = witnesses.get(cell, 0) | 2 << int(w.finder[world, finding])
+        return witnesses
 
     def serve(self, world: int) -> None:
         """Give a world what it asks for."""
         control = self.worlds.control[world]
-        need, one, other = int(control.need), int(control.need_one), int(control.need_other)
+        need, first, second = int(control.need), int(control.need_one), int(control.need_other)
         cost = self.brief.tour_cost
         if need == A_LENGTH:
-            self._add_path(one * self.n + other, cost.length(one, other))
+            self._add_path(first * self.n + second, cost.length(first, second))
         elif need == A_LAUNCH:
-            ways = self.brief.ways_out
-            there = ways is not None and one + 1 in ways
-            away = ways.length(one + 1, other) if there and ways is not None else -1.0
-            self._add_path((self.n + one) * self.n + other, away)
+            distances = self.brief.launch_distances
+            has_launch = distances is not None and first + 1 in distances
+            away = (
+                distances.length(first + 1, second)
+                if has_launch and distances is not None
+                else -1.0
+            )
+            self._add_path((self.n + first) * self.n + second, away)
         elif need == A_PARTITION:
-            self._divide(world, one)
+            self._divide(world, first)
         elif need == RANDOM:
             self._draw(world)
         else:
-            self._grow(world, path=one, parts=other)
+            self._grow(world, path=first, parts=second)
 
     def _draw(self, world: int) -> None:
         control = self.worlds.control[world]
         needed = int(control.need_other) * self.rules.draws
         if needed > self.worlds.random.shape[1]:
             before = self.worlds.random.shape[1]
-            longer = _longer(self.worlds.random, 1, needed + _DRAWN)
+            longer = _enlarge(self.worlds.random, 1, needed + _DRAWN)
             for other, rng in enumerate(self._rngs):
                 longer[other, before:] = rng.random(longer.shape[1] - before)
             self.worlds = self.worlds._replace(random=longer)
         random = self.worlds.random[world]
         drawn = int(control.drawn)
-        left = len(random) - drawn
-        random[:left] = random[drawn:]
-        random[left:] = self._rngs[world].random(drawn)
+        unused = len(random) - drawn
+        random[:unused] = random[drawn:]
+        random[unused:] = self._rngs[world].random(drawn)
         control.drawn = 0
 
     def _add_path(self, key: int, length: float) -> None:
         """Put the length of a path into the table."""
         keys, lengths = self.tour.keys, self.tour.lengths
         if 2 * (self._paths + 1) > len(keys):
-            there = keys >= 0
-            old = zip(keys[there].tolist(), lengths[there].tolist(), strict=True)
+            filled = keys >= 0
+            old = zip(keys[filled].tolist(), lengths[filled].tolist(), strict=True)
             keys, lengths = np.full(4 * len(keys), -1, dtype=np.int64), np.zeros(4 * len(keys))
             self.tour = self.tour._replace(keys=keys, lengths=lengths)
-            for one, away in old:
-                _put(keys, lengths, one, away)
+            for old_key, away in old:
+                _put(keys, lengths, old_key, away)
         _put(keys, lengths, key, length)
         self._paths += 1
 
     def _divide(self, world: int, i: int) -> None:
         """Give a robot the division of the tour among all robots that it knows."""
         robots = self.worlds.robots[world]
-        known = [k for k in range(self.m) if k == i or self.worlds.counts[world, i, k] >= 0]
+        team_members = [k for k in range(self.m) if k == i or self.worlds.counts[world, i, k] >= 0]
         starts, rates = robots["start"].tolist(), robots["rate"].tolist()
-        team = tuple((k + 1, starts[k] % self.n, rates[k], 1) for k in known)
+        team = tuple((k + 1, starts[k] % self.n, rates[k], 1) for k in team_members)
         number = self._divisions.get(team)
         if number is None:
             parts = partition(self.brief.tour_cost, self.brief.allocator, team)
@@ -548,7 +552,7 @@ class CompiledSearches:
                 np.append(old.sizes, np.array([arc.count for arc in arcs], dtype=np.int64)),
                 np.append(old.step, np.array([arc.step for arc in arcs], dtype=np.int64)),
             )
-        robots["offer"][i], robots["offered_for"][i] = number, len(known)
+        robots["offer"][i], robots["offered_for"][i] = number, len(team_members)
 
     def _grow(self, world: int, *, faults: int = 0, path: int = 0, parts: int = 0) -> None:
         """Replace all arrays that are full in a world by arrays of at least twice the length; make
@@ -562,7 +566,7 @@ class CompiledSearches:
                 array = changes.get(name, getattr(w, name))
                 if needed > array.shape[axis]:
                     longer = max(2 * array.shape[axis], needed)
-                    changes[name] = _longer(array, axis, longer)
+                    changes[name] = _enlarge(array, axis, longer)
 
         messages, slots = max(parts, 1), w.free.shape[1]
         events_at_once = messages * self.m * self.rules.copies + 4 + faults
@@ -593,14 +597,16 @@ class CompiledSearches:
         fit(1, int(control.states) + 4, "states", "stated")
         fit(1, int(control.stops) + 1, "stops", "stopped")
         fit(2, path, "path")
-        ways = changes.get("path", w.path).shape[2]
-        fit(1, int(control.passes) + ways + 1, "passes")
+        path_size = changes.get("path", w.path).shape[2]
+        fit(1, int(control.passes) + path_size + 1, "passes")
         self.worlds = w._replace(**changes)
-        there = self.worlds.free.shape[1]
-        for other in range(self.count if there > slots else 0):
-            had = int(self.worlds.control[other].slots)
-            self.worlds.free[other, had : had + there - slots] = np.arange(slots, there)
-            self.worlds.control[other].slots = had + there - slots
+        slot_count = self.worlds.free.shape[1]
+        for other in range(self.count if slot_count > slots else 0):
+            old_slots = int(self.worlds.control[other].slots)
+            self.worlds.free[other, old_slots : old_slots + slot_count - slots] = np.arange(
+                slots, slot_count
+            )
+            self.worlds.control[other].slots = old_slots + slot_count - slots
 
 
 def _words(bits: int, n: int) -> NDArray[np.uint64]:
@@ -609,7 +615,7 @@ def _words(bits: int, n: int) -> NDArray[np.uint64]:
     return np.frombuffer(bits.to_bytes(8 * words, "little"), dtype="<u8").astype(np.uint64)
 
 
-def _longer(array: NDArray[Any], axis: int, length: int) -> NDArray[Any]:
+def _enlarge(array: NDArray[Any], axis: int, length: int) -> NDArray[Any]:
     """Return an array that begins with another one, and is longer along an axis."""
     shape = list(array.shape)
     shape[axis] = length

@@ -148,42 +148,44 @@ class Scenario:
         """Bitset of the cells with obstacles."""
         return bitset_of(self.obstacles)
 
-    def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first obstacle on the path from ``here`` through the cells ``through``, and
+    def obstacle_on(self, source: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+        """Return the first obstacle on the path from ``source`` through the cells ``through``, and
         the number of cells before it.
 
         If the path is free, return None and the number of cells of the path.
         """
         distances = self.brief.tour_cost.distances
         if self.blocked and isinstance(distances, CellDistances):
-            for index, (one, other) in enumerate(pairwise((here, *through))):
-                for cell in (other, *distances.beside(one, other)):
+            for index, (start, end) in enumerate(pairwise((source, *through))):
+                for cell in (end, *distances.beside(start, end)):
                     if self.blocked >> cell & 1:
                         return cell, index
         return None, len(through)
 
-    def path_length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length, in cell sides, of the path from the cell ``here`` through the cells
+    def path_length(self, source: int, through: tuple[int, ...]) -> float:
+        """Return the length, in cell sides, of the path from the cell ``source`` through the cells
         ``through``.
         """
         total = 0.0
-        for one, other in pairwise((here, *through)):
-            total += self.brief.tour_cost.length(one, other)  # not sum, which rounds otherwise
+        for start, end in pairwise((source, *through)):
+            total += self.brief.tour_cost.length(start, end)  # not sum, which rounds otherwise
         return total
 
     @cached_property
     def goal(self) -> int:
         """Bitset of the cells that at least one robot can reach."""
-        found = 0
+        reachable = 0
         for number in range(1, len(self.starts) + 1):
-            found |= self.reach(number)
-        return found
+            reachable |= self.reach(number)
+        return reachable
 
-    def seen(self, number: int, cell: int) -> int:
+    def visible_cells(self, number: int, cell: int) -> int:
         """Return the bitset of cells that the robot with a given number sees from a cell."""
         width = self.widths[number - 1]
         return (
-            1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
+            1 << cell
+            if width == 1
+            else bitset_of(self.brief.tour_cost.visible_cells(cell, width).tolist())
         )
 
     def reach(self, number: int) -> int:
@@ -207,7 +209,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         multiplicity=problem.multiplicity,
         energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
         recharge=(vehicle.recharge_seconds + climbing_seconds(vehicle)) / cell,
-        ways_out=plan.ways_out,
+        launch_distances=plan.launch_distances,
         delays=(
             tuple((plan.delays / cell).tolist())
             if plan.delays.any() or plan.schedule is not None
@@ -253,7 +255,7 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
 
 
 def _cells_of(
-    plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]
+    plan: SearchPlan, value: Any, what: str, allowed: NDArray[np.int64], seed: list[int]
 ) -> tuple[int, ...]:
     """Return the tour indices of cells that are given as a number of random cells, as points, or as
     a file of points.
@@ -261,29 +263,32 @@ def _cells_of(
     A given point selects a cell in each layer that has one there. A random obstacle lies in all
     layers. A random target lies in one layer or, with a prior, where all layers show the same place.
     """
-    if isinstance(given, int):
+    if isinstance(value, int):
         columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)
         if columns:
             allowed = allowed[plan.tour.cells[allowed, 0] == 0]
-        if given > len(allowed):
+        if value > len(allowed):
             where = "one per cell" if what == "targets" else "no obstacle at the start of a robot"
             raise InvalidInputError(
-                f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}"
+                f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {value}"
             )
         if what == "targets" and isinstance(plan.ground, Ground):
-            return _targets_of(plan.ground, given, seed)
-        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
+            return _targets_of(plan.ground, value, seed)
+        chosen = np.random.default_rng(seed).choice(allowed, size=value, replace=False)
         if not columns:
             return tuple(sorted(int(cell) for cell in chosen))
         inside = plan.positions(chosen)[:, :2]
     else:
-        inside = points_inside(given, plan.grid.region, what=what)
-    found = [(layer.whole or layer).cell_of(inside) for layer in layers_of(plan.grid)]
+        inside = points_inside(value, plan.grid.region, what=what)
+    cells_by_layer = [(layer.whole or layer).cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
-        found = [
-            np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)
+        cells_by_layer = [
+            np.column_stack([np.full(len(cells), up), cells])
+            for up, cells in enumerate(cells_by_layer)
         ]
-    numbers = {int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}
+    numbers = {
+        int(number) for cells in cells_by_layer for number in plan.tour.position[tuple(cells.T)]
+    }
     return tuple(sorted(numbers - {-1}))
 
 

@@ -106,14 +106,16 @@ class SearchTrace:
         """Return one sentence about the first difference from another trace. For equal traces,
         return an empty text.
         """
-        for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
-            same = np.array_equal(one.cells, two.cells) and np.allclose(
-                one.times, two.times, rtol=0, atol=1e-9
+        for number, (own, theirs) in enumerate(
+            zip(self.robots, other.robots, strict=True), start=1
+        ):
+            same = np.array_equal(own.cells, theirs.cells) and np.allclose(
+                own.times, theirs.times, rtol=0, atol=1e-9
             )
-            if not same or (one.states, one.detours, one.obstructed) != (
-                two.states,
-                two.detours,
-                two.obstructed,
+            if not same or (own.states, own.detours, own.obstructed) != (
+                theirs.states,
+                theirs.detours,
+                theirs.obstructed,
             ):
                 return f"planned and simulated again, robot {number} does not act as in the episode"
         for name in ("covered_at", "declared", "sent", "lost"):
@@ -208,8 +210,8 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
                 (cell(number), tuple(check_integer(robot, what=what) for robot in robots))
                 for number, robots in data["found"]
             ),
-            tuple(tuple(cell(one) for one in passed) for passed in data["detours"]),
-            tuple((moment(time), cell(one)) for time, one in data["obstructed"]),
+            tuple(tuple(cell(index) for index in passed) for passed in data["detours"]),
+            tuple((moment(time), cell(index)) for time, index in data["obstructed"]),
         )
     except InvalidInputError:
         raise
@@ -235,7 +237,10 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
         times = np.zeros(0)
         if len(cells):
             steps = np.array(
-                [1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())]
+                [
+                    1.0 + tour_cost.move_cost(source, cell)
+                    for source, cell in pairwise(cells.tolist())
+                ]
             )
             route = plan.route(robot, cells[:1])
             first = (
@@ -266,24 +271,24 @@ def _with_recharging(
     holds the times without recharging.
     """
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
-    completion, left = lasting.copy(), brief.energy
+    completion, energy = lasting.copy(), brief.energy
     away = [
         length + brief.from_launch(robot + 1, start, cell)
         for cell, length in zip(cells.tolist(), tour_cost.lengths_from(start, cells), strict=True)
     ]
     for k, cell in enumerate(cells.tolist()):
         cost = lasting[k] * rate
-        if cost + away[k] > left and k:
+        if cost + away[k] > energy and k:
             cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(
                 robot + 1, start, cell
             )
-            completion[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
-        if cost + away[k] > left:
+            completion[k], energy = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
+        if cost + away[k] > energy:
             raise InvalidInputError(
                 f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home"
                 f" of robot {robot + 1}, got {brief.energy:.4g} cells"
             )
-        left -= cost
+        energy -= cost
     return completion
 
 
@@ -313,7 +318,7 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
         )
         for vehicle in world.vehicles.values()
     )
-    covered_at = float(searched_at(scenario, logs).max())
+    covered_at = float(search_times(scenario, logs).max())
     return SearchTrace(
         logs, covered_at, world.declared, world.air.sent, world.air.lost, world.takeovers
     )
@@ -339,12 +344,12 @@ def _compiled_trace(scenario: Scenario, until: float) -> SearchTrace:
             zip(outcome.cells, outcome.times, outcome.states, strict=True)
         )
     )
-    covered_at = float(searched_at(scenario, logs).max())
+    covered_at = float(search_times(scenario, logs).max())
     counts = outcome.sent, outcome.lost, outcome.takeovers
     return SearchTrace(logs, covered_at, outcome.declared, *counts)
 
 
-def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
+def search_times(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
     """Return the time at which the required number of robots had searched each reachable cell;
     float64, shape (n,).
 
@@ -365,8 +370,8 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
             np.minimum.at(mine, log.cells, log.times)
         else:
             for cell, moment in zip(log.cells.tolist(), log.times.tolist(), strict=True):
-                seen = tour_cost.seen(cell, scenario.widths[number - 1])
-                mine[seen] = np.minimum(mine[seen], moment)
+                visible = tour_cost.visible_cells(cell, scenario.widths[number - 1])
+                mine[visible] = np.minimum(mine[visible], moment)
         truly = truly if number in liars else np.minimum(truly, mine)
         for place in range(count):
             best[place], mine = np.minimum(best[place], mine), np.maximum(best[place], mine)
@@ -387,16 +392,16 @@ def coverages(
         if layer.whole is not None:
             continue
         same = [number, *(up for up, other in enumerate(layers) if other.whole is layer)]
-        ways = [
-            (way, sides[robot] * layer.footprint)
+        paths = [
+            (path, sides[robot] * layer.footprint)
             for robot in robots
-            for way in _ways(plan, trace, routes, robot, same)
+            for path in _paths(plan, trace, routes, robot, same)
         ]
-        footprints = [side for _, side in ways] or layer.footprint
+        footprints = [side for _, side in paths] or layer.footprint
         coverages.append(
             coverage_check(
                 layer.region,
-                [way for way, _ in ways],
+                [path for path, _ in paths],
                 footprints,
                 angle=layer.angle,
                 image=plan.image,
@@ -405,7 +410,7 @@ def coverages(
     return tuple(coverages)
 
 
-def _ways(
+def _paths(
     plan: SearchPlan,
     trace: SearchTrace,
     routes: Sequence[Route],
@@ -419,12 +424,12 @@ def _ways(
     if isinstance(plan.grid, CellGrid):
         inside = len(route.stops) < 2 or plan.grid.region.contains(route.points[:1])[0]
         return [route.points if inside else route.points[route.stops[1] :]]
-    spans, there = cell_spans(plan, route, log), plan.tour.cells[log.cells, 0]
-    borders = [0, *(np.flatnonzero(np.diff(there)) + 1).tolist(), len(there)]
+    spans, layer_of_stop = cell_spans(plan, route, log), plan.tour.cells[log.cells, 0]
+    borders = [0, *(np.flatnonzero(np.diff(layer_of_stop)) + 1).tolist(), len(layer_of_stop)]
     return [
         route.points[spans[begin, 0] : spans[end - 1, 1] + 1, :2]
         for begin, end in pairwise(borders)
-        if there[begin] in layers
+        if layer_of_stop[begin] in layers
     ]
 
 

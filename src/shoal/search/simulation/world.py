@@ -166,7 +166,7 @@ class SearchWorld:
             elif isinstance(fault, Liar):
                 body.liar = True
         if self.decide is not None:
-            body.robot = body.robot.but(status="waiting")
+            body.robot = body.robot.replaced(status="waiting")
         self.searched[number] = 0
         return body
 
@@ -174,35 +174,35 @@ class SearchWorld:
         """Let an idle robot decide again at a given time."""
         self._post(time, number, "event", Wake(time))
 
-    def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
+    def _post(self, time: float, robot: int, kind: str, payload: Any) -> None:
         self._number += 1
-        heapq.heappush(self._queue, (time, self._number, robot, kind, what))
+        heapq.heappush(self._queue, (time, self._number, robot, kind, payload))
 
     def run(self, *, until: float = inf) -> SearchWorld:
         """Simulate all events up to the time ``until``, and return the world itself."""
         while self._queue and self._queue[0][0] <= until:
-            self.time, _, number, kind, what = heapq.heappop(self._queue)
+            self.time, _, number, kind, payload = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]
             if not vehicle.alive:
                 continue
             if kind == "fault":
-                self._fail(vehicle, what)
+                self._fail(vehicle, payload)
                 continue
             if self.time < vehicle.paused_until:
                 if kind != "heard":  # a paused robot loses messages; all other events wait
-                    self._post(vehicle.paused_until, number, kind, what)
+                    self._post(vehicle.paused_until, number, kind, payload)
                 continue
-            getattr(self, f"_do_{kind}")(vehicle, what)
+            getattr(self, f"_do_{kind}")(vehicle, payload)
             if self.check is not None:
                 self.check(self, number)
         return self
 
-    def _fail(self, vehicle: SimulatedRobot, what: Crash | Pause) -> None:
+    def _fail(self, vehicle: SimulatedRobot, fault: Crash | Pause) -> None:
         vehicle.searching = None  # other robots can avoid a robot that does not move
-        if isinstance(what, Crash):
+        if isinstance(fault, Crash):
             self._die(vehicle)
         else:
-            vehicle.paused_until = max(vehicle.paused_until, what.until)
+            vehicle.paused_until = max(vehicle.paused_until, fault.until)
             vehicle.states.append((self.time, "paused"))
 
     def _die(self, vehicle: SimulatedRobot) -> None:
@@ -235,9 +235,11 @@ class SearchWorld:
         """Let a robot enter a cell and search it, or wait in front of the cell while another robot
         is in it.
         """
-        others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
+        live_robots = (
+            other for other in self.vehicles.values() if other is not vehicle and other.alive
+        )
         rate = self._rate(vehicle)
-        if any(other.searching == cell for other in others):
+        if any(other.searching == cell for other in live_robots):
             vehicle.searching = None
             if vehicle.tries < TRIES:
                 vehicle.tries += 1
@@ -257,40 +259,44 @@ class SearchWorld:
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number
-        found = self._finds(vehicle, cell)
-        seen = scenario.seen(number, cell)
+        detected = self._finds(vehicle, cell)
+        visible = scenario.visible_cells(number, cell)
         beside = (
             ()
-            if seen == 1 << cell
-            else tuple(one for one in members(seen) if one != cell and self._finds(vehicle, one))
+            if visible == 1 << cell
+            else tuple(
+                neighbour
+                for neighbour in members(visible)
+                if neighbour != cell and self._finds(vehicle, neighbour)
+            )
         )
         if not vehicle.liar:
-            self.searched[number] |= seen
-            if seen & ~self.covered:
-                self.covered |= seen
+            self.searched[number] |= visible
+            if visible & ~self.covered:
+                self.covered |= visible
                 if self.covered_at == inf and not self.goal & ~self.covered:
                     self.covered_at = self.time
         vehicle.visits.append((self.time, cell))
         vehicle.detours.append(vehicle.passing + vehicle.robot.through[:-1])
         vehicle.passing = ()
         vehicle.going, vehicle.aimed = None, vehicle.robot.aim
-        self._do_event(vehicle, Sensed(self.time, cell, found, beside))
+        self._do_event(vehicle, Sensed(self.time, cell, detected, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
         """Decide at random whether a robot reports a target in a cell. The probability is a sensor
         rate, or 0.5 for a liar.
         """
-        there = cell in self.scenario.targets
-        chance = self.scenario.detection if there else self.scenario.false_alarm
-        found = bool(chance or vehicle.liar) and bool(
+        has_target = cell in self.scenario.targets
+        chance = self.scenario.detection if has_target else self.scenario.false_alarm
+        reported = bool(chance or vehicle.liar) and bool(
             self.rng.random() < (0.5 if vehicle.liar else chance)
         )
-        if found and there and not vehicle.liar:
+        if reported and has_target and not vehicle.liar:
             self.finds.append((vehicle.robot.number, cell))
-        return found
+        return reported
 
-    def _do_obstructed(self, vehicle: SimulatedRobot, found: tuple[int, int]) -> None:
-        cell, vehicle.place = found
+    def _do_obstructed(self, vehicle: SimulatedRobot, contact: tuple[int, int]) -> None:
+        cell, vehicle.place = contact
         vehicle.going = None
         vehicle.obstructed.append((self.time, cell))
         self._do_event(vehicle, Obstructed(self.time, cell, vehicle.place))
@@ -340,7 +346,7 @@ class SearchWorld:
             robot.cost
             if through
             else step_cost(tour_cost, vehicle.place, cell, robot.fresh)
-            + self._way_out(vehicle, cell)
+            + self._launch_cost(vehicle, cell)
         )
         if not self._spend(vehicle, cost):
             return
@@ -348,16 +354,16 @@ class SearchWorld:
             vehicle.searching = None  # during the motion the robot occupies no cell
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
-    def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
+    def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, path: tuple[int, ...]) -> None:
         cost = (
-            self.scenario.path_length(vehicle.place, way)
+            self.scenario.path_length(vehicle.place, path)
             + LOOK
-            + self._way_out(vehicle, vehicle.place)
+            + self._launch_cost(vehicle, vehicle.place)
         )
         vehicle.searching = None
         if self._spend(vehicle, cost):
-            at = way[-1] if way else vehicle.place
-            vehicle.passing += way
+            at = path[-1] if path else vehicle.place
+            vehicle.passing += path
             self._post(
                 self.time + cost / self._rate(vehicle),
                 vehicle.robot.number,
@@ -365,7 +371,7 @@ class SearchWorld:
                 (obstacle, at),
             )
 
-    def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
+    def _launch_cost(self, vehicle: SimulatedRobot, cell: int) -> float:
         """Return the extra distance to a cell for a robot that is still at its launch point, and 0
         for all other robots.
         """
@@ -421,7 +427,7 @@ class SearchWorld:
                     number, other, self.time, tour_cost.between(sender.place, receiver.place)
                 )
                 for message in messages:
-                    for delay, arrived in self.air.carried(message, link, reaches=receiver.alive):
+                    for delay, arrived in self.air.carry(message, link, reaches=receiver.alive):
                         self._post(self.time + delay, other, "heard", arrived)
 
 
@@ -467,7 +473,7 @@ class Air:
         self._recorded = (self._recorded + messages)[-RECORDED:]
         return list(messages)
 
-    def carried(
+    def carry(
         self, message: Message, link: Link, *, reaches: bool
     ) -> Iterator[tuple[float, Message]]:
         """Yield pairs of a delay and a copy of a message that arrives at one receiver. If
@@ -481,7 +487,7 @@ class Air:
             if copy.other == "replay" and self._recorded:
                 come = self._recorded[int(self._rng.random() * len(self._recorded))]
             elif copy.other == "forgery":
-                come = self._forged(link)
+                come = self._forge(link)
             if copy.damaged:
                 whole = (
                     come
@@ -491,7 +497,7 @@ class Air:
                 come = damage(whole, self._damage_rng)
             yield copy.delay, come
 
-    def _forged(self, link: Link) -> bytes:
+    def _forge(self, link: Link) -> bytes:
         """Return a forged message by an attacker without the key. The message reports that all
         robots have searched all cells.
         """

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import shoal.search.tours.headland  # noqa: F401 - registers tours, as the modules `rows` and `curves` do
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import configured
-from shoal.search.tours.curves import joined
+from shoal.search.tours.curves import join_layers
 from shoal.search.tours.masks import check_mask, components
 from shoal.search.tours.tour import (
     TOURS,
@@ -71,13 +71,13 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     mask = check_mask(mask_or_shape)
     chosen = find_tour_maker(maker)
     if mask.ndim in chosen.dimensions:
-        return _made(chosen, mask)
+        return _make(chosen, mask)
     layers = np.flatnonzero(mask.any(axis=(1, 2))).tolist()
-    tour = joined([_made(chosen, mask[layer]) for layer in layers], layers=layers)
+    tour = join_layers([_make(chosen, mask[layer]) for layer in layers], layers=layers)
     return check_covers(Tour(tour.cells, mask.shape, closed=tour.closed, name=tour.name), mask)
 
 
-def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
+def _make(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
     tour = maker.make(mask)
     if not isinstance(tour, Tour):
         raise InvalidInputError(
@@ -91,16 +91,16 @@ def find_tour_maker(maker: str | TourMaker) -> TourMaker:
 
     The function returns a tour maker object unchanged.
     """
-    found: Any = configured(TOURS, maker) if isinstance(maker, str) else maker
+    factory: Any = configured(TOURS, maker) if isinstance(maker, str) else maker
     try:
-        made = found() if isinstance(found, type) else found
+        instance = factory() if isinstance(factory, type) else factory
     except TypeError as error:
         raise InvalidInputError(
             f"the tour {maker!r}: expected a class without arguments: {error}"
         ) from None
-    if not isinstance(made, TourMaker):
+    if not isinstance(instance, TourMaker):
         raise InvalidInputError(
             f"the tour {maker!r}: expected name, dimensions and make(mask), got"
-            f" {type(made).__name__}"
+            f" {type(instance).__name__}"
         )
-    return made
+    return instance

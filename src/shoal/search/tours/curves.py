@@ -187,7 +187,7 @@ _NEAR = 8  # number of steps of the next layer's tour that are tried with each c
 TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 
 
-def joined(
+def join_layers(
     tours: Sequence[Tour],
     points: Sequence[Floats] | None = None,
     *,
@@ -229,7 +229,7 @@ def joined(
     Examples
     --------
     >>> from shoal.search.tours import make_tour
-    >>> tour = joined([make_tour("spanning-tree", (4, 6))] * 3)
+    >>> tour = join_layers([make_tour("spanning-tree", (4, 6))] * 3)
     >>> len(tour), tour.metrics().length, bool((tour.steps == 1).all())
     (72, 72.0, True)
     """
@@ -239,14 +239,19 @@ def joined(
         for layer, tour in zip(layers, tours, strict=True)
     ]
     points = (
-        [np.roll(one, -1, axis=1).astype(np.float64) for one in cells] if points is None else points
+        [np.roll(layer_cells, -1, axis=1).astype(np.float64) for layer_cells in cells]
+        if points is None
+        else points
     )
     offsets = partial_sums([len(tour) for tour in tours])
-    places, bent = np.concatenate(points), np.concatenate([_bends(one) for one in points])
-    way = np.arange(offsets[1])
+    places, bent = (
+        np.concatenate(points),
+        np.concatenate([_bends(layer_points) for layer_points in points]),
+    )
+    order = np.arange(offsets[1])
     for layer in range(1, len(tours)):
-        way = _taken_in(
-            way,
+        order = _insert_cycle(
+            order,
             np.arange(offsets[layer], offsets[layer + 1]),
             int(offsets[layer - 1]),
             places,
@@ -254,46 +259,46 @@ def joined(
         )
     shape = (layers[-1] + 1, *np.max([tour.shape for tour in tours], axis=0).tolist())
     return Tour(
-        np.concatenate(cells)[way],
+        np.concatenate(cells)[order],
         shape,
         closed=all(tour.closed for tour in tours),
         name=tours[0].name,
     )
 
 
-def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
-    """Return the closed path ``way`` of all lower layers, extended by the closed path ``new`` of
+def _insert_cycle(path: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
+    """Return the closed path ``path`` of all lower layers, extended by the closed path ``new`` of
     the next layer.
 
-    In ``way``, the numbers of the cells in the highest layer begin with ``low``.
+    In ``path``, the numbers of the cells in the highest layer begin with ``low``.
     """
     from scipy.spatial import KDTree
 
-    ends = np.roll(way, -1)
-    below = np.flatnonzero((way >= low) & (ends >= low))
-    below = below if len(below) else np.flatnonzero(way >= low)  # a layer with one cell
-    below = _at_turns(below, bent[way[below]] + bent[ends[below]])
+    ends = np.roll(path, -1)
+    below = np.flatnonzero((path >= low) & (ends >= low))
+    below = below if len(below) else np.flatnonzero(path >= low)  # a layer with one cell
+    below = _at_turns(below, bent[path[below]] + bent[ends[below]])
     below = below[
         np.unique(np.linspace(0, len(below) - 1, min(len(below), _CUTS)).astype(np.int64))
     ]
     above = _at_turns(np.arange(len(new)), bent[new] + bent[np.roll(new, -1)])
-    one, other, three, four = way[below], ends[below], new[above], np.roll(new, -1)[above]
-    tree = KDTree((places[three] + places[four])[:, :2] / 2)
-    near = tree.query((places[one] + places[other])[:, :2] / 2, k=min(_NEAR, len(above)))[
+    first, second, third, fourth = path[below], ends[below], new[above], np.roll(new, -1)[above]
+    tree = KDTree((places[third] + places[fourth])[:, :2] / 2)
+    near = tree.query((places[first] + places[second])[:, :2] / 2, k=min(_NEAR, len(above)))[
         1
     ].reshape(len(below), -1)
 
-    def away(here: Numbers, there: Numbers) -> Floats:
-        return np.asarray(np.linalg.norm(places[here] - places[there], axis=-1))
+    def away(source: Numbers, target: Numbers) -> Floats:
+        return np.asarray(np.linalg.norm(places[source] - places[target], axis=-1))
 
-    a, b, c, d = one[:, None], other[:, None], three[near], four[near]
+    a, b, c, d = first[:, None], second[:, None], third[near], fourth[near]
     saved = away(a, b) + away(c, d) + bent[a] + bent[b] + bent[c] + bent[d]
     costs = np.stack([away(a, c) + away(b, d), away(a, d) + away(b, c)]) - saved
     crossed, row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
     begin = int(above[near[row, column]])
     whole = np.roll(new, -begin - 1) if crossed else np.roll(new[::-1], begin + 1)
     at = int(below[row]) + 1
-    return np.concatenate([way[:at], whole, way[at:]])
+    return np.concatenate([path[:at], whole, path[at:]])
 
 
 def _at_turns(steps: Numbers, bent: Floats) -> Numbers:

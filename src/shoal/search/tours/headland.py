@@ -12,7 +12,7 @@ from shoal.search.tours.rows import (
     DISTURBANCES,
     MOST_RUNS,
     BoustrophedonTour,
-    joined_strips,
+    join_strips,
 )
 from shoal.search.tours.strips import cells_of_strip, fewest_strips, runs_in
 from shoal.search.tours.tour import TOURS
@@ -57,19 +57,19 @@ class HeadlandTour(BoustrophedonTour):
             return super()._in_order(region)
         columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
         divisions = (runs_in, fewest_strips) if columns else (runs_in,)
-        padded, found = np.pad(region, 2), list[tuple[float, int, list[Cells]]]()
-        for lane, bends, rest in _likely_lanes(region, sides):
+        padded, candidates = np.pad(region, 2), list[tuple[float, int, list[Cells]]]()
+        for lane, bends, inner in _likely_lanes(region, sides):
             for divide in divisions:
-                ends = divide(rest)
+                ends = divide(inner)
                 if len(ends) >= MOST_RUNS:
                     return super()._in_order(region)
                 strips = [lane, *map(cells_of_strip, ends)]
                 turns = 2 * len(strips) + bends + _slanted_ends(padded, ends)
-                length = _length(joined_strips(strips, self.turn, 0))
-                found.append((length + self.turn * turns, len(found), strips))
-        if not found:
+                length = _length(join_strips(strips, self.turn, 0))
+                candidates.append((length + self.turn * turns, len(candidates), strips))
+        if not candidates:
             return super()._in_order(region)
-        return np.concatenate(joined_strips(min(found)[2], self.turn, self.disturbances))
+        return np.concatenate(join_strips(min(candidates)[2], self.turn, self.disturbances))
 
 
 def _length(tour: list[Cells]) -> float:
@@ -87,8 +87,11 @@ def _slanted_ends(inside: NDArray[np.bool_], ends: NDArray[np.int64]) -> int:
     side = ahead[..., ::-1]
 
     def differs(steps: int) -> NDArray[np.bool_]:
-        one, other = at + side + steps * ahead, at - side + steps * ahead
-        return np.asarray(inside[one[..., 0], one[..., 1]] != inside[other[..., 0], other[..., 1]])
+        left_cells, right_cells = at + side + steps * ahead, at - side + steps * ahead
+        return np.asarray(
+            inside[left_cells[..., 0], left_cells[..., 1]]
+            != inside[right_cells[..., 0], right_cells[..., 1]]
+        )
 
     beyond = at + ahead
     open_ends = ahead.any(axis=-1) & ~inside[beyond[..., 0], beyond[..., 1]]
@@ -103,13 +106,13 @@ def _likely_lanes(
     """
     padded, ranked = np.pad(region, 2), list[tuple[int, int, Cells, int, NDArray[np.bool_]]]()
     for lane, bends in _lanes(region, sides):
-        rest = region.copy()
-        rest[tuple(lane.T)] = False
-        rows = runs_in(rest)
+        inner = region.copy()
+        inner[tuple(lane.T)] = False
+        rows = runs_in(inner)
         turns = 2 * len(rows) + bends + _slanted_ends(padded, rows)
-        ranked.append((turns, len(ranked), lane, bends, rest))
-    ranked.sort(key=lambda one: one[:2])
-    return [(lane, bends, rest) for *_, lane, bends, rest in ranked[:_LANES]]
+        ranked.append((turns, len(ranked), lane, bends, inner))
+    ranked.sort(key=lambda entry: entry[:2])
+    return [(lane, bends, inner) for *_, lane, bends, inner in ranked[:_LANES]]
 
 
 def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
@@ -124,9 +127,9 @@ def _lanes(region: NDArray[np.bool_], sides: int) -> list[tuple[Cells, int]]:
     middle = loop.mean(axis=0)
     loop = np.roll(loop, -int(((loop - middle) ** 2).sum(axis=1).argmax()), axis=0)
     line = shapely.linestrings(np.vstack([loop, loop[:1]]))
-    kept = shapely.get_coordinates(shapely.simplify(line, _STRAIGHT))[:-1].astype(np.int64)
+    vertices = shapely.get_coordinates(shapely.simplify(line, _STRAIGHT))[:-1].astype(np.int64)
     at, corners = 0, []
-    for corner in kept:
+    for corner in vertices:
         at += int(np.flatnonzero((loop[at:] == corner).all(axis=1))[0])
         corners.append(at)
     longest = np.sort(np.argsort(-np.diff([*corners, len(loop)]), kind="stable")[:sides])
@@ -152,20 +155,20 @@ def border_of(region: NDArray[np.bool_]) -> Cells:
     """
     padded = np.pad(region, 1)
     start = tuple((np.argwhere(padded)[0]).tolist())
-    here, heading, loop = start, 0, [start]
+    cell, heading, loop = start, 0, [start]
     begun = None
     while True:
-        for turn in range(8):  # from the left of the way here, so that the border stays there
+        for turn in range(8):  # from the left of the last step, so that the border stays there
             ahead = (heading + 5 + turn) % 8
-            there = here[0] + _ROUND[ahead][0], here[1] + _ROUND[ahead][1]
-            if padded[there]:
+            neighbour = cell[0] + _ROUND[ahead][0], cell[1] + _ROUND[ahead][1]
+            if padded[neighbour]:
                 break
         else:
             break  # a single cell
-        if begun == (here, ahead):
+        if begun == (cell, ahead):
             loop.pop()
             break
-        begun = (here, ahead) if begun is None else begun
-        here, heading = there, ahead
-        loop.append(here)
+        begun = (cell, ahead) if begun is None else begun
+        cell, heading = neighbour, ahead
+        loop.append(cell)
     return np.array(loop, dtype=np.int64) - 1

@@ -119,10 +119,10 @@ def smallest_part(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[n
     """
     ends = []
     for axis in range(mask.ndim):
-        found = np.flatnonzero(
+        occupied = np.flatnonzero(
             mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis))
         )
-        ends.append((int(found[0]), int(found[-1]) + 1))
+        ends.append((int(occupied[0]), int(occupied[-1]) + 1))
     return np.array(ends, dtype=np.int64)[:, 0], mask[tuple(slice(*pair) for pair in ends)]
 
 
@@ -169,13 +169,13 @@ def arc_bits(first: int, count: int, n: int) -> int:
     return (block | (block >> n)) & ((1 << n) - 1)
 
 
-def turned(bits: int, first: int, n: int) -> int:
+def rotate_bits(bits: int, first: int, n: int) -> int:
     """Return a bitset with new cell numbers on a closed tour of n cells, where the cell ``first``
     gets the number 0.
 
     Examples
     --------
-    >>> bin(turned(0b10010, 3, 5))
+    >>> bin(rotate_bits(0b10010, 3, 5))
     '0b1010'
     """
     first %= n
@@ -193,8 +193,10 @@ def next_in(bits: int, first: int, n: int) -> int | None:
     >>> next_in(0b00010, 3, 5)
     1
     """
-    rest = turned(bits, first, n)
-    return None if not rest else ((rest & -rest).bit_length() - 1 + first) % n
+    rotated_bits = rotate_bits(bits, first, n)
+    return (
+        None if not rotated_bits else ((rotated_bits & -rotated_bits).bit_length() - 1 + first) % n
+    )
 
 
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
@@ -209,14 +211,14 @@ def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
     >>> list(runs(0b11011, 4, 5))
     [(4, 3), (3, 1)]
     """
-    rest, at = turned(bits, first, n), first % n
-    while rest:
-        skip = (rest & -rest).bit_length() - 1
-        rest >>= skip
+    remaining, at = rotate_bits(bits, first, n), first % n
+    while remaining:
+        skip = (remaining & -remaining).bit_length() - 1
+        remaining >>= skip
         at += skip
-        length = (~rest & (rest + 1)).bit_length() - 1
+        length = (~remaining & (remaining + 1)).bit_length() - 1
         yield at % n, length
-        rest >>= length
+        remaining >>= length
         at += length
 
 
@@ -280,10 +282,10 @@ def at_least(sets: list[int], k: int) -> int:
     '0b110'
     """
     levels = [0] * k  # levels[j] holds the cells that are in more than j sets
-    for one in sets:
+    for bits in sets:
         for j in range(k - 1, 0, -1):
-            levels[j] |= levels[j - 1] & one
-        levels[0] |= one
+            levels[j] |= levels[j - 1] & bits
+        levels[0] |= bits
     return levels[k - 1] if k else -1
 
 
@@ -308,7 +310,7 @@ def intervals(bits: int) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), (np.flatnonzero(edges < 0) - first).tolist(), strict=True))
 
 
-def bits_of_intervals(found: list[tuple[int, int]]) -> int:
+def bits_of_intervals(spans: list[tuple[int, int]]) -> int:
     """Return the bitset of all numbers in runs that are given as pairs (first number, length).
 
     Examples
@@ -316,12 +318,12 @@ def bits_of_intervals(found: list[tuple[int, int]]) -> int:
     >>> bin(bits_of_intervals([(0, 2), (3, 2)]))
     '0b11011'
     """
-    if len(found) <= _FEW:
+    if len(spans) <= _FEW:
         bits = 0
-        for first, length in found:
+        for first, length in spans:
             bits |= ((1 << length) - 1) << first
         return bits
-    inside = np.zeros(max(first + length for first, length in found), dtype=np.bool_)
-    for first, length in found:
+    inside = np.zeros(max(first + length for first, length in spans), dtype=np.bool_)
+    for first, length in spans:
         inside[first : first + length] = True
     return array_to_bits(inside)

@@ -105,10 +105,10 @@ class StripsTour(TourByOrder):
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         strips = [cells_of_strip(strip) for strip in fewest_strips(region)]
-        return np.concatenate(joined_strips(strips, self.turn, self.disturbances))
+        return np.concatenate(join_strips(strips, self.turn, self.disturbances))
 
 
-def joined_strips(
+def join_strips(
     strips: list[NDArray[np.int64]], turn: float, disturbances: int
 ) -> list[NDArray[np.int64]]:
     """Return strips in an order, and each in a direction, with short links and few turns.
@@ -164,11 +164,11 @@ class CombTour(TourByOrder):
         if region.all():
             return cells
         sweeps = _sweeps(region)
-        ways = [
+        orders = [
             cells[region[tuple(cells.T)]],
             *(sweeps if self.along_rows is None else sweeps[1 - self.along_rows :][:1]),
         ]
-        return min((component_after_component(way, region) for way in ways), key=_length)
+        return min((component_after_component(order, region) for order in orders), key=_length)
 
 
 def closed_lanes(rows: int, cols: int, along_rows: bool | None = None) -> NDArray[np.int64]:

@@ -60,15 +60,15 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         np.bincount(rows.ravel(), minlength=count) - np.bincount(columns.ravel(), minlength=count)
     )
     gain += _BIAS
-    one, other = np.concatenate([rows, columns], axis=1)
-    begins, ends = np.concatenate([one, other]), np.concatenate([other, one])
+    first, second = np.concatenate([rows, columns], axis=1)
+    begins, ends = np.concatenate([first, second]), np.concatenate([second, first])
     order = np.argsort(begins, kind="stable")
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     inside = source_side(
         np.searchsorted(begins[order], np.arange(count + 1)),
         ends[order],
-        place[(order + len(one)) % max(1, len(order))],
+        place[(order + len(first)) % max(1, len(order))],
         np.full(len(order), _UNIT),
         np.maximum(gain, 0),
         np.maximum(-gain, 0),
@@ -82,7 +82,7 @@ def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return first and last cell of all runs of a mask in reading order; int64, shape (R, 2, 2)."""
     padded = np.zeros((len(mask), mask.shape[1] + 2), dtype=np.bool_)
     padded[:, 1:-1] = mask
-    before, here = padded[:, :-1], padded[:, 1:]
-    row, first = np.nonzero(here & ~before)
-    last = np.nonzero(before & ~here)[1] - 1
+    before, after = padded[:, :-1], padded[:, 1:]
+    row, first = np.nonzero(after & ~before)
+    last = np.nonzero(before & ~after)[1] - 1
     return np.stack([row, first, row, last], axis=1).reshape(-1, 2, 2)

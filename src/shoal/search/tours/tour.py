@@ -343,7 +343,7 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    return _encoded({2: hilbert.encode_2, 3: hilbert.encode_3}, cells, order, "Hilbert")
+    return _encode({2: hilbert.encode_2, 3: hilbert.encode_3}, cells, order, "Hilbert")
 
 
 def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
@@ -383,7 +383,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     if dimensions not in MAX_ORDER:
         raise InvalidInputError(f"dimensions: expected 2 or 3, got {dimensions!r}")
     kernel = hilbert.decode_2 if dimensions == 2 else hilbert.decode_3
-    return _decoded(kernel, indices, order, dimensions, "Hilbert")
+    return _decode(kernel, indices, order, dimensions, "Hilbert")
 
 
 def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -423,7 +423,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    return _encoded({2: hilbert.encode_moore}, cells, order, "Moore")
+    return _encode({2: hilbert.encode_moore}, cells, order, "Moore")
 
 
 def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -453,7 +453,7 @@ def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    return _decoded(hilbert.decode_moore, indices, order, 2, "Moore")
+    return _decode(hilbert.decode_moore, indices, order, 2, "Moore")
 
 
 def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
@@ -470,7 +470,7 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     return array
 
 
-def _encoded(
+def _encode(
     kernels: dict[int, Callable[..., int]], cells: ArrayLike, order: int, curve: str
 ) -> NDArray[np.int64]:
     """Return the index of each cell on a curve. ``kernels`` maps each possible number of dimensions
@@ -496,7 +496,7 @@ def _encoded(
     return indices.reshape(array.shape[:-1])
 
 
-def _decoded(
+def _decode(
     kernel: Callable[..., int], indices: ArrayLike, order: int, dimensions: int, curve: str
 ) -> NDArray[np.int64]:
     array = _whole_numbers(indices, "indices")

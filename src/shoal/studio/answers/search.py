@@ -295,7 +295,7 @@ class Drawing:
             found, "the drawing", geographic=self.frame is not None, closed=False
         )
         region = build_region(outlines, list(problem.no_go), name="drawing", inner=problem.inner)
-        return problem.at_place(problem.kept_margin(region))
+        return problem.at_place(problem.with_own_margin(region))
 
     def write(self, folder: Folder, stem: str) -> str:
         """Write the drawn polygons and no-go zones to a new GeoJSON file (CSV for a drawing in

@@ -122,9 +122,11 @@ def routes_figure(episode: SearchEpisode, *, seconds: float | None = None) -> Fi
 
 def _time_at(history: SearchHistory, seconds: float) -> float:
     """Return the time of the drawing, in cell times, at a number of seconds since the start."""
-    start, one, end = (float(second) for second in history.episode.clock([0.0, 1.0, history.end]))
-    wanted = check_number(seconds, what="seconds", least=0.0, most=end)
-    return max(0.0, (wanted - start) / (one - start))
+    start, unit_end, end = (
+        float(second) for second in history.episode.clock([0.0, 1.0, history.end])
+    )
+    moment = check_number(seconds, what="seconds", least=0.0, most=end)
+    return max(0.0, (moment - start) / (unit_end - start))
 
 
 def _axis_labels(history: SearchHistory) -> tuple[str, str]:
@@ -138,8 +140,8 @@ def _summary(history: SearchHistory, time: float, seconds: float | None) -> str:
     episode = history.episode
     cells = episode.plan.grid.n_cells
     if seconds is not None:
-        done = f"{history.searched(time)} of {count_text(cells, 'cell')} searched"
-        return f"{done} after {duration_text(seconds)}"
+        progress = f"{history.searched(time)} of {count_text(cells, 'cell')} searched"
+        return f"{progress} after {duration_text(seconds)}"
     when = (
         "not searched wholly"
         if episode.makespan is None
@@ -199,8 +201,8 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
     """Return a path that contains the points inside an odd number of closed lines. The first line
     must enclose all other lines.
     """
-    frame, *rest = rings
-    return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
+    frame, *holes = rings
+    return path_of_rings([frame, *(hole_in(frame, hole) for hole in holes)])
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:
@@ -216,7 +218,7 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
     palette = np.array(
         [(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(history.n_robots))]
     )
-    part = np.where(history.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
+    part = np.where(history.taken_over, _TAKEN, _OWN) * ((times <= time) & (by > 0))
     colours = 1.0 - _WARM * history.heat(time)[:, None] * (1.0 - np.array(to_rgb(HEAT)))
     colours -= part[:, None] * (colours - palette[by])
     colours[[cell for cell, moment in history.obstacles.items() if moment <= time]] = to_rgb(
@@ -239,23 +241,23 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
             )
         )
     if len(route.points) < 2:
-        way = history.trajectories[robot].points  # it failed before it had searched a cell
-        if len(way) > 1:
-            axes.plot(*way.T, color=colour, lw=0.8, ls=(0, (3, 1.8)), zorder=3)
+        points = history.trajectories[robot].points  # it failed before it had searched a cell
+        if len(points) > 1:
+            axes.plot(*points.T, color=colour, lw=0.8, ls=(0, (3, 1.8)), zorder=3)
         return
-    located = history.ways.of(robot)
-    way = history.on_picture(located)
-    pieces = segments_of(way)
-    ends = history.ways.stop_ends(robot)
+    located = history.routes.of(robot)
+    points = history.on_picture(located)
+    pieces = segments_of(points)
+    ends = history.routes.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
-    taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
+    is_foreign = (history.foreign_owners(robot) > 0)[np.minimum(cell, len(ends) - 2)]
     # climbs lead from panel to panel
     far = route.long_legs(size) | (np.diff(located[:, 2:], axis=0) != 0).any(axis=1)
     thick = float(np.clip(0.16 * side, 0.45, 1.9))
     for chosen, width, style, alpha in (
         (far, 0.55 * thick, (0, (3, 1.8)), 0.75),
-        (~far & ~taken, thick, "solid", 1.0),
-        (~far & taken, 1.7 * thick, "solid", 1.0),
+        (~far & ~is_foreign, thick, "solid", 1.0),
+        (~far & is_foreign, 1.7 * thick, "solid", 1.0),
     ):
         lines = LineCollection(
             list(pieces[chosen]),
@@ -321,7 +323,7 @@ def _draw_not_seen(axes: Axes, history: SearchHistory) -> None:
 
 def _draw_findings(axes: Axes, history: SearchHistory, time: float) -> None:
     searched, _ = history.first
-    findings = [one for one in history.episode.findings if searched[one.cell] <= time]
+    findings = [finding for finding in history.episode.findings if searched[finding.cell] <= time]
     for finding in findings:
         place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
@@ -335,8 +337,8 @@ def _percent(finding: Finding) -> str:
 
 def _shared_confidence(findings: Sequence[Finding]) -> str | None:
     """Return how sure findings are, if all are equally sure; the legend then says it once."""
-    known = {_percent(finding) for finding in findings}
-    return known.pop() if len(known) == 1 else None
+    confidences = {_percent(finding) for finding in findings}
+    return confidences.pop() if len(confidences) == 1 else None
 
 
 def _label(
@@ -374,10 +376,12 @@ def _draw_robots(axes: Axes, history: SearchHistory, time: float) -> None:
     small = history.n_robots > 12
     side, font = (9.5, 5.8) if small else (11.0, 7.0)
     moved = spread_out(on_paper, 1.12 * side, axes.bbox.get_points() * points_a_pixel)
-    for robot, (place, here, there) in enumerate(zip(places, on_paper, moved, strict=True)):
+    for robot, (place, place_on_paper, label_on_paper) in enumerate(
+        zip(places, on_paper, moved, strict=True)
+    ):
         colour = robot_colour(robot)
-        label = axes.transData.inverted().transform(there / points_a_pixel)
-        if np.hypot(*(there - here)) > 1:
+        label = axes.transData.inverted().transform(label_on_paper / points_a_pixel)
+        if np.hypot(*(label_on_paper - place_on_paper)) > 1:
             axes.plot(*np.stack([place, label]).T, color=colour, lw=0.9, zorder=6.2)
             axes.plot(*place, "s", color=colour, ms=3, zorder=6.2)
         axes.plot(*label, "s", mfc=colour, mec="white", mew=0.9, ms=side, zorder=6.5, clip_on=False)
@@ -419,14 +423,14 @@ def spread_out(
         [np.cos(2.4 * np.arange(len(places))), np.sin(2.4 * np.arange(len(places)))], axis=1
     )
     for _ in range(300):
-        ways = moved[:, None] - moved[None]
-        apart = np.hypot(ways[..., 0], ways[..., 1])
+        offsets = moved[:, None] - moved[None]
+        apart = np.hypot(offsets[..., 0], offsets[..., 1])
         np.fill_diagonal(apart, inf)
         push = np.clip(least - apart, 0, None)
         if not (push > 0.01).any():
             break
         moved = np.clip(
-            moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * ways).sum(axis=1), *box
+            moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * offsets).sum(axis=1), *box
         )
     return np.asarray(np.clip(moved, *box))
 
@@ -439,7 +443,10 @@ def _not_seen(history: SearchHistory) -> Any:
 
     panels, episode = history.panels, history.episode
     missed = shapely.union_all(
-        [panels.shape_of(seen.uncovered, layer) for layer, seen in enumerate(episode.coverages)]
+        [
+            panels.shape_of(coverage.uncovered, layer)
+            for layer, coverage in enumerate(episode.coverages)
+        ]
     )
     if not episode.obstacles:
         return missed
@@ -467,7 +474,7 @@ def _draw_legend(figure: Figure, history: SearchHistory, time: float) -> None:
     if any(history.death(robot) <= min(time, history.end) for robot in range(history.n_robots)):
         handles.append(marker("x", "died", color=INK, ms=7, mew=2))
     searched, _ = history.first
-    if (history.taken & (searched <= time)).any():
+    if (history.taken_over & (searched <= time)).any():
         handles.append(
             Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot")
         )
@@ -481,13 +488,17 @@ def _draw_legend(figure: Figure, history: SearchHistory, time: float) -> None:
         history.panels.labels
         or any(route.long_legs(history.panels.largest).any() for route in episode.routes)
     ):
-        what = "way to a cell farther off" + (" or another layer" if history.panels.labels else "")
-        handles.append(dashes(what, ls=(0, (3, 1.8))))
+        path_label = "way to a cell farther off" + (
+            " or another layer" if history.panels.labels else ""
+        )
+        handles.append(dashes(path_label, ls=(0, (3, 1.8))))
     if holes := _holes_text(episode.plan.grid.region):
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label=holes))
-    left = _not_seen(history).area if whole else 0.0
-    if left > 1e-6 * episode.plan.grid.region.area_m2:
-        handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
+    missed_area = _not_seen(history).area if whole else 0.0
+    if missed_area > 1e-6 * episode.plan.grid.region.area_m2:
+        handles.append(
+            Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {missed_area:.4g} m²")
+        )
     add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)
 
 

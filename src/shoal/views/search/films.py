@@ -91,16 +91,19 @@ class SearchFilm:
         The last frames repeat the final time, so that the film pauses at its end.
         """
         seconds = float(np.clip(self.history.end / 8, _SHORTEST, SECONDS))
-        rest = round(_REST * rate)
-        count = min(round(seconds * rate), longest - rest)
-        return [*np.linspace(0, self.history.end, count).tolist(), *[self.history.end] * rest]
+        final_frames = round(_REST * rate)
+        count = min(round(seconds * rate), longest - final_frames)
+        return [
+            *np.linspace(0, self.history.end, count).tolist(),
+            *[self.history.end] * final_frames,
+        ]
 
     def frames(self, times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture of the search at each time; uint8, shape (height, width, 3)."""
         self._draw_background()
         drawn = -1.0
         for time in times:
-            if time < drawn or self.history.looked(time) != self.history.looked(drawn):
+            if time < drawn or self.history.state_at(time) != self.history.state_at(drawn):
                 self._draw_cells(time)
             drawn = time
             self._canvas.clear()
@@ -209,9 +212,9 @@ class SearchFilm:
         thick = float(np.clip(0.12 * self._scale * history.episode.plan.grid.size, 0.7, 2.6 * unit))
         now = [_current(activities, time) for activities in history.activities]
         for robot, trajectory in enumerate(history.trajectories):
-            way = trajectory.until(time)
-            if len(way) > 1:
-                canvas.line(self._at(way), robot_colour(robot), thick, alpha=0.75)
+            path = trajectory.until(time)
+            if len(path) > 1:
+                canvas.line(self._at(path), robot_colour(robot), thick, alpha=0.75)
         for finding in history.episode.findings:
             if history.first[0][finding.cell] <= time:
                 self._draw_diamond(history.place_of(finding))
@@ -283,10 +286,10 @@ class SearchFilm:
         """
         canvas, unit, history = self._canvas, self._unit, self.history
         level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
-        done = history.searched(time)
-        share = f"{100 * done / history.n_cells:.0f} % searched"
-        if 0 < history.n_cells - done < 0.005 * history.n_cells:
-            share = f"{history.n_cells - done} cells left"
+        searched = history.searched(time)
+        share = f"{100 * searched / history.n_cells:.0f} % searched"
+        if 0 < history.n_cells - searched < 0.005 * history.n_cells:
+            share = f"{history.n_cells - searched} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
         clock = " of ".join(
             duration_text(float(history.episode.clock(moment))) for moment in (time, history.end)
@@ -307,9 +310,9 @@ class SearchFilm:
         ]
         canvas.text((right, level - 20 * unit), " · ".join(words), MUTED, 14 * unit, align=1.0)
         canvas.line([(left, level), (right, level)], _BAR, 5 * unit)
-        if done:
+        if searched:
             canvas.line(
-                [(left, level), (left + (right - left) * done / history.n_cells, level)],
+                [(left, level), (left + (right - left) * searched / history.n_cells, level)],
                 "#0072b2",
                 5 * unit,
             )

@@ -62,7 +62,7 @@ class RobotTrajectory:
         )
 
 
-class RobotWays:
+class RobotRoutes:
     """The paths of all robots in a search episode."""
 
     def __init__(self, episode: SearchEpisode) -> None:
@@ -96,9 +96,13 @@ class RobotWays:
             return route.points[:, :2]
         ends, layers = self.stop_ends(robot), plan.tour.cells[log.cells, 0]
         cell = np.clip(np.searchsorted(ends, np.arange(len(route.points))) - 1, 0, len(layers) - 1)
-        here, before = layers[cell], np.concatenate([[0], layers])[cell]
-        away = np.abs(route.points[:, 2] - np.array(plan.altitudes)[np.stack([here, before])])
-        return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
+        own_layer, previous_layer = layers[cell], np.concatenate([[0], layers])[cell]
+        away = np.abs(
+            route.points[:, 2] - np.array(plan.altitudes)[np.stack([own_layer, previous_layer])]
+        )
+        return np.column_stack(
+            [route.points[:, :2], np.where(away[0] <= away[1], own_layer, previous_layer)]
+        )
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
         """Return the path between two points (columns as in `of`), and the distance of each point
@@ -141,7 +145,7 @@ class RobotWays:
             return self._first_leg(robot)
         route, size = self.episode.routes[robot], self.episode.plan.grid.size
         ends = self.stop_ends(robot)
-        way = self.of(robot)
+        path = self.of(robot)
         far = partial_sums(self.episode.plan.leg_lengths(route.points))
         lengths = np.diff(far[ends]) / size
         rates = self._rate(robot, log.times)
@@ -155,14 +159,14 @@ class RobotWays:
         share[ends[1:] - 1] = 1.0
         moments = departures[leg] + share * (arrivals - departures)[leg]
         times = np.insert(np.concatenate([[0.0], moments]), ends[:-1] + 1, departures)
-        points = np.insert(way, ends[:-1] + 1, way[ends[:-1]], axis=0)
+        points = np.insert(path, ends[:-1] + 1, path[ends[:-1]], axis=0)
         times = np.maximum.accumulate(times)
         new = np.concatenate(
             [[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)]
         )
-        return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
+        return self._with_paths_home(robot, RobotTrajectory(times[new], points[new]))
 
-    def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
+    def _with_paths_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
         """Return the trajectory with a path to the launch point and back wherever the robot
         recharged between two searched cells.
 
@@ -195,18 +199,18 @@ class RobotWays:
             first = np.searchsorted(times, log.times[k - 1], side="right")
             last = np.searchsorted(times, log.times[k], side="left")
             left_at = log.times[k - 1]
-            ways = [self._way(points[first - 1], home), self._way(home, points[last])]
+            paths = [self._way(points[first - 1], home), self._way(home, points[last])]
             moments = [
                 begin + span * far / max(float(far[-1]), size * 1e-9)
                 for (_, far), begin, span in zip(
-                    ways,
+                    paths,
                     (left_at, left_at + flight_home + brief.recharge),
                     (flight_home, flight_back),
                     strict=True,
                 )
             ]
             times = np.concatenate([times[:first], *moments, times[last:]])
-            points = np.concatenate([points[:first], *(way for way, _ in ways), points[last:]])
+            points = np.concatenate([points[:first], *(path for path, _ in paths), points[last:]])
         return RobotTrajectory(times, points)
 
     def _first_leg(self, robot: int) -> RobotTrajectory:
@@ -226,11 +230,11 @@ class RobotWays:
         if not (len(cells) and began < died < inf):
             return RobotTrajectory(np.zeros(1), home[None])
         first = plan.positions(cells[:1])[0]
-        way, far = self._way(
+        path, far = self._way(
             home, first if len(first) == 2 else np.append(first[:2], plan.tour.cells[cells[0], 0])
         )
         times = began + far / plan.grid.size / float(self._rate(robot, np.array([died]))[0])
-        planned = RobotTrajectory(times, way)
+        planned = RobotTrajectory(times, path)
         flown = planned.until(min(died, float(times[-1])))
         return RobotTrajectory(
             np.append(times[: len(flown) - 1], min(died, float(times[-1]))), flown
@@ -270,8 +274,8 @@ class LayerPanels:
         upright = first.angle % 90 == 0 and not isinstance(first.lattice, LineLattice)
         self.alike = upright and all(layer is first for layer in self.layers)
         boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
-        room = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
-        parts = round(float(np.clip(plan.grid.size * (_SQUARES / room) ** 0.5, *_FINE)))
+        area = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+        parts = round(float(np.clip(plan.grid.size * (_SQUARES / area) ** 0.5, *_FINE)))
         self.step = first.size if self.alike else plan.grid.size / parts
         self.largest = max(layer.size for layer in self.layers)
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
@@ -508,23 +512,23 @@ class SearchHistory:
     @cached_property
     def _clock(self) -> tuple[float, float]:
         """The second at which the time of the drawing begins, and the seconds of one cell time."""
-        start, one = (float(moment) for moment in self.episode.clock([0.0, 1.0]))
-        return start, one - start
+        start, unit_end = (float(moment) for moment in self.episode.clock([0.0, 1.0]))
+        return start, unit_end - start
 
-    def _drawn(self, seconds: ArrayLike) -> Floats:
+    def _drawing_times(self, seconds: ArrayLike) -> Floats:
         """Return times of the drawing for seconds since the start of the search."""
-        start, one = self._clock
-        return (np.asarray(seconds, dtype=np.float64) - start) / one
+        start, unit = self._clock
+        return (np.asarray(seconds, dtype=np.float64) - start) / unit
 
-    def drawn_times(self, robot: int, moments: ArrayLike, *, done: bool = False) -> Floats:
+    def drawing_times(self, robot: int, moments: ArrayLike, *, with_return: bool = False) -> Floats:
         """Return the times at which a drawing shows moments of a robot's log.
 
         A robot is at each of its stops when the episode says that it is (`SearchEpisode.sightings`).
-        The last moment is that of its last stop, or, with ``done``, that of its return.
+        The last moment is that of its last stop, or, with ``with_return``, that of its return.
         """
         moments = np.asarray(moments, dtype=np.float64)
         log, clock = self.episode.trace.robots[robot], self.episode.clock
-        drawn = self._drawn(clock(moments, robot))
+        drawn = self._drawing_times(clock(moments, robot))
         if not (self.episode.plan.flies and log.times.size):
             return drawn
         looks = self.episode.sightings[robot].times
@@ -535,8 +539,8 @@ class SearchHistory:
         knots = [0.0, departure, *log.times.tolist()]
         seconds = [*clock([0.0, departure], robot).tolist(), *looks.tolist()]
         seconds[1] = min(seconds[1], seconds[2])
-        before = moments < knots[-1] if done else moments <= knots[-1]
-        return np.where(before, self._drawn(np.interp(moments, knots, seconds)), drawn)
+        before = moments < knots[-1] if with_return else moments <= knots[-1]
+        return np.where(before, self._drawing_times(np.interp(moments, knots, seconds)), drawn)
 
     @cached_property
     def logs(self) -> tuple[RobotLog, ...]:
@@ -545,9 +549,11 @@ class SearchHistory:
             return self.episode.trace.robots
         drawn_logs = []
         for robot, log in enumerate(self.episode.trace.robots):
-            times = self.drawn_times(robot, log.times)
+            times = self.drawing_times(robot, log.times)
             begins, finds = (
-                self.drawn_times(robot, [moment for moment, _ in events], done=True).tolist()
+                self.drawing_times(
+                    robot, [moment for moment, _ in events], with_return=True
+                ).tolist()
                 for events in (log.states, log.obstructed)
             )
             states = zip(begins, (state for _, state in log.states), strict=True)
@@ -570,7 +576,7 @@ class SearchHistory:
         moments = [state[0] for log in self.logs for state in log.states]
         moments += [float(log.times[-1]) for log in self.logs if log.times.size]
         if self.episode.makespan is not None:
-            moments.append(float(self._drawn(self.episode.makespan)))
+            moments.append(float(self._drawing_times(self.episode.makespan)))
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
@@ -593,7 +599,7 @@ class SearchHistory:
                 for fault in episode.scenario.faults
                 if isinstance(fault, WrongPosition)
             }
-            known = [
+            team = [
                 (number, (start + off.get(number, 0)) % self.n_cells, rate, width)
                 for number, (start, rate, width) in enumerate(
                     zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1
@@ -601,16 +607,14 @@ class SearchHistory:
                 if episode.trace.robots[number - 1].states[:1] != ((0.0, "dead"),)
             ]
             parts = (
-                partition(tour_cost, episode.plan.allocation.allocator, tuple(known))
-                if known
-                else ()
+                partition(tour_cost, episode.plan.allocation.allocator, tuple(team)) if team else ()
             )
             works = [(part.robot, part.arcs) for part in parts]
         for number, arcs in works:
             owner[episode.plan.numbers(arcs)] = number
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
-    def others(self, robot: int) -> Numbers:
+    def foreign_owners(self, robot: int) -> Numbers:
         """Return, for each stop of a robot, the number of the other robot in whose part the stop
         lies, or 0; int64, shape (k,).
 
@@ -624,12 +628,12 @@ class SearchHistory:
         theirs = owner[self.episode.trace.robots[robot].cells]
         if self.episode.plan.widths[robot] > 1:
             fresh = np.ones(self.n_cells, dtype=np.bool_)
-            for k, seen in enumerate(self.episode.seen[robot]):
-                whose = owner[seen[fresh[seen]]]
+            for k, cells in enumerate(self.episode.visible_cells[robot]):
+                whose = owner[cells[fresh[cells]]]
                 theirs[k] = (
                     robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
                 )
-                fresh[seen] = False
+                fresh[cells] = False
         number, multiplicity = robot + 1, self.episode.scenario.brief.multiplicity
         if number not in ranks:
             return theirs
@@ -653,14 +657,14 @@ class SearchHistory:
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.logs, start=1):
             if number not in self.liars and log.cells.size:
-                cells, earliest = _earliest(self.episode.seen[number - 1], log)
+                cells, earliest = _earliest(self.episode.visible_cells[number - 1], log)
                 new = earliest < times[cells]
                 times[cells[new]], by[cells[new]] = earliest[new], number
         if self.episode.plan.flies:  # a vehicle may first see a cell on its way to a stop
             visits = self.episode.visits
-            seen_at = self._drawn(visits.times)
-            new = seen_at < times
-            times[new], by[new] = seen_at[new], visits.robots[new] + 1
+            sight_times = self._drawing_times(visits.times)
+            new = sight_times < times
+            times[new], by[new] = sight_times[new], visits.robots[new] + 1
         return times, by
 
     @cached_property
@@ -674,41 +678,43 @@ class SearchHistory:
         cells, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
         for number, own in enumerate(self.episode.sightings, start=1):
             if number not in self.liars and len(own.times):
-                seen = self.episode.seen[number - 1]
-                cells += seen
-                times.append(np.repeat(own.times, [len(one) for one in seen]))
+                cells_of_stops = self.episode.visible_cells[number - 1]
+                cells += cells_of_stops
+                times.append(
+                    np.repeat(own.times, [len(stop_cells) for stop_cells in cells_of_stops])
+                )
         looks = ground.looks(np.concatenate(cells), np.concatenate(times))
         seconds = looks.times
         if isinstance(ground, Ground):  # a vehicle may first see a cell on its way to a stop
-            seen_at = self.episode.visits.times[looks.cells]
-            seconds = np.where(looks.earlier == 0, np.minimum(seen_at, seconds), seconds)
-        return replace(looks, times=self._drawn(seconds))
+            sight_times = self.episode.visits.times[looks.cells]
+            seconds = np.where(looks.earlier == 0, np.minimum(sight_times, seconds), seconds)
+        return replace(looks, times=self._drawing_times(seconds))
 
-    def likely(self, time: float) -> Floats:
+    def probabilities(self, time: float) -> Floats:
         """Return the probability that the target is in each cell and not found up to a given time;
         float64, shape (n,). Without a prior, it is 0 everywhere.
 
         Cells of several layers that show the same ground have the same probability.
         """
         ground, looks = self.episode.plan.ground, self._looks
-        found = np.zeros(self.n_cells)
+        probabilities = np.zeros(self.n_cells)
         if ground is None or looks is None:
-            return found
-        start, one = self._clock
-        seconds = start + one * float(np.clip(time, 0.0, self.end))
-        done = looks.times <= time
-        searches = np.bincount(looks.pieces[done], minlength=len(ground.masses))
-        left = ground.masses * (1.0 - self.episode.problem.chosen_detection) ** searches
+            return probabilities
+        start, unit = self._clock
+        seconds = start + unit * float(np.clip(time, 0.0, self.end))
+        past = looks.times <= time
+        searches = np.bincount(looks.pieces[past], minlength=len(ground.masses))
+        masses = ground.masses * (1.0 - self.episode.problem.chosen_detection) ** searches
         still = ground if isinstance(ground, Ground) else ground.still(seconds)
         for column in still.cells.T:
-            np.add.at(found, column[column >= 0], left[column >= 0])
-        return found
+            np.add.at(probabilities, column[column >= 0], masses[column >= 0])
+        return probabilities
 
     def heat(self, time: float) -> Floats:
         """Return how strongly each cell is coloured because the target is likely there and not found
         up to a given time, from 0 to 1; float64, shape (n,).
         """
-        return self._shade(self.likely(time))
+        return self._shade(self.probabilities(time))
 
     def _shade(self, likely: Floats) -> Floats:
         return np.asarray(np.clip(likely / self._most, 0.0, 1.0) ** SHADE)
@@ -724,17 +730,17 @@ class SearchHistory:
             return np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0)
         # a look changes a piece of the ground, and so each cell that shows the piece
         cells = ground.cells[looks.pieces]
-        there = cells >= 0
+        present = cells >= 0
         missed = (1.0 - self.episode.problem.chosen_detection) ** looks.earlier
-        found = ground.masses[looks.pieces] * missed * self.episode.problem.chosen_detection
-        times = np.broadcast_to(looks.times[:, None], cells.shape)[there]
-        changes = np.broadcast_to(found[:, None], cells.shape)[there]
-        order = np.lexsort((times, cells[there]))
-        times, cells, changes = times[order], cells[there][order], changes[order]
+        masses = ground.masses[looks.pieces] * missed * self.episode.problem.chosen_detection
+        times = np.broadcast_to(looks.times[:, None], cells.shape)[present]
+        changes = np.broadcast_to(masses[:, None], cells.shape)[present]
+        order = np.lexsort((times, cells[present]))
+        times, cells, changes = times[order], cells[present][order], changes[order]
         total = np.cumsum(changes)
         begins = np.searchsorted(cells, cells)  # the first change of the same cell
         before = np.concatenate([[0.0], total])[begins]
-        heat = self._shade(np.maximum(self.likely(-inf)[cells] - (total - before), 0.0))
+        heat = self._shade(np.maximum(self.probabilities(-inf)[cells] - (total - before), 0.0))
         # of changes at the same time, the last one holds
         last = np.append((np.diff(cells) > 0) | (np.diff(times) > 0), True)[: len(cells)]
         order = np.argsort(times[last], kind="stable")
@@ -742,7 +748,7 @@ class SearchHistory:
 
     @cached_property
     def _most(self) -> float:
-        return max(float(np.quantile(self.likely(-inf), _STRONGEST)), 1e-300)
+        return max(float(np.quantile(self.probabilities(-inf), _STRONGEST)), 1e-300)
 
     @cached_property
     def success(self) -> tuple[Floats, Floats]:
@@ -752,13 +758,13 @@ class SearchHistory:
         success = self.episode.success
         if success is None:
             return np.zeros(0), np.zeros(0)
-        return self._drawn(success.times), success.probabilities
+        return self._drawing_times(success.times), success.probabilities
 
     def success_at(self, time: float) -> float:
         """Return the probability that the target is found up to a given time."""
-        times, found = self.success
+        times, probabilities = self.success
         count = int(np.searchsorted(times, time + _EARLY, "right"))
-        return float(found[count - 1]) if count else 0.0
+        return float(probabilities[count - 1]) if count else 0.0
 
     def seen_at(self, robot: int) -> Floats:
         """Return, in increasing order, the times at which a robot first saw the cells that it
@@ -766,27 +772,29 @@ class SearchHistory:
         """
         log = self.logs[robot]
         return (
-            np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
+            np.sort(_earliest(self.episode.visible_cells[robot], log)[1])
+            if len(log.cells)
+            else np.zeros(0)
         )
 
     @cached_property
-    def taken(self) -> NDArray[np.bool_]:
+    def taken_over(self) -> NDArray[np.bool_]:
         """For each cell in tour order, whether the first search came from a stop in another robot's
-        part (see `others`); bool.
+        part (see `foreign_owners`); bool.
         """
-        taken = np.zeros(self.n_cells, dtype=np.bool_)
+        foreign = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
-            seen = self.episode.seen[robot]
+            cells_of_stops = self.episode.visible_cells[robot]
             over = np.concatenate(
                 [
-                    *(seen[k] for k in np.flatnonzero(self.others(robot) > 0)),
+                    *(cells_of_stops[k] for k in np.flatnonzero(self.foreign_owners(robot) > 0)),
                     np.zeros(0, dtype=np.int64),
                 ]
             )
-            taken[over[self.first[1][over] == robot + 1]] = True
-        return taken
+            foreign[over[self.first[1][over] == robot + 1]] = True
+        return foreign
 
-    def looked(self, time: float) -> tuple[int, int]:
+    def state_at(self, time: float) -> tuple[int, int]:
         """Return numbers that differ between times at which other cells are searched, or a target
         that moves is elsewhere.
         """
@@ -811,11 +819,11 @@ class SearchHistory:
         log = self.logs[robot]
         activities: list[Activity] = []
         bounds = [moment for moment, _ in log.states] + [self.end]
-        others = self.others(robot)
+        owners = self.foreign_owners(robot)
         for (begin, state), end in zip(log.states, bounds[1:], strict=True):
             if state == "searching":
                 inside = np.flatnonzero((log.times > begin) & (log.times <= end))
-                _add_searching(activities, begin, end, log.times[inside], others[inside])
+                _add_searches(activities, begin, end, log.times[inside], owners[inside])
             elif end > begin or state in ("dead", "complete"):
                 activities.append(Activity(begin, end, state))
         return activities
@@ -823,10 +831,10 @@ class SearchHistory:
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
         """The trajectory of each robot in drawing coordinates (see `on_picture`)."""
-        trajectories = map(self.ways.trajectory, range(self.n_robots))
+        trajectories = map(self.routes.trajectory, range(self.n_robots))
         return tuple(
             RobotTrajectory(
-                self.drawn_times(robot, trajectory.times), self.on_picture(trajectory.points)
+                self.drawing_times(robot, trajectory.times), self.on_picture(trajectory.points)
             )
             for robot, trajectory in enumerate(trajectories)
         )
@@ -858,9 +866,9 @@ class SearchHistory:
         return LayerPanels(self.episode.plan)
 
     @cached_property
-    def ways(self) -> RobotWays:
+    def routes(self) -> RobotRoutes:
         """The paths of all robots."""
-        return RobotWays(self.episode)
+        return RobotRoutes(self.episode)
 
     @property
     def circle(self) -> float:
@@ -907,22 +915,22 @@ class SearchHistory:
         """
         left, right, bottom, top = self.extent
         x, y = np.concatenate(
-            [self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]
+            [self.on_picture(self.routes.of(robot)) for robot in range(self.n_robots)]
         ).T
-        seen = (
+        bounds = (
             min(left, float(x.min())),
             max(right, float(x.max())),
             min(bottom, float(y.min())),
             max(top, float(y.max())),
         )
-        beyond = 0.0 if seen == self.extent else 0.5 * self.episode.plan.grid.size
-        return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
+        beyond = 0.0 if bounds == self.extent else 0.5 * self.episode.plan.grid.size
+        return bounds[0] - beyond, bounds[1] + beyond, bounds[2] - beyond, bounds[3] + beyond
 
     def outline(self, robot: int) -> Floats:
         """Return the border of all cells that a robot searched in other robots' parts, as segments
         in metres; shape (k, 2, 2).
         """
-        chosen = (self.first[1] == robot + 1) & self.taken
+        chosen = (self.first[1] == robot + 1) & self.taken_over
         grid = self.episode.plan.grid
         if isinstance(grid, CellGrid) and not self.panels.alike:
             # not along the squares of the drawing, which are smaller than cells
@@ -963,21 +971,27 @@ class SearchHistory:
         return np.asarray(corners * (size, -size) + (left, top))
 
 
-def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats]:
-    cells, index = np.unique(np.concatenate(seen), return_index=True)
-    return cells, log.times[np.repeat(np.arange(len(seen)), [len(some) for some in seen])[index]]
+def _earliest(cells_of_stops: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats]:
+    cells, index = np.unique(np.concatenate(cells_of_stops), return_index=True)
+    return cells, log.times[
+        np.repeat(np.arange(len(cells_of_stops)), [len(some) for some in cells_of_stops])[index]
+    ]
 
 
-def _add_searching(
-    found: list[Activity], begin: float, end: float, times: Floats, others: Numbers
+def _add_searches(
+    activities: list[Activity], begin: float, end: float, times: Floats, owner_of_stop: Numbers
 ) -> None:
-    """Add to ``found`` the searching activities of a robot between two times, one activity for each
-    searched part.
+    """Add to ``activities`` the searching activities of a robot between two times, one activity for
+    each searched part.
     """
-    bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
-    owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
+    bounds = (
+        np.flatnonzero(np.diff(owner_of_stop))
+        if len(owner_of_stop)
+        else np.zeros(0, dtype=np.int64)
+    )
+    owners = [int(owner_of_stop[k]) for k in (*bounds, -1)] if len(owner_of_stop) else [0]
     ends = [*(float(times[k]) for k in bounds), end]
     for other, until in zip(owners, ends, strict=True):
         if until > begin:
-            found.append(Activity(begin, until, "taken" if other else "own", other))
+            activities.append(Activity(begin, until, "taken" if other else "own", other))
         begin = until

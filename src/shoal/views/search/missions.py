@@ -81,7 +81,7 @@ def missions_figure(
     region : SearchRegion
     approach : MissionApproach, optional
     """
-    ways = [mission.path_in(region.frame) for mission in missions]
+    paths = [mission.path_in(region.frame) for mission in missions]
     circles = [mission.circle_in(region.frame) for mission in missions]
     fence = next((mission.fence for mission in missions if mission.fence is not None), None)
     rings = (
@@ -93,7 +93,7 @@ def missions_figure(
         ]
     )
     low, high = np.reshape(region.outline.bounds, (2, 2))
-    every = np.vstack([low, high, *(way[:, :2] for way in ways), *rings, *circles])
+    every = np.vstack([low, high, *(path[:, :2] for path in paths), *rings, *circles])
     low, high = every.min(axis=0), every.max(axis=0)
     pad = _PAD * float((high - low).max())
     (left, bottom), (right, top) = low - pad, high + pad
@@ -104,8 +104,8 @@ def missions_figure(
     _draw_region(axes, region)
     for ring in rings:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
-    levels = _main_levels(missions, ways)
-    _draw_ways(axes, missions, ways, circles, levels, region)
+    levels = _main_levels(missions, paths)
+    _draw_paths(axes, missions, paths, circles, levels, region)
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -129,19 +129,19 @@ def _summary(missions: Sequence[Mission], approach: MissionApproach | None) -> s
     waits = max((mission.start or 0.0 for mission in missions if mission.sortie == 1), default=0.0)
     sorties = f", {len(missions)} sorties" if len(missions) > robots else ""
     last = max((mission.start or 0.0 for mission in missions if mission.sortie > 1), default=0.0)
-    told = f", last sortie at {duration_text(last)}" if last else ""
+    last_sortie = f", last sortie at {duration_text(last)}" if last else ""
     return (
         f"{count_text(robots, 'vehicle')}{sorties}, first starts within"
-        f" {duration_text(waits)}{told}{_approach_text(approach)}"
+        f" {duration_text(waits)}{last_sortie}{_approach_text(approach)}"
     )
 
 
 def _approach_text(approach: MissionApproach | None) -> str:
     if approach is None:
         return ""
-    one, other = approach.robots
+    first, second = approach.robots
     return (
-        f"\nnearest approach {approach.horizontal:.3g} m: robots {one} and {other} after"
+        f"\nnearest approach {approach.horizontal:.3g} m: robots {first} and {second} after"
         f" {duration_text(approach.time)}"
     )
 
@@ -170,7 +170,7 @@ def _holes(region: SearchRegion) -> list[Any]:
     return [hole for hole in region.holes if not hole.intersects(region.no_go)]
 
 
-def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
+def _main_levels(missions: Sequence[Mission], paths: Sequence[Any]) -> list[Any]:
     """Return the altitudes of each mission's waypoints, in metres.
 
     An altitude at which vehicles fly only short stretches is replaced by the nearest altitude of a
@@ -178,23 +178,23 @@ def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
     """
     levels = [np.round(mission.levels, 1) for mission in missions]
     legs = [
-        np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T)
-        for way, ups in zip(ways, levels, strict=True)
+        np.hypot(*np.diff(path[2 : 2 + len(ups), :2], axis=0).T)
+        for path, ups in zip(paths, levels, strict=True)
     ]
     flat = [
         np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)
     ]
-    known, where = np.unique(np.concatenate([ups[1:] for ups in levels]), return_inverse=True)
-    along = np.bincount(where, weights=np.concatenate(flat), minlength=len(known))
-    main = known[along >= _LONG * max(sum(lengths.sum() for lengths in legs), 1e-9)]
+    altitudes, where = np.unique(np.concatenate([ups[1:] for ups in levels]), return_inverse=True)
+    along = np.bincount(where, weights=np.concatenate(flat), minlength=len(altitudes))
+    main = altitudes[along >= _LONG * max(sum(lengths.sum() for lengths in legs), 1e-9)]
     main = main if len(main) else np.unique(np.round([mission.altitude for mission in missions], 1))
     return [main[np.abs(ups[:, None] - main).argmin(axis=1)] for ups in levels]
 
 
-def _draw_ways(
+def _draw_paths(
     axes: Axes,
     missions: Sequence[Mission],
-    ways: Sequence[Any],
+    paths: Sequence[Any],
     circles: Sequence[Any],
     levels: Sequence[Any],
     region: SearchRegion,
@@ -205,17 +205,17 @@ def _draw_ways(
     Dashed circles show where vehicles loiter.
     """
     heights = sorted({*np.concatenate(levels).tolist()})
-    for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
+    for mission, path, circle, ups in zip(missions, paths, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
-        searched = _searched(mission, way, region)
+        searched = _search_section(mission, path, region)
         # both from home, so that equal dashes coincide
-        for beside in way[: 3 + searched.start], way[: searched.stop : -1]:
+        for beside in path[: 3 + searched.start], path[: searched.stop : -1]:
             axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
         level = ups[searched]
         borders = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
         for begin, end in pairwise(borders):
-            stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
+            stretch, rank = path[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
             # lower paths are wider, to be visible below higher ones
             under = len(heights) - 1 - rank if np.ptp(level) else 0
             look: dict[str, Any] = {
@@ -226,7 +226,7 @@ def _draw_ways(
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
 
 
-def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
+def _search_section(mission: Mission, path: Any, region: SearchRegion) -> slice:
     """Return the slice of a mission's waypoints that belong to the search.
 
     If a mission file does not mark these waypoints, the function derives them from the border of
@@ -235,11 +235,11 @@ def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
     if mission.waypoints_out is not None:
         return mission.searched
     count = len(mission.waypoints)
-    over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
-    here = search_slice(inside_of(region, over), mission.kind)
+    over = np.vstack([path[:1], path[2 : 2 + count], path[-1:]])[:, :2]
+    section = search_slice(inside_of(region, over), mission.kind)
     # a first waypoint above home
-    first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))
-    return slice(min(first, here.stop - 1), here.stop)
+    first = section.start + int(section.start == 0 and np.allclose(over[1], over[0], atol=0.01))
+    return slice(min(first, section.stop - 1), section.stop)
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
@@ -283,15 +283,15 @@ def label_offsets(places: Any) -> list[tuple[float, float]]:
     """
     angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
     around = _BESIDE * unit_vectors(angles)
-    known, found = places, []
+    points, offsets = places, []
     for number, place in enumerate(places):
-        others = np.delete(known, number, axis=0)
-        apart = np.hypot(*np.moveaxis((place + around)[:, None] - others, -1, 0)).min(
+        neighbours = np.delete(points, number, axis=0)
+        apart = np.hypot(*np.moveaxis((place + around)[:, None] - neighbours, -1, 0)).min(
             axis=1, initial=_FREE
         )
-        found.append(tuple(around[int(np.argmax(np.round(apart, 1)))].tolist()))
-        known = np.vstack([known, place + found[-1]])
-    return found
+        offsets.append(tuple(around[int(np.argmax(np.round(apart, 1)))].tolist()))
+        points = np.vstack([points, place + offsets[-1]])
+    return offsets
 
 
 def _numbers(robots: list[int]) -> str:
@@ -323,14 +323,14 @@ def _heights_by_robot(missions: Sequence[Mission], levels: Sequence[Any]) -> lis
     """Return each robot's number and its range of altitudes as text. For more robots than colours,
     the list is empty.
     """
-    found: dict[int, set[float]] = {}
+    heights: dict[int, set[float]] = {}
     for mission, ups in zip(missions, levels, strict=True):
-        found.setdefault(mission.robot, set()).update(ups.tolist())
-    if len(found) > len(ROBOTS):
+        heights.setdefault(mission.robot, set()).update(ups.tolist())
+    if len(heights) > len(ROBOTS):
         return []
     return [
         (robot, f"{' to '.join(f'{up:g}' for up in sorted({min(ups), max(ups)}))} m")
-        for robot, ups in sorted(found.items())
+        for robot, ups in sorted(heights.items())
     ]
 
 

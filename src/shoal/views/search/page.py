@@ -56,7 +56,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         ``searched`` holds the times of the first searches of all cells, if the squares of the
         drawing are smaller than cells. For each searched square, ``by`` (uint16) holds the index of
         the searching robot, and ``where`` (uint32) holds the number row * columns + column. For
-        each searched square, ``taken`` (uint8) states whether the square lies in the part of a
+        each searched square, ``taken_over`` (uint8) states whether the square lies in the part of a
         robot other than the searching robot.
 
         ``robots`` holds the data of each robot. For each robot, ``times`` (float32) and ``places``
@@ -123,7 +123,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         ),
         "by": _text(by[order] - 1, "<u2"),
         "where": _text(where, "<u4"),
-        "taken": _text(history.taken[order], "<u1"),
+        "taken": _text(history.taken_over[order], "<u1"),
         "robots": [_robot(history, robot) for robot in range(count)],
         "obstacles": [
             [int(square), moment]
@@ -131,15 +131,19 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             for square in np.flatnonzero(history.panels.numbers.ravel() == cell)
         ],
         "findings": [
-            [*history.place_of(one).tolist(), _found_at(history, one), one.confidence]
-            for one in episode.findings
+            [
+                *history.place_of(finding).tolist(),
+                _discovery_time(history, finding),
+                finding.confidence,
+            ]
+            for finding in episode.findings
         ],
         "heat": _heat(history),
         "cooled": [
-            _text(one, kind)
-            for one, kind in zip(_cooled(history), ("<f4", "<u4", "<u1"), strict=True)
+            _text(column, kind)
+            for column, kind in zip(_heat_changes(history), ("<f4", "<u4", "<u1"), strict=True)
         ],
-        "success": [_text(one, "<f4") for one in history.success],
+        "success": [_text(column, "<f4") for column in history.success],
         "north": history.north,
         "circle": history.circle,
     }
@@ -154,7 +158,7 @@ def _heat(history: SearchHistory) -> str | None:
     return _text(np.rint(255 * history.raster(history.heat(-inf), 0.0)).ravel(), "<u1")
 
 
-def _cooled(history: SearchHistory) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _heat_changes(history: SearchHistory) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Return how looks change the heat of a target that does not move: times, squares of the
     drawing, and their heat from then on, up to 255.
     """
@@ -179,16 +183,16 @@ def _box(sides: tuple[float, float, float, float]) -> list[float]:
     return [left, bottom, right, top]
 
 
-def _found_at(history: SearchHistory, finding: Finding) -> float:
+def _discovery_time(history: SearchHistory, finding: Finding) -> float:
     """Return the time at which a robot first found something in the cell of ``finding``.
 
     An earlier search of the cell by a robot that found nothing does not count.
     """
-    logs, seen = history.logs, history.episode.seen
+    logs, cells_of_stops = history.logs, history.episode.visible_cells
     moments = [
         float(moment)
         for robot in finding.found_by
-        for cells, moment in zip(seen[robot - 1], logs[robot - 1].times, strict=True)
+        for cells, moment in zip(cells_of_stops[robot - 1], logs[robot - 1].times, strict=True)
         if finding.cell in cells
     ]
     return min([history.end, *moments])
@@ -196,7 +200,7 @@ def _found_at(history: SearchHistory, finding: Finding) -> float:
 
 def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
     left, right, bottom, top = history.sides
-    trajectory = simplified(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
+    trajectory = simplify(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
     places = np.rint((trajectory.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
     corner = history.extent[0], history.extent[3]
     sides = (history.outline(robot) - corner) / (history.panels.step, -history.panels.step)
@@ -205,14 +209,15 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),
         "visits": _text(history.seen_at(robot), "<f4"),
         "activities": [
-            [one.begin, one.end, one.kind, one.other] for one in history.activities[robot]
+            [activity.begin, activity.end, activity.kind, activity.other]
+            for activity in history.activities[robot]
         ],
         "outline": _text(np.rint(sides).reshape(-1), "<u2"),
         "liar": robot + 1 in history.liars,
     }
 
 
-def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
+def simplify(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
     """Return a trajectory without the points that linear interpolation reproduces within
     ``tolerance`` metres.
     """
@@ -221,8 +226,10 @@ def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory
         return trajectory
     spans = np.maximum(times[2:] - times[:-2], 1e-12)
     guess = points[:-2] + ((times[1:-1] - times[:-2]) / spans)[:, None] * (points[2:] - points[:-2])
-    kept = np.concatenate([[True], np.abs(guess - points[1:-1]).max(axis=1) > tolerance, [True]])
-    return RobotTrajectory(times[kept], points[kept])
+    essential = np.concatenate(
+        [[True], np.abs(guess - points[1:-1]).max(axis=1) > tolerance, [True]]
+    )
+    return RobotTrajectory(times[essential], points[essential])
 
 
 def _text(values: NDArray[Any], kind: str) -> str:

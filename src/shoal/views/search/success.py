@@ -62,8 +62,10 @@ def success_figure(episode: SearchEpisode) -> Figure:
     set_title(ground, f"where the target is likely{at_start} (dark)")
     success = episode.success
     assert success is not None
-    times, found = success.times / 60.0, success.probabilities
-    chart.step(np.append(0.0, times), np.append(0.0, found), where="post", color=_LIKELY, lw=1.6)
+    times, probabilities = success.times / 60.0, success.probabilities
+    chart.step(
+        np.append(0.0, times), np.append(0.0, probabilities), where="post", color=_LIKELY, lw=1.6
+    )
     if episode.expected_find is not None:
         middle = episode.expected_find / 60.0
         late = middle > times[-1] / 2

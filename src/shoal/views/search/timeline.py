@@ -202,7 +202,7 @@ def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
     from matplotlib.patches import Patch
 
     first = robot_colour(0)
-    known: Mapping[str, Any] = {
+    handles: Mapping[str, Any] = {
         "listening": Patch(facecolor=LISTENING, label="listening"),
         "own": Patch(facecolor=first, label="its own part"),
         "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="another's part"),
@@ -212,4 +212,6 @@ def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
         "complete": marker("o", "knows that all is searched", mfc="white", mec=INK, mew=1.3, ms=5),
     }
     kinds = {activity.kind for activities in history.activities for activity in activities}
-    add_legend(figure, [handle for kind, handle in known.items() if kind in kinds], 7, spacing=1.2)
+    add_legend(
+        figure, [handle for kind, handle in handles.items() if kind in kinds], 7, spacing=1.2
+    )

@@ -102,8 +102,8 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
         lw=1,
         zorder=1,
     )
-    way = tour.cells[:, ::-1].astype(float)
-    pieces, thin = _pieces(tour, way)
+    path = tour.cells[:, ::-1].astype(float)
+    pieces, thin = _pieces(tour, path)
     thick = float(np.clip(0.22 * points, 0.6, 3.2))
     lines = LineCollection(
         list(pieces),
@@ -117,19 +117,19 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
     size = float(np.clip(0.55 * points, 4, 11))
     if tour.closed and len(tour) > 2:
         axes.plot(
-            *way[[-1, 0]].T, "--", color=INK, lw=max(0.9, 0.5 * thick), dashes=(2.2, 1.6), zorder=3
+            *path[[-1, 0]].T, "--", color=INK, lw=max(0.9, 0.5 * thick), dashes=(2.2, 1.6), zorder=3
         )
-    axes.plot(*way[-1], "s", mfc="white", mec=INK, mew=1.3, ms=0.8 * size, zorder=4)
-    axes.plot(*way[0], "o", mfc="white", mec=INK, mew=1.6, ms=size, zorder=4)
+    axes.plot(*path[-1], "s", mfc="white", mec=INK, mew=1.3, ms=0.8 * size, zorder=4)
+    axes.plot(*path[0], "o", mfc="white", mec=INK, mew=1.6, ms=size, zorder=4)
     axes.set_xlim(-0.8, width - 0.2)
     axes.set_ylim(height - 0.2, -0.8)
 
 
-def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _pieces(tour: Tour, path: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the steps from the first to the last cell of a tour, shape (N - 1, 2, dimensions), and
     a mask of steps across gaps.
     """
-    return segments_of(way), tour.steps[: len(way) - 1] > 1.5
+    return segments_of(path), tour.steps[: len(path) - 1] > 1.5
 
 
 def _draw_picture(axes: Axes, tour: Tour) -> None:
@@ -146,9 +146,9 @@ def _draw_space(axes: Any, tour: Tour) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     layers, height, width = tour.shape
-    way = tour.cells[:, ::-1].astype(float)
-    way[:, 1] = height - 1 - way[:, 1]
-    pieces, thin = _pieces(tour, way)
+    path = tour.cells[:, ::-1].astype(float)
+    path[:, 1] = height - 1 - path[:, 1]
+    pieces, thin = _pieces(tour, path)
     thick = float(np.clip(28 / max(tour.shape), 0.3, 3.0))
     if len(pieces):  # matplotlib refuses an empty list of lines in 3-D
         axes.add_collection3d(
@@ -161,9 +161,9 @@ def _draw_space(axes: Any, tour: Tour) -> None:
             )
         )
     if tour.closed and len(tour) > 2:
-        axes.plot(*way[[-1, 0]].T, "--", color=INK, lw=1.2)
-    axes.plot(*way[-1], "s", mfc="white", mec=INK, mew=1.2, ms=6)
-    axes.plot(*way[0], "o", mfc="white", mec=INK, mew=1.5, ms=7)
+        axes.plot(*path[[-1, 0]].T, "--", color=INK, lw=1.2)
+    axes.plot(*path[-1], "s", mfc="white", mec=INK, mew=1.2, ms=6)
+    axes.plot(*path[0], "o", mfc="white", mec=INK, mew=1.5, ms=7)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(-0.5, height - 0.5), zlim=(-0.5, layers - 0.5))
     axes.set_box_aspect((width, height, layers), zoom=1.15)
     axes.view_init(elev=24, azim=-62)

@@ -141,12 +141,12 @@ def write_planes(lattice, w, views, b, i):
     """Write the planes of a robot: where it is, and the cells that it has learnt to be searched, or
     to hold something.
     """
-    planes, shown, done = views.planes[b, i], views.shown[b, i], w.done[b, i]
+    planes, shown, searched = views.planes[b, i], views.shown[b, i], w.done[b, i]
     planes[1, lattice.flat[views.cells[b, i]]] = 0
     planes[1, lattice.flat[w.robots[b, i].cell]] = 1
     for k in range(shown.shape[0]):
-        new = done[k] & ~shown[k]
-        shown[k] = done[k]
+        new = searched[k] & ~shown[k]
+        shown[k] = searched[k]
         while new != ZERO:
             planes[2, lattice.flat[(k << 6) + lowest(new)]] = 1
             new &= new - ONE

@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.bits import ALL, ONE, ZERO, highest, holds, lowest, popcount
-from shoal.search.kernels.protocol.steps import OPEN, length_around, stepwise_way
+from shoal.search.kernels.protocol.steps import OPEN, length_around, stepwise_path
 from shoal.search.kernels.protocol.worlds import A_LAUNCH, A_LENGTH, NOTHING
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)
@@ -103,11 +103,11 @@ def begin_of_run(bits, cell, low):
 
 
 @in_place_kernel
-def ahead_of(bits, first, done, count, n):
-    """Return how far ahead of the cell ``first``, at least ``done`` and less than ``count``, the
+def ahead_of(bits, first, offset, count, n):
+    """Return how far ahead of the cell ``first``, at least ``offset`` and less than ``count``, the
     next cell of a bitset is on a closed tour of n cells; -1 if there is none.
     """
-    low = first + done
+    low = first + offset
     if low < n:
         cell = next_in_line(bits, low, min(first + count, n))
         if cell >= 0:
@@ -118,11 +118,11 @@ def ahead_of(bits, first, done, count, n):
 
 
 @in_place_kernel
-def length_of_run(bits, first, done, count, n):
-    """Return how many cells of a bitset follow one another, beginning ``done`` cells ahead of the
-    cell ``first``, at most ``count`` - ``done``.
+def length_of_run(bits, first, offset, count, n):
+    """Return how many cells of a bitset follow one another, beginning ``offset`` cells ahead of the
+    cell ``first``, at most ``count`` - ``offset``.
     """
-    low = first + done
+    low = first + offset
     if low < n:
         end = end_of_run(bits, low, min(first + count, n))
         if end < n or end == first + count:
@@ -140,11 +140,11 @@ def length_of_run(bits, first, done, count, n):
 
 
 @in_place_kernel
-def behind_of(bits, first, done, count, n):
-    """Return how far behind the cell ``first``, at least ``done`` and less than ``count``, the next
-    cell of a bitset is; -1 if there is none.
+def behind_of(bits, first, offset, count, n):
+    """Return how far behind the cell ``first``, at least ``offset`` and less than ``count``, the
+    next cell of a bitset is; -1 if there is none.
     """
-    high = first - done
+    high = first - offset
     if high >= 0:
         cell = last_in_line(bits, max(first - count + 1, 0), high + 1)
         if cell >= 0:
@@ -155,11 +155,11 @@ def behind_of(bits, first, done, count, n):
 
 
 @in_place_kernel
-def length_back(bits, first, done, count, n):
+def length_back(bits, first, offset, count, n):
     """Return how many cells of a bitset follow one another backwards, as `length_of_run` does
     forwards.
     """
-    high = first - done
+    high = first - offset
     if high >= 0:
         begin = begin_of_run(bits, high, max(first - count + 1, 0))
         if begin > 0 or first - count + 1 >= 0:
@@ -171,14 +171,14 @@ def length_back(bits, first, done, count, n):
 
 
 @in_place_kernel
-def next_stretch(bits, first, done, count, step, n):
+def next_stretch(bits, first, offset, count, step, n):
     """Return how far along an arc the next stretch of cells of a bitset begins, or -1, and its
     number of cells.
     """
     if step > 0:
-        at = ahead_of(bits, first, done, count, n)
+        at = ahead_of(bits, first, offset, count, n)
         return at, (length_of_run(bits, first, at, count, n) if at >= 0 else 0)
-    at = behind_of(bits, first, done, count, n)
+    at = behind_of(bits, first, offset, count, n)
     return at, (length_back(bits, first, at, count, n) if at >= 0 else 0)
 
 
@@ -219,17 +219,17 @@ def arc_holds(first, count, step, cell, n):
 
 
 @in_place_kernel
-def between(tour, one, other):
+def between(tour, source, target):
     """Return the straight distance between two cells, in cell sides."""
     total = 0.0
     for k in range(tour.points.shape[1]):
-        away = tour.points[one, k] - tour.points[other, k]
+        away = tour.points[source, k] - tour.points[target, k]
         total += away * away
     return np.sqrt(total)
 
 
 @in_place_kernel
-def looked_up(tour, control, key, kind, one, other):
+def look_up(tour, control, key, kind, first, second):
     """Return the length of a path from the table. If the table lacks it, the world asks for it, and
     the result has no meaning.
     """
@@ -238,21 +238,21 @@ def looked_up(tour, control, key, kind, one, other):
     while tour.keys[at] != key:
         if tour.keys[at] < 0:
             if control.need == NOTHING:
-                control.need, control.need_one, control.need_other = kind, one, other
+                control.need, control.need_one, control.need_other = kind, first, second
             return 0.0
         at = (at + 1) & (size - 1)
     return tour.lengths[at]
 
 
 @in_place_kernel
-def length(tour, control, here, cell):
+def length(tour, control, source, cell):
     """Return the length of the path between two cells, in cell sides."""
     if tour.stepwise:
-        return length_around(tour, here, cell, OPEN)
+        return length_around(tour, source, cell, OPEN)
     if tour.straight:
-        return between(tour, here, cell)
-    one, other = min(here, cell), max(here, cell)
-    return looked_up(tour, control, one * tour.cells + other, A_LENGTH, one, other)
+        return between(tour, source, cell)
+    low, high = min(source, cell), max(source, cell)
+    return look_up(tour, control, low * tour.cells + high, A_LENGTH, low, high)
 
 
 @in_place_kernel
@@ -265,30 +265,30 @@ def from_launch(tour, control, robot, start, cell):
     if tour.stepwise:
         cell = start
     key = (tour.cells + robot) * tour.cells + cell
-    away = looked_up(tour, control, key, A_LAUNCH, robot, cell)
+    away = look_up(tour, control, key, A_LAUNCH, robot, cell)
     if away < 0:
         return 0.0
     return away if tour.stepwise else away - length(tour, control, start, cell)
 
 
 @in_place_kernel
-def way(tour, control, here, cell, fresh, closed):
+def move_cost(tour, control, source, cell, fresh, closed):
     """Return the cost of moving from a cell to a cell around a set of closed cells; see
-    `TourCost.way`.
+    `TourCost.move_cost`.
     """
-    if here == cell:
+    if source == cell:
         return 0.0
     n, free = tour.cells, 0.0 if fresh else 1.0
     if tour.stepwise:
-        return stepwise_way(tour, here, cell, free, closed)[0]
-    ahead, behind = (cell - here) % n, (here - cell) % n
-    onwards = tour.ahead[here + ahead + 1] - tour.ahead[here + 1] - free
+        return stepwise_path(tour, source, cell, free, closed)[0]
+    ahead, behind = (cell - source) % n, (source - cell) % n
+    onwards = tour.ahead[source + ahead + 1] - tour.ahead[source + 1] - free
     if ahead == 1:
         return onwards
-    known = min(onwards, tour.ahead[cell + behind + 1] - tour.ahead[cell + 1] - free)
-    if known <= max(between(tour, here, cell) - free, 0.0) + tour.turn_cost:
-        return known
-    return min(known, max(length(tour, control, here, cell) - free, 0.0) + tour.turn_cost)
+    along_tour = min(onwards, tour.ahead[cell + behind + 1] - tour.ahead[cell + 1] - free)
+    if along_tour <= max(between(tour, source, cell) - free, 0.0) + tour.turn_cost:
+        return along_tour
+    return min(along_tour, max(length(tour, control, source, cell) - free, 0.0) + tour.turn_cost)
 
 
 @in_place_kernel
@@ -301,28 +301,28 @@ def search_cost(tour, first, count, step):
 
 
 @in_place_kernel
-def cost_of_all(tour, control, wanted, here, fresh, closed):
+def cost_of_all(tour, control, remaining, position, fresh, closed):
     """Return the cost of searching all cells of a bitset in tour order; see
     `shoal.search.allocation.allocate.cost_of_all`.
     """
-    total, n, begin, done = 0.0, tour.cells, here, 0
-    while done < n:
-        at = ahead_of(wanted, begin, done, n, n)
+    total, n, begin, offset = 0.0, tour.cells, position, 0
+    while offset < n:
+        at = ahead_of(remaining, begin, offset, n, n)
         if at < 0:
             break
-        count = length_of_run(wanted, begin, at, n, n)
+        count = length_of_run(remaining, begin, at, n, n)
         first = (begin + at) % n
-        total += way(tour, control, here, first, fresh, closed)
+        total += move_cost(tour, control, position, first, fresh, closed)
         total += search_cost(tour, first, count, 1)
-        here, fresh = (first + count - 1) % n, 0
-        done = at + count
+        position, fresh = (first + count - 1) % n, 0
+        offset = at + count
     return total
 
 
 @in_place_kernel
-def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh, closed):
-    """Return the cost of searching all cells of ``wanted`` alone, first those of the robot's own
-    arcs, and empty ``wanted``; see `shoal.search.protocol.robot._cost_alone`.
+def cost_alone(tour, control, rules, partitions, place, remaining, position, fresh, closed):
+    """Return the cost of searching all cells of ``remaining`` alone, first those of the robot's own
+    arcs, and empty ``remaining``; see `shoal.search.protocol.robot._cost_alone`.
 
     The tuple ``place`` tells who works: the division, the index of the own part, the number of the
     robot, its start, and whether it is at its launch point.
@@ -338,26 +338,26 @@ def cost_alone(tour, control, rules, partitions, place, wanted, here, fresh, clo
                 partitions.sizes[arc],
                 partitions.step[arc],
             )
-            done = 0
-            while done < size:
-                at, count = next_stretch(wanted, first, done, size, step, n)
+            offset = 0
+            while offset < size:
+                at, count = next_stretch(remaining, first, offset, size, step, n)
                 if at < 0:
                     break
                 cell = (first + step * at) % n
                 if away:
                     cost = from_launch(tour, control, number, start, cell)
                     away = False
-                cost += way(tour, control, here, cell, fresh, closed) + search_cost(
+                cost += move_cost(tour, control, position, cell, fresh, closed) + search_cost(
                     tour, cell, count, step
                 )
-                here, fresh = (cell + step * (count - 1)) % n, 0
-                done = at + count
-            remove_arc(wanted, first, size, step, n)
+                position, fresh = (cell + step * (count - 1)) % n, 0
+                offset = at + count
+            remove_arc(remaining, first, size, step, n)
     if away:
-        at = ahead_of(wanted, here, 0, n, n)
+        at = ahead_of(remaining, position, 0, n, n)
         if at >= 0:
-            cost = from_launch(tour, control, number, start, (here + at) % n)
-    return cost + cost_of_all(tour, control, wanted, here, fresh, closed)
+            cost = from_launch(tour, control, number, start, (position + at) % n)
+    return cost + cost_of_all(tour, control, remaining, position, fresh, closed)
 
 
 @in_place_kernel

@@ -1,7 +1,7 @@
 """What a robot does next.
 
 Counterpart: `next_action`, `head_for` and what they call in `shoal.search.protocol.robot`, and
-`settled` and `reachable` in `shoal.search.protocol.state`. Footprints of one cell.
+`settled_cells` and `reachable_cells` in `shoal.search.protocol.state`. Footprints of one cell.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from shoal.search.kernels.protocol.costs import (
     from_launch,
     is_empty,
     length,
+    move_cost,
     next_stretch,
     remove,
-    way,
 )
 from shoal.search.kernels.protocol.helping import cell_to_help, is_taken, leaves_to_others
 from shoal.search.kernels.protocol.knowledge import (
@@ -31,7 +31,7 @@ from shoal.search.kernels.protocol.knowledge import (
     silence_limit,
 )
 from shoal.search.kernels.protocol.numbers import ARRIVAL, LOOK
-from shoal.search.kernels.protocol.steps import write_distances, write_path, write_way
+from shoal.search.kernels.protocol.steps import write_distances, write_move_path, write_path
 from shoal.search.kernels.protocol.worlds import (
     A_PARTITION,
     COMPLETE,
@@ -107,7 +107,7 @@ def is_settled_by_able(tour, w, b, i, cell, time, limit, waits, closed):
 @in_place_kernel
 def write_reachable(tour, rules, w, b, i, time):
     """Write the cells that a robot can reach, and those that a live robot can reach, to the work
-    space; see `shoal.search.protocol.state.reachable`. Robots never are in closed cells.
+    space; see `shoal.search.protocol.state.reachable_cells`. Robots never are in closed cells.
     """
     robot, own, anyone = w.robots[b, i], w.reach[b], w.anyone[b]
     if not tour.stepwise:
@@ -143,7 +143,7 @@ def add_part(labels, cell, bits):
 
 @in_place_kernel
 def write_unsettled(tour, rules, w, b, i, time, out):
-    """Write to a bitset the cells that need further search; see `settled`."""
+    """Write to a bitset the cells that need further search; see `settled_cells`."""
     robot = w.robots[b, i]
     fill(out, tour.cells)
     for k in range(out.shape[0]):
@@ -167,19 +167,19 @@ def write_unsettled(tour, rules, w, b, i, time, out):
 @in_place_kernel
 def allot(tour, rules, partitions, w, b, i, time):
     """Let a robot divide the tour among all robots that it knows; see
-    `shoal.search.protocol.robot._allotted`. Return False if the world needs something first.
+    `shoal.search.protocol.robot._allot`. Return False if the world needs something first.
     """
     robot, control = w.robots[b, i], w.control[b]
     if robot.offered_for != robot.peers + 1:
         control.need, control.need_one = A_PARTITION, i
         return False
-    division, known = robot.offer, robot.peers + 1
+    division, team_size = robot.offer, robot.peers + 1
     begin = partitions.starts[division]
     own = 0
     while partitions.robots[begin + own] != i:
         own += 1
     if not rules.helping:
-        take(robot, division, own, known, time)
+        take(robot, division, own, team_size, time)
         robot.deadline = np.inf
         return True
     write_reachable(tour, rules, w, b, i, -np.inf)
@@ -200,19 +200,19 @@ def allot(tour, rules, partitions, w, b, i, time):
         return False
     if robot.status == LISTENING:
         robot.deadline = last
-        take(robot, division, own, known, time)
+        take(robot, division, own, team_size, time)
     elif last <= robot.deadline + 1e-9:
-        take(robot, division, own, known, time)
+        take(robot, division, own, team_size, time)
     else:
-        robot.allotted_to = known
+        robot.allotted_to = team_size
     return True
 
 
 @in_place_kernel
-def take(robot, division, own, known, time):
+def take(robot, division, own, team_size, time):
     """Let a robot take its part of a division."""
     robot.partition, robot.own, robot.status = division, own, SEARCHING
-    robot.allotted_to, robot.allotted_at = known, time
+    robot.allotted_to, robot.allotted_at = team_size, time
 
 
 @in_place_kernel
@@ -284,13 +284,13 @@ def after_others(tour, rules, partitions, w, b, i, division, own):
     everything = cost_alone(
         tour, control, rules, partitions, place, bits, robot.cell, robot.fresh, closed
     )
-    here = last if follows else robot.cell
+    position = last if follows else robot.cell
     launched = np.int64(0) if follows else robot.at_launch
     place = (division, own, np.int64(i), robot.start, launched)
-    rest = cost_alone(
-        tour, control, rules, partitions, place, theirs, here, np.int64(not follows), closed
+    theirs_cost = cost_alone(
+        tour, control, rules, partitions, place, theirs, position, np.int64(not follows), closed
     )
-    return end + ARRIVAL * rules.beat + max(everything, rest) / robot.rate
+    return end + ARRIVAL * rules.beat + max(everything, theirs_cost) / robot.rate
 
 
 @in_place_kernel
@@ -322,15 +322,15 @@ def is_apart(robot, cell, n):
 
 
 @in_place_kernel
-def own_cell(tour, rules, partitions, robot, wanted):
-    """Return the next cell of ``wanted`` in the arcs that the robot must search, or -1."""
+def own_cell(tour, rules, partitions, robot, remaining):
+    """Return the next cell of ``remaining`` in the arcs that the robot must search, or -1."""
     begin = partitions.starts[robot.partition]
     parts = partitions.starts[robot.partition + 1] - begin
     for ahead in range(min(rules.multiplicity, parts)):
         part = begin + (robot.own + ahead) % parts
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, step = partitions.first[arc], partitions.step[arc]
-            at, _ = next_stretch(wanted, first, 0, partitions.sizes[arc], step, tour.cells)
+            at, _ = next_stretch(remaining, first, 0, partitions.sizes[arc], step, tour.cells)
             if at >= 0:
                 return (first + step * at) % tour.cells
     return -1
@@ -355,25 +355,25 @@ def decide(tour, rules, partitions, w, b, i, time):
         return action, cell, wake
     if robot.allotted_to <= robot.peers and not allot(tour, rules, partitions, w, b, i, time):
         return NONE, -1, np.inf
-    wanted = w.wanted[b]
+    remaining = w.wanted[b]
     write_reachable(tour, rules, w, b, i, time)
-    write_unsettled(tour, rules, w, b, i, time, wanted)
+    write_unsettled(tour, rules, w, b, i, time, remaining)
     if tour.stepwise:
-        for k in range(wanted.shape[0]):
-            wanted[k] &= w.anyone[b, k]
-    if is_empty(wanted):
+        for k in range(remaining.shape[0]):
+            remaining[k] &= w.anyone[b, k]
+    if is_empty(remaining):
         robot.status, robot.next_beat = COMPLETE, time
         return DECLARE, -1, np.inf
     if rules.multiplicity > 1:
-        for k in range(wanted.shape[0]):
-            wanted[k] &= ~w.own[b, i, k]
+        for k in range(remaining.shape[0]):
+            remaining[k] &= ~w.own[b, i, k]
     if tour.stepwise:
-        for k in range(wanted.shape[0]):
-            wanted[k] &= w.reach[b, k]
+        for k in range(remaining.shape[0]):
+            remaining[k] &= w.reach[b, k]
     if robot.avoided:
-        avoid(w, b, i, wanted, time)
+        avoid(w, b, i, remaining, time)
     limit = silence_limit(robot, rules)
-    cell, wake = own_cell(tour, rules, partitions, robot, wanted), np.inf
+    cell, wake = own_cell(tour, rules, partitions, robot, remaining), np.inf
     if (
         cell < 0
         or is_taken(w, b, i, cell, time, limit)
@@ -396,19 +396,19 @@ def decide(tour, rules, partitions, w, b, i, time):
 
 
 @in_place_kernel
-def avoid(w, b, i, wanted, time):
-    """Remove the cells that a robot avoids from ``wanted`` if others remain, as long as it avoids
-    them.
+def avoid(w, b, i, remaining, time):
+    """Remove the cells that a robot avoids from ``remaining`` if others remain, as long as it
+    avoids them.
     """
     robot = w.robots[b, i]
-    others = False
-    for k in range(wanted.shape[0]):
-        if wanted[k] & ~w.avoided[b, i, k] != ZERO:
-            others = True
+    any_left = False
+    for k in range(remaining.shape[0]):
+        if remaining[k] & ~w.avoided[b, i, k] != ZERO:
+            any_left = True
             break
-    if time < robot.avoided_until and others:
-        for k in range(wanted.shape[0]):
-            wanted[k] &= ~w.avoided[b, i, k]
+    if time < robot.avoided_until and any_left:
+        for k in range(remaining.shape[0]):
+            remaining[k] &= ~w.avoided[b, i, k]
         return
     w.avoided[b, i, :] = ZERO
     robot.avoided = 0
@@ -420,31 +420,33 @@ def cell_of_others(tour, rules, partitions, w, b, i, mine, time, limit):
     waits; see `shoal.search.protocol.robot._cell_of_others`.
     """
     robot, control, n = w.robots[b, i], w.control[b], tour.cells
-    wanted, left = w.wanted[b], w.left[b]
+    remaining, scratch = w.wanted[b], w.left[b]
     cell = cell_to_help(tour, rules, partitions, w, b, i, time, limit)
     place, closed = place_of(robot, i), number_of_obstacles(tour, rules, w, b, i, i)
     if cell >= 0 and not (
         is_apart(robot, cell, n) and leaves_to_others(tour, rules, w, b, i, time, limit)
     ):
-        need = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, closed)
+        need = 1.0 + move_cost(tour, control, robot.cell, cell, robot.fresh, closed)
         need += from_launch(tour, control, i, robot.start, cell) if robot.at_launch else 0.0
-        for k in range(left.shape[0]):
-            left[k] = wanted[k]
-        remove(left, cell)
-        need += cost_alone(tour, control, rules, partitions, place, left, cell, np.int64(0), closed)
+        for k in range(scratch.shape[0]):
+            scratch[k] = remaining[k]
+        remove(scratch, cell)
+        need += cost_alone(
+            tour, control, rules, partitions, place, scratch, cell, np.int64(0), closed
+        )
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, np.inf
-    for k in range(left.shape[0]):
-        left[k] = wanted[k]
-    some = not is_empty(wanted)
+    for k in range(scratch.shape[0]):
+        scratch[k] = remaining[k]
+    some = not is_empty(remaining)
     alone = cost_alone(
-        tour, control, rules, partitions, place, left, robot.cell, robot.fresh, closed
+        tour, control, rules, partitions, place, scratch, robot.cell, robot.fresh, closed
     )
     last = robot.deadline - alone / robot.rate
     if some and time >= last - 1e-9:
         if mine >= 0:
             return mine, np.inf
-        return (robot.cell + ahead_of(wanted, robot.cell, 0, n, n)) % n, np.inf
+        return (robot.cell + ahead_of(remaining, robot.cell, 0, n, n)) % n, np.inf
     wake = last if some else np.inf
     for other in range(w.counts.shape[2]):
         if other != i and w.counts[b, i, other] >= 0:
@@ -461,7 +463,7 @@ def head_for(tour, rules, w, b, i, cell, time):
     if tour.stepwise:
         return head_along_steps(tour, rules, w, b, i, cell, time)
     back = from_launch(tour, control, i, robot.start, cell)
-    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, 0)
+    cost = 1.0 + move_cost(tour, control, robot.cell, cell, robot.fresh, 0)
     cost += back if robot.at_launch else 0.0
     need = cost
     if robot.left < np.inf:
@@ -484,7 +486,7 @@ def head_along_steps(tour, rules, w, b, i, cell, time):
     closed = number_of_obstacles(tour, rules, w, b, i, i)
     back = from_launch(tour, control, i, robot.start, cell)
     out = back if robot.at_launch else 0.0
-    cost = 1.0 + way(tour, control, robot.cell, cell, robot.fresh, closed) + out
+    cost = 1.0 + move_cost(tour, control, robot.cell, cell, robot.fresh, closed) + out
     if robot.left < np.inf:  # the robot may have to return along the same path
         unsure, row = w.left[b], w.row[b]
         write_unsure(tour, rules, w, b, i, unsure)
@@ -501,7 +503,7 @@ def head_along_steps(tour, rules, w, b, i, cell, time):
                 robot.through = count
             return GO_HOME, np.inf
     free = 0.0 if robot.fresh else 1.0
-    count = write_way(tour, robot.cell, cell, free, closed, path)
+    count = write_move_path(tour, robot.cell, cell, free, closed, path)
     if count > path.shape[0] and control.need == NOTHING:
         control.need, control.need_one, control.need_other = MEMORY, count, 0
     if control.need == NOTHING:
@@ -513,7 +515,7 @@ def head_along_steps(tour, rules, w, b, i, cell, time):
 @in_place_kernel
 def write_unsure(tour, rules, w, b, i, unsure):
     """Write the cells that a robot does not know to be free; see
-    `shoal.search.protocol.state.known_free`.
+    `shoal.search.protocol.state.free_cells`.
     """
     fill(unsure, tour.cells)
     if rules.multiplicity == 1:
@@ -538,16 +540,16 @@ def takes_over(tour, rules, partitions, w, b, i, time):
         return False
     n = tour.cells
     for part in range(partitions.starts[robot.partition], partitions.starts[robot.partition + 1]):
-        here = again = False
+        contains = again = False
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
             first, count, step = (
                 partitions.first[arc],
                 partitions.sizes[arc],
                 partitions.step[arc],
             )
-            here = here or arc_holds(first, count, step, robot.aim, n)
+            contains = contains or arc_holds(first, count, step, robot.aim, n)
             again = again or (robot.aimed >= 0 and arc_holds(first, count, step, robot.aimed, n))
-        if here:
+        if contains:
             other = partitions.robots[part]
             limit = silence_limit(robot, rules)
             return not again and not is_live(w, b, i, other, time, limit)

@@ -10,7 +10,7 @@ import numpy as np
 from shoal.jit import in_place_kernel
 from shoal.search.kernels.protocol.bits import holds
 from shoal.search.kernels.protocol.costs import add as add_cell
-from shoal.search.kernels.protocol.costs import between, from_launch, length, way
+from shoal.search.kernels.protocol.costs import between, from_launch, length, move_cost
 from shoal.search.kernels.protocol.deciding import (
     DECLARE,
     GO,
@@ -35,7 +35,7 @@ from shoal.search.kernels.protocol.steps import (
     OPEN,
     SETS,
     add_crossed,
-    label_parts,
+    label_components,
     length_around,
     length_through,
     obstacle_on,
@@ -76,32 +76,35 @@ from shoal.search.kernels.protocol.worlds import (
 
 
 @in_place_kernel
-def comes_before(w, b, one, other):
+def comes_before(w, b, first, second):
     """Return whether an entry of the heap comes before another."""
-    if w.times[b, one] != w.times[b, other]:
-        return w.times[b, one] < w.times[b, other]
-    return w.posts[b, one] < w.posts[b, other]
+    if w.times[b, first] != w.times[b, second]:
+        return w.times[b, first] < w.times[b, second]
+    return w.posts[b, first] < w.posts[b, second]
 
 
 @in_place_kernel
-def swap(w, b, one, other):
+def swap(w, b, first, second):
     """Exchange two entries of the heap."""
-    w.times[b, one], w.times[b, other] = w.times[b, other], w.times[b, one]
-    w.posts[b, one], w.posts[b, other] = w.posts[b, other], w.posts[b, one]
-    w.values[b, one], w.values[b, other] = w.values[b, other], w.values[b, one]
+    w.times[b, first], w.times[b, second] = w.times[b, second], w.times[b, first]
+    w.posts[b, first], w.posts[b, second] = w.posts[b, second], w.posts[b, first]
+    w.values[b, first], w.values[b, second] = w.values[b, second], w.values[b, first]
     for k in range(3):
-        w.events[b, one, k], w.events[b, other, k] = w.events[b, other, k], w.events[b, one, k]
+        w.events[b, first, k], w.events[b, second, k] = (
+            w.events[b, second, k],
+            w.events[b, first, k],
+        )
 
 
 @in_place_kernel
-def post(w, b, time, kind, robot, what, value):
+def post(w, b, time, kind, robot, payload, value):
     """Put an event into the queue. Of events at the same time, the one posted first comes first."""
     control = w.control[b]
     at = control.queued
     control.queued += 1
     control.posted += 1
     w.times[b, at], w.posts[b, at], w.values[b, at] = time, control.posted, value
-    w.events[b, at, 0], w.events[b, at, 1], w.events[b, at, 2] = kind, robot, what
+    w.events[b, at, 0], w.events[b, at, 1], w.events[b, at, 2] = kind, robot, payload
     while at > 0 and comes_before(w, b, at, (at - 1) >> 1):
         swap(w, b, at, (at - 1) >> 1)
         at = (at - 1) >> 1
@@ -128,7 +131,7 @@ def drop_first(w, b):
 
 
 @in_place_kernel
-def drawn(w, b):
+def draw_number(w, b):
     """Return the next random number of a world."""
     control = w.control[b]
     control.drawn += 1
@@ -264,7 +267,7 @@ def sense(tour, w, b, i, cell, rules):
     chance = rules.detection if holds(w.targets[b], cell) else rules.false_alarm
     if robot.liar:
         chance = 0.5
-    if chance > 0 and drawn(w, b) < chance:
+    if chance > 0 and draw_number(w, b) < chance:
         find(w, b, i, cell)
     new = not holds(w.own[b, i], cell)
     if new and not robot.liar:
@@ -300,7 +303,7 @@ def broadcast(tour, rules, w, b, i, slot):
         if other == i:
             continue
         control.sent += 1
-        copies = carried(tour, rules, w, b, i, other)
+        copies = carry_to(tour, rules, w, b, i, other)
         lost = True
         for k in range(copies):
             if w.damaged[b, k]:  # the receiver refuses the copy
@@ -336,13 +339,13 @@ def broadcast_parts(tour, rules, w, b, i, count):
             continue
         for k in range(count):
             control.sent += 1
-            copies = carried(tour, rules, w, b, i, other)
+            copies = carry_to(tour, rules, w, b, i, other)
             lost = True
             for copy in range(copies):
                 slot = np.int64(w.parts[b, k])
                 if w.origin[b, copy] == REPLAYS:
                     records = min(control.recorded, RECORDED)
-                    chosen = np.int64(drawn(w, b) * records)
+                    chosen = np.int64(draw_number(w, b) * records)
                     slot = np.int64(w.records[b, (control.recorded - records + chosen) % RECORDED])
                 elif w.origin[b, copy] == 0 and not w.damaged[b, copy]:
                     lost = False
@@ -375,7 +378,7 @@ def drop_reference(w, b, slot):
 
 
 @in_place_kernel
-def carried(tour, rules, w, b, i, other):
+def carry_to(tour, rules, w, b, i, other):
     """Return how many copies of a message arrive at another robot, and write what is known of each
     to the work space.
     """
@@ -399,19 +402,19 @@ def carry(rules, w, b, sender, receiver, away):
     for k in range(rules.media.shape[0]):
         kind, number = rules.media[k], rules.numbers[k]
         if kind == LOSS:
-            kept = 0
+            arriving = 0
             for copy in range(copies):
-                if drawn(w, b) >= number[0]:
-                    delays[kept], damaged[kept] = delays[copy], damaged[copy]
-                    origin[kept] = origin[copy]
-                    kept += 1
-            copies = kept
+                if draw_number(w, b) >= number[0]:
+                    delays[arriving], damaged[arriving] = delays[copy], damaged[copy]
+                    origin[arriving] = origin[copy]
+                    arriving += 1
+            copies = arriving
         elif kind == BURSTS:
             bad = w.bad[b, k]
             if bad[sender, receiver]:
-                bad[sender, receiver] = drawn(w, b) >= number[1]
+                bad[sender, receiver] = draw_number(w, b) >= number[1]
             else:
-                bad[sender, receiver] = drawn(w, b) < number[0]
+                bad[sender, receiver] = draw_number(w, b) < number[0]
             if bad[sender, receiver]:
                 copies = 0
         elif kind == RANGE:
@@ -422,20 +425,20 @@ def carry(rules, w, b, sender, receiver, away):
                 copies = 0
         elif kind == DELAY:
             for copy in range(copies):
-                delays[copy] += 2 * number[0] * drawn(w, b)
+                delays[copy] += 2 * number[0] * draw_number(w, b)
         elif kind == DUPLICATES:
             again = copies
             for copy in range(copies):
-                if drawn(w, b) < number[0]:
-                    delays[again] = delays[copy] + drawn(w, b)
+                if draw_number(w, b) < number[0]:
+                    delays[again] = delays[copy] + draw_number(w, b)
                     damaged[again], origin[again] = damaged[copy], origin[copy]
                     again += 1
             copies = again
         elif kind == CORRUPTION:
             for copy in range(copies):
                 if not damaged[copy]:
-                    damaged[copy] = drawn(w, b) < number[0]
-        elif drawn(w, b) < number[0]:  # replays and forgeries
+                    damaged[copy] = draw_number(w, b) < number[0]
+        elif draw_number(w, b) < number[0]:  # replays and forgeries
             delays[copies], damaged[copies], origin[copies] = 0.0, 0, kind
             copies += 1
         if copies == 0:
@@ -547,7 +550,7 @@ def act(tour, rules, partitions, w, b, i):
         if tour.stepwise and robot.through > 0:
             cost = robot.cost
         else:
-            cost = 1.0 + way(tour, control, robot.place, cell, robot.fresh, OPEN)
+            cost = 1.0 + move_cost(tour, control, robot.place, cell, robot.fresh, OPEN)
             if robot.at_launch:
                 cost += from_launch(tour, control, i, robot.place, cell)
         if control.need != NOTHING:
@@ -651,11 +654,11 @@ def send_parts(tour, rules, w, b, i):
 def play_next(tour, rules, w, b):
     """Let the next event of the queue happen."""
     control = w.control[b]
-    kind, i, what = w.events[b, 0, 0], w.events[b, 0, 1], w.events[b, 0, 2]
+    kind, i, payload = w.events[b, 0, 0], w.events[b, 0, 1], w.events[b, 0, 2]
     value = w.values[b, 0]
     control.time = w.times[b, 0]
     if kind == DELIVERY:
-        deliver_next(rules, w, b, what)
+        deliver_next(rules, w, b, payload)
         return
     drop_first(w, b)
     robot, time = w.robots[b, i], control.time
@@ -663,11 +666,11 @@ def play_next(tour, rules, w, b):
         if (
             robot.alive
             and time >= robot.paused_until
-            and (rules.longest == 0 or opens(w, b, i, what, time, rules))
+            and (rules.longest == 0 or opens(w, b, i, payload, time, rules))
         ):
-            hear(w, b, i, what, time, rules)
+            hear(w, b, i, payload, time, rules)
             control.pending, control.stage, control.heard = i, 0, 1
-        drop_reference(w, b, what)
+        drop_reference(w, b, payload)
         return
     if not robot.alive:
         return
@@ -680,7 +683,7 @@ def play_next(tour, rules, w, b):
         note_state(w, b, i, PAUSED)
         return
     if time < robot.paused_until:
-        post(w, b, robot.paused_until, kind, i, what, value)
+        post(w, b, robot.paused_until, kind, i, payload, value)
         return
     decides = True
     if kind == BEGIN:
@@ -693,14 +696,14 @@ def play_next(tour, rules, w, b):
         if decides:
             robot.wake = np.inf
     elif kind == ENTER:
-        decides = enter(tour, w, b, i, what)
+        decides = enter(tour, w, b, i, payload)
     elif kind == OBSTRUCTED:
-        meet_obstacle(tour, rules, w, b, i, what, np.int64(value))
+        meet_obstacle(tour, rules, w, b, i, payload, np.int64(value))
     elif kind == SENSE:
-        if robot.searching == what:
-            sense(tour, w, b, i, what, rules)
+        if robot.searching == payload:
+            sense(tour, w, b, i, payload, rules)
         else:  # a pause has interrupted the search, so the robot must enter the cell again
-            decides = enter(tour, w, b, i, what)
+            decides = enter(tour, w, b, i, payload)
     elif kind == ARRIVE_HOME:
         robot.place, robot.energy = robot.start, robot.full
         robot.lag = lag_at(robot, time)
@@ -751,7 +754,7 @@ def start(tour, w, b, faults):
     """
     if tour.stepwise and tour.counters[SETS] == 0:  # the empty set
         tour.counters[SETS] = 1
-        label_parts(tour, tour.sets[OPEN], tour.labels[OPEN])
+        label_components(tour, tour.sets[OPEN], tour.labels[OPEN])
     for k in range(faults.shape[0]):
         kind, i = np.int64(faults[k, 0]), np.int64(faults[k, 1])
         post(w, b, faults[k, 2], kind, i, 0, faults[k, 3])

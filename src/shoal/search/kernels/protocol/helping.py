@@ -30,17 +30,17 @@ def cell_to_help(tour, rules, partitions, w, b, i, time, limit):
     offered = offered_parts(tour, rules, partitions, w, b, i, time, limit)
     if offered == 0:
         return -1
-    others = 0
+    helpers = 0
     for part in range(begin, begin + parts):
         other = partitions.robots[part]
         if other != i and can_come(tour, w, b, i, other, time, limit):
-            w.others[b, others] = other
-            others += 1
+            w.others[b, helpers] = other
+            helpers += 1
     runs = 0
     for k in range(offered):
         part = begin + w.offered[b, k]
         for arc in range(partitions.arcs[part], partitions.arcs[part + 1]):
-            runs = add_runs(tour, rules, partitions, w, b, i, arc, others, runs, time)
+            runs = add_runs(tour, rules, partitions, w, b, i, arc, helpers, runs, time)
     for k in range(runs):
         run = w.runs[b, k]
         if run.pace == 0.0 and run.first == (robot.cell + run.step) % n:
@@ -104,15 +104,15 @@ def offered_parts(tour, rules, partitions, w, b, i, time, limit):
 
 
 @in_place_kernel
-def add_runs(tour, rules, partitions, w, b, i, arc, others, runs, time):
+def add_runs(tour, rules, partitions, w, b, i, arc, helpers, runs, time):
     """Add the runs of remaining cells in an arc, in the order of the search, and return the number
     of runs. A new run begins where another robot searches.
     """
     first, size, step = partitions.first[arc], partitions.sizes[arc], partitions.step[arc]
-    fronts = find_fronts(tour, rules, w, b, i, first, size, step, others, time)
-    done, n = 0, tour.cells
-    while done < size:
-        at, count = next_stretch(w.wanted[b], first, done, size, step, n)
+    fronts = find_fronts(tour, rules, w, b, i, first, size, step, helpers, time)
+    offset, n = 0, tour.cells
+    while offset < size:
+        at, count = next_stretch(w.wanted[b], first, offset, size, step, n)
         if at < 0:
             return runs
         run = w.runs[b, runs]
@@ -128,22 +128,22 @@ def add_runs(tour, rules, partitions, w, b, i, arc, others, runs, time):
             if front == 0:  # the robot searches all of the run
                 run.pace, run.late = w.fronts[b, k, 1], w.fronts[b, k, 2]
                 continue
-            rest = w.runs[b, runs]
-            rest.first, rest.count = (run.first + step * front) % n, run.count - front
-            rest.step, rest.pace, rest.late = step, w.fronts[b, k, 1], w.fronts[b, k, 2]
+            tail = w.runs[b, runs]
+            tail.first, tail.count = (run.first + step * front) % n, run.count - front
+            tail.step, tail.pace, tail.late = step, w.fronts[b, k, 1], w.fronts[b, k, 2]
             run.count = front
             runs += 1
-        done = at + count
+        offset = at + count
     return runs
 
 
 @in_place_kernel
-def find_fronts(tour, rules, w, b, i, first, size, step, others, time):
+def find_fronts(tour, rules, w, b, i, first, size, step, helpers, time):
     """Write to the work space where other robots search in an arc: how far along the arc, in
     increasing order, with which pace, and when they arrive. Return the number of these places.
     """
     fronts, n = 0, tour.cells
-    for k in range(others):
+    for k in range(helpers):
         other = w.others[b, k]
         peer = w.peers[b, i, other]
         if peer.status != SEARCHING or (peer.place - first) * step % n >= size:
@@ -152,8 +152,8 @@ def find_fronts(tour, rules, w, b, i, first, size, step, others, time):
         pace = speed_of(w, b, i, other, time, rules)
         late = 0.0
         if left_in_arc(w, b, first, size, step, cell, n):
-            way = length(tour, w.control[b], peer.origin, peer.place)
-            late = max(peer.since + way / pace - time, 0.0)
+            distance = length(tour, w.control[b], peer.origin, peer.place)
+            late = max(peer.since + distance / pace - time, 0.0)
         passed = 0  # the peer has searched these cells since it reported its position
         while (
             passed < n
@@ -208,17 +208,17 @@ def best_run(tour, w, b, speed, at, runs):
     best, skipped, most = -1, 0, -1.0
     for k in range(runs):
         run = w.runs[b, k]
-        way = length(tour, w.control[b], at, run.first) / speed
+        travel = length(tour, w.control[b], at, run.first) / speed
         alone = min(run.late + run.count / run.pace, longest) if run.pace != 0.0 else 2 * longest
-        ahead = cells_to_skip(run, way, speed)
+        ahead = cells_to_skip(run, travel, speed)
         # the time without the helper, minus the time until the helper has searched its cells
         work = (run.count - ahead) / speed
-        gain = alone - way - work
+        gain = alone - travel - work
         if ahead >= run.count or gain <= least:
             continue
         value = gain
         if tour.likely.shape[0] > 0:
-            value = likelihood(tour, run, ahead) / (way + work)
+            value = likelihood(tour, run, ahead) / (travel + work)
         if value > most:
             best, skipped, most = k, ahead, value
     return best, skipped
@@ -233,13 +233,13 @@ def likelihood(tour, run, ahead):
 
 
 @in_place_kernel
-def cells_to_skip(run, way, pace):
+def cells_to_skip(run, travel, pace):
     """Return the number of cells that a helper skips at the front of a run."""
     # a slow robot may not yet have reached the last cell
     if run.pace == 0.0 or run.count == 1:
         return 0
-    share = np.ceil((way - run.late + run.count / pace) / (1 / run.pace + 1 / pace))
-    return max(np.int64(share), np.int64(run.late <= way))
+    share = np.ceil((travel - run.late + run.count / pace) / (1 / run.pace + 1 / pace))
+    return max(np.int64(share), np.int64(run.late <= travel))
 
 
 @in_place_kernel

@@ -1,6 +1,6 @@
 """What a robot learns from a beacon, and what its own beacons tell.
 
-Counterparts: `heard`, `with_beacon` and what they call in `shoal.search.protocol.robot`, and the
+Counterparts: `receive`, `with_beacon` and what they call in `shoal.search.protocol.robot`, and the
 failure detector of `shoal.search.protocol.state`.
 """
 
@@ -58,16 +58,16 @@ def knows(w, b, i, other, cell):
 @in_place_kernel
 def learn(w, b, i, word, new, rules):
     """Let a robot learn the facts of a word that it does not know."""
-    robot, known, owner = w.robots[b, i], w.known[b, i], w.owner[b, word]
+    robot, facts, owner = w.robots[b, i], w.known[b, i], w.owner[b, word]
     while new != ZERO:
         fact = (word << 6) + lowest(new)
         before, behind = w.after[b, fact], w.ahead[b, fact]
-        known[word] |= ONE << np.uint64(fact & 63)
+        facts[word] |= ONE << np.uint64(fact & 63)
         robot.learned += 1
         robot.intervals += 1
-        if before >= 0 and holds(known, before):
+        if before >= 0 and holds(facts, before):
             robot.intervals -= 1
-        if behind >= 0 and holds(known, behind):
+        if behind >= 0 and holds(facts, behind):
             robot.intervals -= 1
         w.told[b, i, owner] += 1
         settle(w, b, i, np.int64(w.cells[b, fact]), rules)
@@ -141,10 +141,10 @@ def number_of_obstacles(tour, rules, w, b, i, number):
             reports += w.shut[b, other] == cell and holds(w.closed[b, i], other)
         if w.closer[b, closing] == number or reports >= rules.multiplicity:
             add(bits, np.int64(cell))
-    found = number_of_set(tour, bits)
+    set_number = number_of_set(tour, bits)
     if number == i:
-        robot.shut, robot.shut_version = found, tour.counters[VERSION]
-    return found
+        robot.shut, robot.shut_version = set_number, tour.counters[VERSION]
+    return set_number
 
 
 @in_place_kernel
@@ -205,11 +205,11 @@ def find(w, b, i, cell):
 def hear(w, b, i, slot, time, rules):
     """Let a robot hear a beacon."""
     robot, message = w.robots[b, i], w.messages[b, slot]
-    known, words, bits = w.known[b, i], w.word[b, slot], w.bits[b, slot]
+    facts, words, bits = w.known[b, i], w.word[b, slot], w.bits[b, slot]
     beats, counts = w.beats[b, slot], w.counts[b, i]
     for k in range(message.words):
         word = words[k]
-        new = bits[k] & ~known[word]
+        new = bits[k] & ~facts[word]
         if new != ZERO:
             learn(w, b, i, word, new, rules)
     for k in range(message.heartbeats):
@@ -226,7 +226,7 @@ def hear(w, b, i, slot, time, rules):
         else:
             if other == message.sender:
                 robot.lost += count - before - 1
-                robot.got += 1
+                robot.received += 1
             if time - peer.later >= MARK * rules.beat:
                 peer.then, peer.lag_then = peer.later, peer.lag_later
                 peer.later, peer.lag_later = time, lag
@@ -272,10 +272,10 @@ def width_of_window(w, b, i, n):
             begun[level_of((cell - first) % n, n)] += 1
         elif cell == first:
             cut += 1
-    others = np.int64(0)
+    begun_total = np.int64(0)
     for k in range(begun.shape[0]):
-        others += begun[k]
-    total = robot.intervals + others
+        begun_total += begun[k]
+    total = robot.intervals + begun_total
     rounds = LAST_ROUND if robot.status == COMPLETE else ROUND
     share = max(LEAST, min((total + rounds - 1) // rounds, MOST))
     if total <= share:
@@ -283,18 +283,18 @@ def width_of_window(w, b, i, n):
     # count in longer and longer sections, or in all words
     words = w.control[b].words
     if 4 * robot.learned * share < total * (2 * words + 12 * robot.intervals):
-        levels, count, done, gathered = level_of(0, n), cut, 0, 0
+        levels, count, covered, gathered = level_of(0, n), cut, 0, 0
         for level in range(levels, -1, -1):
             width = width_at(level, n)
             count += begun[level]
-            more, facts = gather(w, b, i, first, done, width, gathered, share - count)
+            more, facts = gather(w, b, i, first, covered, width, gathered, share - count)
             count += more
-            if count > share and done:
+            if count > share and covered:
                 break
-            done, gathered = width, facts
+            covered, gathered = width, facts
             if count > share:
                 break
-        return done, gathered
+        return covered, gathered
     total += cut + count_by_level(w, b, i, first, n)
     width, level = n, 0
     while width > 1 and total > share:
@@ -308,17 +308,17 @@ def count_by_level(w, b, i, first, n):
     """Count the intervals of known facts by the level of the cell in which they begin, and return
     the number of intervals that the beginning of the section cuts.
     """
-    begun, known, afters, cells = w.begun[b], w.known[b, i], w.after[b], w.cells[b]
+    begun, facts, afters, cells = w.begun[b], w.known[b, i], w.after[b], w.cells[b]
     cut = 0
     for k in range(w.control[b].words):
-        bits = known[k]
+        bits = facts[k]
         if not w.span[b, k, 0] <= first <= w.span[b, k, 1]:
             bits &= ~((bits << ONE) & w.linked[b, k, 0] | (bits >> ONE) & w.linked[b, k, 1])
         while bits != ZERO:
             fact = (k << 6) + lowest(bits)
             bits &= bits - ONE
             after, ahead = afters[fact], cells[fact] - first
-            if after < 0 or not holds(known, after):
+            if after < 0 or not holds(facts, after):
                 begun[level_of(ahead + n if ahead < 0 else ahead, n)] += 1
             elif ahead == 0:
                 cut += 1
@@ -334,21 +334,21 @@ def width_at(level, n):
 
 
 @in_place_kernel
-def gather(w, b, i, first, done, width, gathered, most):
-    """Append the known facts of a section, from ``done`` cells ahead of its first one on, to those
+def gather(w, b, i, first, begin, width, gathered, most):
+    """Append the known facts of a section, from ``begin`` cells ahead of its first one on, to those
     ``gathered``. Return the number of intervals that begin there, and of gathered facts; stop at
     the cell with the first interval above ``most``.
     """
-    known, facts, n, count = w.known[b, i], w.gathered[b], w.head.shape[1], 0
-    for ahead in range(done, width):
+    learnt, facts, n, count = w.known[b, i], w.gathered[b], w.head.shape[1], 0
+    for ahead in range(begin, width):
         cell = first + ahead
         fact = np.int64(w.head[b, cell - n if cell >= n else cell])
         while fact >= 0:
-            if holds(known, fact):
+            if holds(learnt, fact):
                 facts[gathered] = fact
                 gathered += 1
                 before = np.int64(w.after[b, fact])
-                count += ahead == 0 or before < 0 or not holds(known, before)
+                count += ahead == 0 or before < 0 or not holds(learnt, before)
             fact = np.int64(w.next[b, fact])
         if count > most:
             break
@@ -396,14 +396,14 @@ def choose_in_turn(w, b, i):
     """Keep of the marked robots those of which the next beacon tells what is new."""
     telling = w.telling[b]
     telling[i] = 0
-    others = 0
+    count = 0
     for other in range(telling.shape[0]):
-        others += telling[other]
-    first = w.robots[b, i].count * NEWS % others if others > NEWS else 0
+        count += telling[other]
+    first = w.robots[b, i].count * NEWS % count if count > NEWS else 0
     order = 0
     for other in range(telling.shape[0]):
         if telling[other]:
-            telling[other] = (order - first) % others < NEWS
+            telling[other] = (order - first) % count < NEWS
             order += 1
     telling[i] = 1
 
@@ -417,13 +417,13 @@ def facts_in(w, b, word, bits, first, width, n):
         return bits
     if at >= width and at + size < n:
         return ZERO
-    inside, rest, cells = ZERO, bits, w.cells[b]
-    while rest != ZERO:
-        bit = lowest(rest)
+    inside, remaining, cells = ZERO, bits, w.cells[b]
+    while remaining != ZERO:
+        bit = lowest(remaining)
         ahead = cells[(word << 6) + bit] - first
         if (ahead + n if ahead < 0 else ahead) < width:
             inside |= ONE << np.uint64(bit)
-        rest &= rest - ONE
+        remaining &= remaining - ONE
     return inside
 
 
@@ -443,7 +443,7 @@ def write_beacon(w, b, i, slot, time, n):
     write_heartbeats(w, b, i, slot, time)
     width, gathered = width_of_window(w, b, i, n)
     turn, section = robot.announced % REPEATED, w.section[b]
-    known, before = w.known[b, i], w.before[b, i, turn]
+    facts, before = w.known[b, i], w.before[b, i, turn]
     count = w.control[b].words
     message.words = 0
     bounded = w.counts.shape[2] > NEWS + 1
@@ -455,10 +455,10 @@ def write_beacon(w, b, i, slot, time, n):
         fact = w.gathered[b, k]
         section[fact >> 6] |= ONE << np.uint64(fact & 63)
     for k in range(count):
-        bits = known[k]
+        bits = facts[k]
         if bits != ZERO and width < n:
-            told = not bounded or w.telling[b, w.owner[b, k]]
-            new = bits & ~before[k] if told else ZERO
+            is_told = not bounded or w.telling[b, w.owner[b, k]]
+            new = bits & ~before[k] if is_told else ZERO
             if gathered >= 0:
                 bits = new | section[k]
             else:
@@ -469,7 +469,7 @@ def write_beacon(w, b, i, slot, time, n):
     write_findings(w, b, i, slot, width, turn, n)
     write_obstacles(w, b, i, slot, width, turn, n)
     for k in range(count):
-        before[k] = known[k]
+        before[k] = facts[k]
     robot.announced += 1
     robot.window = (robot.window + width) % n
 
@@ -478,49 +478,49 @@ def write_beacon(w, b, i, slot, time, n):
 def write_findings(w, b, i, slot, width, turn, n):
     """Write to a beacon all that is known of the cells with news, or in the section to repeat."""
     robot, message = w.robots[b, i], w.messages[b, slot]
-    known, before = w.reported[b, i], w.reported_before[b, i, turn]
+    findings, before = w.reported[b, i], w.reported_before[b, i, turn]
     message.findings = 0
     words = (w.control[b].findings + 63) >> 6
     for k in range(words):
-        bits, told = known[k], ZERO
+        bits, reported = findings[k], ZERO
         while bits != ZERO:
             finding = (k << 6) + lowest(bits)
             cell = w.place[b, finding]
             if in_window(robot.window, width, cell, n) or has_news(w, b, i, turn, cell):
-                told |= ONE << np.uint64(finding & 63)
+                reported |= ONE << np.uint64(finding & 63)
             bits &= bits - ONE
-        if told != ZERO:
+        if reported != ZERO:
             w.finding_word[b, slot, message.findings] = k
-            w.finding_bits[b, slot, message.findings] = told
+            w.finding_bits[b, slot, message.findings] = reported
             message.findings += 1
     for k in range(words):
-        before[k] = known[k]
+        before[k] = findings[k]
 
 
 @in_place_kernel
 def write_obstacles(w, b, i, slot, width, turn, n):
     """Write to a beacon the known obstacles that are new, or in the section to repeat."""
     robot, message, count = w.robots[b, i], w.messages[b, slot], w.control[b].closings
-    known, before, telling = w.closed[b, i], w.closed_before[b, i, turn], w.telling[b]
+    closings, before, telling = w.closed[b, i], w.closed_before[b, i, turn], w.telling[b]
     message.closings = 0
     telling[:] = 0
     for closing in range(count):
-        if holds(known, closing) and not holds(before, closing):
+        if holds(closings, closing) and not holds(before, closing):
             telling[w.closer[b, closing]] = 1
     choose_in_turn(w, b, i)
     for k in range((count + 63) >> 6):
-        bits, told = known[k], ZERO
+        bits, reported = closings[k], ZERO
         while bits != ZERO:
             closing = (k << 6) + lowest(bits)
             new = telling[w.closer[b, closing]] and not holds(before, closing)
             if new or in_window(robot.window, width, np.int64(w.shut[b, closing]), n):
-                told |= ONE << np.uint64(closing & 63)
+                reported |= ONE << np.uint64(closing & 63)
             bits &= bits - ONE
-        if told != ZERO:
+        if reported != ZERO:
             w.closing_word[b, slot, message.closings] = k
-            w.closing_bits[b, slot, message.closings] = told
+            w.closing_bits[b, slot, message.closings] = reported
             message.closings += 1
-        before[k] = known[k]
+        before[k] = closings[k]
 
 
 @in_place_kernel
@@ -539,7 +539,7 @@ def has_news(w, b, i, turn, cell):
 @in_place_kernel
 def write_heartbeats(w, b, i, slot, time):
     """Write the robot's own heartbeat and those that it relays; see
-    `shoal.search.protocol.robot.relayed`.
+    `shoal.search.protocol.robot.relayed_heartbeats`.
     """
     robot, message = w.robots[b, i], w.messages[b, slot]
     beats, lags = w.beats[b, slot], w.lags[b, slot]
@@ -591,7 +591,7 @@ def lag_at(robot, time):
 @in_place_kernel
 def silence_limit(robot, rules):
     """Return the silence after which a robot presumes another dead."""
-    share = robot.lost / (robot.lost + robot.got) if robot.got else 0.5
+    share = robot.lost / (robot.lost + robot.received) if robot.received else 0.5
     beats = log(FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
     return rules.beat * (min(max(SHORTEST_SILENCE, beats), LONGEST_SILENCE) + 0.5)
 
@@ -611,7 +611,7 @@ def can_come(tour, w, b, i, other, time, limit):
 
 
 @in_place_kernel
-def tolerated(robot, time, rules):
+def tolerance(robot, time, rules):
     """Return the lag that robots tolerate."""
     return TOLERATED * max(time - robot.allotted_at, 0.0) + BEATS * rules.beat
 
@@ -623,9 +623,9 @@ def is_late(w, b, i, other, time, rules):
         return False
     robot = w.robots[b, i]
     if other == i:
-        return lag_at(robot, time) > RELUCTANCE * tolerated(robot, time, rules)
+        return lag_at(robot, time) > RELUCTANCE * tolerance(robot, time, rules)
     peer = w.peers[b, i, other]
-    return w.counts[b, i, other] >= 0 and peer.lag > tolerated(robot, peer.heard, rules)
+    return w.counts[b, i, other] >= 0 and peer.lag > tolerance(robot, peer.heard, rules)
 
 
 @in_place_kernel

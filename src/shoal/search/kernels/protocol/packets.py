@@ -243,44 +243,44 @@ def opens(w, b, i, slot, time, rules):
     `shoal.search.protocol.messages.Receiver`.
     """
     message = w.messages[b, slot]
-    seen, now = w.seen[b, i, message.sender], np.int64(1000 * time)
+    history, now = w.seen[b, i, message.sender], np.int64(1000 * time)
     if abs(message.stamp - now) > STAMPS_APART:
         return False
-    if rules.remembered and is_old(seen, w.stamps[b, i, message.sender], message.stamp):
+    if rules.remembered and is_old(history, w.stamps[b, i, message.sender], message.stamp):
         return False
-    if seen.second != now // 1000:
-        seen.second, seen.messages = now // 1000, 0
-    seen.messages += 1
-    if seen.messages > SHARE:
+    if history.second != now // 1000:
+        history.second, history.messages = now // 1000, 0
+    history.messages += 1
+    if history.messages > SHARE:
         return False
     if rules.remembered:
-        remember(seen, w.stamps[b, i, message.sender], message.stamp)
+        remember(history, w.stamps[b, i, message.sender], message.stamp)
     return True
 
 
 @in_place_kernel
-def is_old(seen, stamps, own):
+def is_old(history, stamps, own):
     """Return whether a robot has opened a message with a stamp, or a much later one."""
-    if own <= seen.forgotten:
+    if own <= history.forgotten:
         return True
-    for k in range(seen.count):
+    for k in range(history.count):
         if stamps[k] == own:
             return True
     return False
 
 
 @in_place_kernel
-def remember(seen, stamps, own):
+def remember(history, stamps, own):
     """Let a robot remember a stamp, and forget the earliest of too many."""
-    if seen.count < REMEMBERED:
-        stamps[seen.count] = own
-        seen.count += 1
+    if history.count < REMEMBERED:
+        stamps[history.count] = own
+        history.count += 1
         return
     oldest = 0
-    for k in range(1, seen.count):
+    for k in range(1, history.count):
         if stamps[k] < stamps[oldest]:
             oldest = k
     if own < stamps[oldest]:
-        seen.forgotten = own
+        history.forgotten = own
     else:
-        seen.forgotten, stamps[oldest] = stamps[oldest], own
+        history.forgotten, stamps[oldest] = stamps[oldest], own

@@ -43,7 +43,7 @@ def number_of_set(tour, bits):
     tour.codes[k] = code
     for word in range(bits.shape[0]):
         tour.sets[k, word] = bits[word]
-    label_parts(tour, bits, tour.labels[k])
+    label_components(tour, bits, tour.labels[k])
     return k
 
 
@@ -55,18 +55,19 @@ def forget_rows(tour):
 
 
 @in_place_kernel
-def is_usable(tour, edge, one, closed, here):
-    """Return whether a step is possible around closed cells. The cell ``here`` counts as open."""
-    other, cell, beside = tour.ends[edge], tour.beside[edge, 0], tour.beside[edge, 1]
-    if (holds(closed, one) and one != here) or (holds(closed, other) and other != here):
+def is_usable(tour, edge, cell, closed, source):
+    """Return whether a step is possible around closed cells. The cell ``source`` counts as open."""
+    other, beside_cell, beside = tour.ends[edge], tour.beside[edge, 0], tour.beside[edge, 1]
+    if (holds(closed, cell) and cell != source) or (holds(closed, other) and other != source):
         return False
-    return cell < 0 or (
-        (cell == here or not holds(closed, cell)) and (beside == here or not holds(closed, beside))
+    return beside_cell < 0 or (
+        (beside_cell == source or not holds(closed, beside_cell))
+        and (beside == source or not holds(closed, beside))
     )
 
 
 @in_place_kernel
-def label_parts(tour, closed, labels):
+def label_components(tour, closed, labels):
     """Write the number of each cell's connected part. A closed cell is a part of its own."""
     labels[:] = -1
     part, stack = 0, tour.nodes
@@ -88,14 +89,14 @@ def label_parts(tour, closed, labels):
 
 
 @in_place_kernel
-def write_distances(tour, here, closed, row):
+def write_distances(tour, source, closed, row):
     """Write the distance from a cell to each cell, around closed cells; infinity if there is no
     path.
     """
     row[:] = np.inf
-    row[here] = 0.0
+    row[source] = 0.0
     keys, nodes, size = tour.heap, tour.nodes, 1
-    keys[0], nodes[0] = 0.0, here
+    keys[0], nodes[0] = 0.0, source
     while size:
         away, cell = keys[0], nodes[0]
         size -= 1
@@ -105,7 +106,7 @@ def write_distances(tour, here, closed, row):
         for edge in range(tour.edges[cell], tour.edges[cell + 1]):
             other = tour.ends[edge]
             length = away + tour.weights[edge]
-            if length < row[other] and is_usable(tour, edge, cell, closed, here):
+            if length < row[other] and is_usable(tour, edge, cell, closed, source):
                 row[other] = length
                 at = size
                 size += 1
@@ -133,9 +134,9 @@ def sink(keys, nodes, size, key, node):
 
 
 @in_place_kernel
-def row_of(tour, here, closed):
+def row_of(tour, source, closed):
     """Return the number of the row of distances from a cell around a set of closed cells."""
-    key, size = closed * tour.cells + here, tour.row_keys.shape[0]
+    key, size = closed * tour.cells + source, tour.row_keys.shape[0]
     at = np.int64((np.uint64(key) * _FACTOR) >> _SHIFT) & (size - 1)
     while tour.row_keys[at] != key:
         if tour.row_keys[at] < 0:
@@ -145,42 +146,44 @@ def row_of(tour, here, closed):
             row = tour.counters[ROWS]
             tour.counters[ROWS] += 1
             tour.row_keys[at], tour.row_numbers[at] = key, row
-            write_distances(tour, here, tour.sets[closed], tour.rows[row])
+            write_distances(tour, source, tour.sets[closed], tour.rows[row])
             return row
         at = (at + 1) & (size - 1)
     return np.int64(tour.row_numbers[at])
 
 
 @in_place_kernel
-def length_around(tour, here, cell, closed):
+def length_around(tour, source, cell, closed):
     """Return the length of the shortest path around a set of closed cells."""
-    return tour.rows[row_of(tour, here, closed), cell]
+    return tour.rows[row_of(tour, source, closed), cell]
 
 
 @in_place_kernel
-def follows(tour, one, other, step, closed):
+def follows(tour, source, target, step, closed):
     """Return whether the path between two consecutive cells of the tour keeps its length despite
     closed cells.
     """
-    longest = tour.steps[one if step > 0 else other] + 1e-9
-    for edge in range(tour.edges[one], tour.edges[one + 1]):
-        if tour.ends[edge] == other:
-            if tour.weights[edge] <= longest and is_usable(tour, edge, one, tour.sets[closed], one):
+    longest = tour.steps[source if step > 0 else target] + 1e-9
+    for edge in range(tour.edges[source], tour.edges[source + 1]):
+        if tour.ends[edge] == target:
+            if tour.weights[edge] <= longest and is_usable(
+                tour, edge, source, tour.sets[closed], source
+            ):
                 return True
-    return length_around(tour, one, other, closed) <= longest
+    return length_around(tour, source, target, closed) <= longest
 
 
 @in_place_kernel
-def stepwise_way(tour, here, cell, free, closed):
+def stepwise_path(tour, source, cell, free, closed):
     """Return the cost of the cheapest path between two cells, and how it follows the tour: forwards
-    (1), backwards (-1), or not at all (0); see `TourCost._stepwise_way`.
+    (1), backwards (-1), or not at all (0); see `TourCost._stepwise_path`.
     """
     n = tour.cells
-    direct = max(length_around(tour, here, cell, closed) - free, 0.0) + tour.turn_cost
+    direct = max(length_around(tour, source, cell, closed) - free, 0.0) + tour.turn_cost
     if direct == np.inf:
         return np.inf, 0
-    ahead, behind = (cell - here) % n, (here - cell) % n
-    onwards = tour.ahead[here + ahead + 1] - tour.ahead[here + 1] - free
+    ahead, behind = (cell - source) % n, (source - cell) % n
+    onwards = tour.ahead[source + ahead + 1] - tour.ahead[source + 1] - free
     backwards = tour.ahead[cell + behind + 1] - tour.ahead[cell + 1] - free
     forwards = onwards < backwards or (onwards == backwards and ahead < behind)
     if onwards == backwards and ahead == behind:
@@ -192,8 +195,8 @@ def stepwise_way(tour, here, cell, free, closed):
             break
         good = True
         for k in range(count):
-            one = (here + step * k) % n
-            if not follows(tour, one, (one + step) % n, step, closed):
+            from_cell = (source + step * k) % n
+            if not follows(tour, from_cell, (from_cell + step) % n, step, closed):
                 good = False
                 break
         if good:
@@ -202,21 +205,21 @@ def stepwise_way(tour, here, cell, free, closed):
 
 
 @in_place_kernel
-def write_path(tour, here, cell, closed, row, out, count):
+def write_path(tour, source, cell, closed, row, out, count):
     """Append the cells of the shortest path between two cells to ``out``, which holds ``count``
     cells, and return the new number of cells: more than ``out`` can hold if it is too short.
 
     Of several shortest paths it is the one that comes from the cell with the lowest number, seen
-    from its end. ``row`` has the distances from the cell ``here``.
+    from its end. ``row`` has the distances from the cell ``source``.
     """
     if row[cell] == np.inf:
         return count
     length, at = 0, cell
-    while at != here:
+    while at != source:
         if count + length < out.shape[0]:
             out[count + length] = at
         length += 1
-        at = cell_before(tour, here, at, closed, row)
+        at = cell_before(tour, source, at, closed, row)
     last = count + length
     if last <= out.shape[0]:
         for k in range(length >> 1):
@@ -225,61 +228,61 @@ def write_path(tour, here, cell, closed, row, out, count):
 
 
 @in_place_kernel
-def cell_before(tour, here, cell, closed, row):
-    """Return the cell before a cell on the path from the cell ``here``."""
+def cell_before(tour, source, cell, closed, row):
+    """Return the cell before a cell on the path from the cell ``source``."""
     best = tour.cells
     for edge in range(tour.edges[cell], tour.edges[cell + 1]):
         other = tour.ends[edge]
         if (
             other < best
             and row[other] + tour.weights[edge] == row[cell]
-            and is_usable(tour, edge, cell, closed, here)
+            and is_usable(tour, edge, cell, closed, source)
         ):
             best = other
     return best
 
 
 @in_place_kernel
-def write_way(tour, here, cell, free, closed, out):
-    """Write the cells of the path whose cost `stepwise_way` returns, and return their number."""
-    if here == cell:
+def write_move_path(tour, position, cell, free, closed, out):
+    """Write the cells of the path whose cost `stepwise_path` returns, and return their number."""
+    if position == cell:
         return 0
     n = tour.cells
-    step, count = stepwise_way(tour, here, cell, free, closed)[1], 0
-    while here != cell:
-        other = cell if step == 0 else (here + step) % n
-        row = row_of(tour, here, closed)
-        count = write_path(tour, here, other, tour.sets[closed], tour.rows[row], out, count)
-        here = other
+    step, count = stepwise_path(tour, position, cell, free, closed)[1], 0
+    while position != cell:
+        target = cell if step == 0 else (position + step) % n
+        row = row_of(tour, position, closed)
+        count = write_path(tour, position, target, tour.sets[closed], tour.rows[row], out, count)
+        position = target
     return count
 
 
 @in_place_kernel
-def edge_between(tour, one, other):
+def edge_between(tour, source, target):
     """Return the step from a cell to a neighbouring cell."""
-    for edge in range(tour.edges[one], tour.edges[one + 1]):
-        if tour.ends[edge] == other:
+    for edge in range(tour.edges[source], tour.edges[source + 1]):
+        if tour.ends[edge] == target:
             return edge
     return -1
 
 
 @in_place_kernel
-def length_through(tour, here, path, count):
+def length_through(tour, position, path, count):
     """Return the length of a path from a cell through so many cells."""
     total = 0.0
     for k in range(count):
-        total += length_around(tour, here, path[k], OPEN)
-        here = path[k]
+        total += length_around(tour, position, path[k], OPEN)
+        position = path[k]
     return total
 
 
 @in_place_kernel
-def add_crossed(tour, here, path, count, passed):
+def add_crossed(tour, position, path, count, passed):
     """Add the cells that must be open for a path to a bitset."""
     for k in range(count):
-        edge = edge_between(tour, here, path[k])
-        here = path[k]
-        passed[here >> 6] |= ONE << np.uint64(here & 63)
+        edge = edge_between(tour, position, path[k])
+        position = path[k]
+        passed[position >> 6] |= ONE << np.uint64(position & 63)
         for side in range(2):
             cell = tour.beside[edge, side]
             if cell >= 0:
@@ -287,15 +290,15 @@ def add_crossed(tour, here, path, count, passed):
 
 
 @in_place_kernel
-def obstacle_on(tour, here, path, count, blocked):
+def obstacle_on(tour, position, path, count, blocked):
     """Return the first obstacle on a path from a cell, or -1, and the number of cells before it."""
     for k in range(count):
         if holds(blocked, path[k]):
             return path[k], k
-        edge = edge_between(tour, here, path[k])
+        edge = edge_between(tour, position, path[k])
         for side in range(2):
             cell = tour.beside[edge, side]
             if cell >= 0 and holds(blocked, cell):
                 return cell, k
-        here = path[k]
+        position = path[k]
     return np.int64(-1), count

@@ -38,8 +38,8 @@ def record(**kinds: str) -> np.dtype[Any]:
 ROBOT = record(
     **dict.fromkeys(
         (
-            "start status cell fresh at_launch target aim partition own count allotted_to lost got"
-            " window lingering avoided announced word facts peers place alive"
+            "start status cell fresh at_launch target aim partition own count allotted_to lost"
+            " received window lingering avoided announced word facts peers place alive"
             " liar searching going aimed tries offer offered_for order shown unheeded stamp through"
             " shut shut_version intervals learned"
         ).split(),

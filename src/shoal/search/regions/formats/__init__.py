@@ -95,9 +95,9 @@ def read_outlines(
     source, reading = Path(path), reading or Reading()
     suffix = source.suffix.lower()
     if suffix not in _READERS and suffix not in _LAYERED and not source.is_dir():
-        known = " ".join((*_READERS, *_LAYERED))
+        suffixes = " ".join((*_READERS, *_LAYERED))
         raise InvalidInputError(
-            f"{source}: expected a region file ({known}), got the suffix {source.suffix!r}"
+            f"{source}: expected a region file ({suffixes}), got the suffix {source.suffix!r}"
         )
     try:
         check_file(source, what="region file", most=LARGEST_DATABASE)

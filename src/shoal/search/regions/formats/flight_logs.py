@@ -65,19 +65,19 @@ GAP = 3.0
 """Seconds without a position after which a track is interrupted."""
 
 
-def flown_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
-    """Return the uninterrupted ways of all vehicles in a flight log while they were in flight, or,
-    of a vehicle that never was, such as a rover, all its ways; longitude and latitude in degrees,
-    float64, each of shape (k, 2).
+def flight_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
+    """Return the uninterrupted tracks of all vehicles in a flight log while they were in flight,
+    or, of a vehicle that never was, such as a rover, all its tracks; longitude and latitude in
+    degrees, float64, each of shape (k, 2).
     """
-    found: list[NDArray[np.float64]] = []
+    lines: list[NDArray[np.float64]] = []
     for track in read_tracks(path):
         counts = track.heights > ALOFT
         counts |= not counts.any()
         ends = np.flatnonzero((np.diff(track.times) > GAP) | (counts[1:] != counts[:-1])) + 1
         parts = np.split(np.arange(len(counts)), ends)
-        found += [track.places[part] for part in parts if counts[part[0]]]
-    return found
+        lines += [track.places[part] for part in parts if counts[part[0]]]
+    return lines
 
 
 def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
@@ -140,8 +140,8 @@ def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
             rows.setdefault(source[0], []).append(
                 (stamp / 1e6, message.lon / 1e7, message.lat / 1e7, message.relative_alt / 1000)
             )
-    known = {system for system, _ in vehicles}
-    return {system: found for system, found in rows.items() if system in known or not known}
+    systems = {system for system, _ in vehicles}
+    return {system: track for system, track in rows.items() if system in systems or not systems}
 
 
 def _messages(data: bytes) -> Iterator[tuple[int, Any]]:
@@ -170,7 +170,7 @@ def _messages(data: bytes) -> Iterator[tuple[int, Any]]:
 
 
 @contextmanager
-def _environment_kept() -> Iterator[None]:
+def _restore_environment() -> Iterator[None]:
     """Undo what importing pymavlink's `mavutil` changes in the environment."""
     before = os.environ.get("MAVLINK_DIALECT")
     os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
@@ -185,7 +185,7 @@ def _environment_kept() -> Iterator[None]:
 
 def _read_dataflash(path: Path) -> dict[int | None, list[Row]]:
     """Read a log of ArduPilot: its estimated positions or, without them, those of the receiver."""
-    with _environment_kept():
+    with _restore_environment():
         reader = import_extra(
             "pymavlink.DFReader", "logs of ArduPilot need pymavlink", extra="mavlink"
         )
@@ -223,11 +223,13 @@ def _read_ulog(path: Path) -> dict[int | None, list[Row]]:
         with open(path, "rb") as file, redirect_stdout(StringIO()):
             log = module.ULog(file, names)
     except Exception as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInputError(f"{path}: expected a log of PX4, got the error: {said}") from None
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(
+            f"{path}: expected a log of PX4, got the error: {message}"
+        ) from None
     topics: dict[str, Any] = {}
-    for one in log.data_list:
-        topics.setdefault(one.name, one.data)
+    for topic in log.data_list:
+        topics.setdefault(topic.name, topic.data)
     place = topics.get("vehicle_global_position")
     if place is None or not len(place["timestamp"]):
         return {}
@@ -243,9 +245,9 @@ def _clock_of(topics: dict[str, Any]) -> float:
     for name in ("vehicle_gps_position", "sensor_gps"):
         data = topics.get(name)
         if data is not None and "time_utc_usec" in data:
-            known = data["time_utc_usec"] > _SINCE_1970 * 1e6
-            if known.any():
-                first = int(np.argmax(known))
+            valid = data["time_utc_usec"] > _SINCE_1970 * 1e6
+            if valid.any():
+                first = int(np.argmax(valid))
                 return float(data["time_utc_usec"][first] - data["timestamp"][first]) / 1e6
     return 0.0
 

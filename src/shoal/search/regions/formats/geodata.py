@@ -33,7 +33,7 @@ from shoal.search.regions.outline import (
     RegionOutlines,
     Ring,
     check_count,
-    opened_zip,
+    open_zip,
 )
 from shoal.search.regions.projection import to_degrees
 
@@ -96,14 +96,14 @@ def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
             outlines += closed
             passed |= set() if closed else {kind}
         else:
-            got = "no type" if kind is None else f"the type {_short(kind)}"
+            actual = "no type" if kind is None else f"the type {_short(kind)}"
             raise InvalidInputError(
                 f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection,"
-                f" got {got}"
+                f" got {actual}"
             )
     if not outlines:
-        got = only_lines_text(passed, closed_lines=reading.closed_lines)
-        raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
+        actual = only_lines_text(passed, closed_lines=reading.closed_lines)
+        raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {actual}")
     name = _crs_name(data, str(path))
     if name is None:
         return RegionOutlines(tuple(outlines), str(path), geographic=True)
@@ -135,8 +135,8 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
                 f"{where}: expected a Point, MultiPoint or LineString, got {_short(kind)}"
             )
     if len(lines) > 1 or (lines and points) or not (lines or points):
-        got = f"{len(points)} sets of points and {len(lines)} lines"
-        raise InvalidInputError(f"{path}: expected points or one line, got {got}")
+        actual = f"{len(points)} sets of points and {len(lines)} lines"
+        raise InvalidInputError(f"{path}: expected points or one line, got {actual}")
     if lines and len(lines[0]) < 2:
         raise InvalidInputError(
             f"{path}: expected a line of two vertices or more, got {len(lines[0])}"
@@ -188,11 +188,11 @@ def _list(data: dict[str, Any], key: str, where: str) -> list[Any]:
 def _polygon(rings: list[Any], where: str, no_go: bool) -> RegionOutline:
     if not rings:
         raise InvalidInputError(f"{where}: expected a polygon with a ring, got an empty one")
-    made = [
+    checked_rings = [
         Ring(_points(ring, f"{where}, ring {k + 1}"), f"{where}, ring {k + 1}")
         for k, ring in enumerate(rings)
     ]
-    return RegionOutline(made[0], tuple(made[1:]), no_go)
+    return RegionOutline(checked_rings[0], tuple(checked_rings[1:]), no_go)
 
 
 def _points(ring: Any, where: str) -> Points:
@@ -263,10 +263,10 @@ def read_geopackage(path: Path, reading: Reading, *, zones: bool = False) -> Reg
         Whether to read all layers, as for a file of no-go zones.
     """
     check_file(path, what="region file", most=LARGEST_DATABASE)
-    with _opened(path) as database:
-        known = {str(row[0]): row for row in database.execute(_LAYERS)}
-        names = [*known] if zones else _chosen(path, reading.layer, [*known])
-        read = [_outlines(database, path, known, name, reading) for name in names]
+    with _open_database(path) as database:
+        layers = {str(row[0]): row for row in database.execute(_LAYERS)}
+        names = [*layers] if zones else _choose_layers(path, reading.layer, [*layers])
+        read = [_outlines(database, path, layers, name, reading) for name in names]
     if len({source.geographic for source in read}) > 1:
         raise InvalidInputError(
             f"{path}: expected only layers with positions on Earth or only layers without, got"
@@ -279,7 +279,7 @@ def read_geopackage(path: Path, reading: Reading, *, zones: bool = False) -> Reg
     )
 
 
-def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
+def _choose_layers(path: Path, layer: str | None, names: list[str]) -> list[str]:
     """Return the names of the layers to read: the requested layer, and all layers of
     no-go zones.
     """
@@ -290,41 +290,43 @@ def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
             f"{path}: expected one of the layers {', '.join(names)[:200]}, got {layer!r}"
         )
     if layer is None and len(searched) != 1:
-        got = (
+        actual = (
             f"{len(searched)}: {', '.join(searched)[:200]}; choose with --layer NAME"
             if searched
             else "none"
         )
-        raise InvalidInputError(f"{path}: expected one layer of shapes, got {got}")
+        raise InvalidInputError(f"{path}: expected one layer of shapes, got {actual}")
     first = searched[0] if layer is None else layer
     return [first, *(name for name in zones if name != first)]
 
 
 def _outlines(
-    database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, reading: Reading
+    database: sqlite3.Connection, path: Path, layers: dict[str, Any], name: str, reading: Reading
 ) -> RegionOutlines:
     """Return the polygons of one layer.
 
     If the name of a layer marks no-go zones, all its polygons are no-go zones, unless the user
     requested this layer as the region.
     """
-    table, column, organization, code, definition = known[name]
+    table, column, organization, code, definition = layers[name]
     _check_table(database, path, str(table))
-    columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(table)})")]
+    columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quote(table)})")]
     marks = [name for name in columns if can_mark(name) and name != column]
-    wanted = ", ".join(_quoted(name) for name in (column, *marks))
+    selection = ", ".join(_quote(name) for name in (column, *marks))
     if str(column) not in columns:  # a generated column could compute gigabytes from nothing
         raise InvalidInputError(
             f"{path}, layer {table!r}: expected a stored column {str(column)[:60]!r} of shapes, got"
             " none"
         )
     rows, size = [], 0
-    for row in database.execute(f"SELECT {wanted} FROM {_quoted(table)} LIMIT {MOST_POLYGONS + 1}"):
+    for row in database.execute(
+        f"SELECT {selection} FROM {_quote(table)} LIMIT {MOST_POLYGONS + 1}"
+    ):
         rows.append(row)
         size += sum(len(value) for value in row if isinstance(value, bytes | str))
         check_count(size, LARGEST_FILE, where=f"{path}, layer {table!r}", what="bytes of shapes")
     check_count(len(rows), MOST_POLYGONS, where=f"{path}, layer {table!r}", what="features")
-    where = str(path) if len(known) == 1 else f"{path}, layer {table!r}"
+    where = str(path) if len(layers) == 1 else f"{path}, layer {table!r}"
     shapes = [
         _shape(blob, f"{where}: feature {number}")
         for number, (blob, *_) in enumerate(rows, start=1)
@@ -406,18 +408,18 @@ def _check_depth(data: bytes) -> None:
             raise ValueError("nested too deeply")
 
 
-def _quoted(name: Any) -> str:
+def _quote(name: Any) -> str:
     return '"' + str(name).replace('"', '""') + '"'
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+def _open_database(path: Path) -> Iterator[sqlite3.Connection]:
     """Open an SQLite file only for reading, with protection against hostile content.
 
     The function converts any SQLite error to an `InvalidInputError` of one sentence. If another
     program has stored changes in a second file beside the SQLite file, SQLite reads both files.
     """
-    left = _STEPS // _AT_ONCE
+    budget = _STEPS // _AT_ONCE
     changes = [
         name
         for end in ("-wal", "-journal")
@@ -428,9 +430,9 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     how = "mode=ro" if changes else "mode=ro&immutable=1"
 
     def step() -> bool:
-        nonlocal left
-        left -= 1
-        return left < 0
+        nonlocal budget
+        budget -= 1
+        return budget < 0
 
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
@@ -442,11 +444,11 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
                 _check_table(database, path, table)
             yield database
     except (sqlite3.Error, sqlite3.Warning, OverflowError, UnicodeError) as error:
-        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and left >= 0:
+        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and budget >= 0:
             raise KeyboardInterrupt from error
         why = (
             f"one that keeps SQLite busy for more than {_STEPS} steps"
-            if left < 0
+            if budget < 0
             else f"a damaged one or another format: {error}"
         )
         if changes and getattr(error, "sqlite_errorcode", 0) & 0xFF in _UNFINISHED:
@@ -464,7 +466,7 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
     The function unpacks the files of the Shapefile under new names, so that no path in the archive
     can lead to another folder.
     """
-    with opened_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
+    with open_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
         inside = {member.filename: member for member in archive.infolist()}
         shapes = [
             name
@@ -476,10 +478,10 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
                 f"{path}: expected an archive with one Shapefile, got {len(shapes)}"
             )
         stem = str(PurePosixPath(shapes[0]).with_suffix(""))
-        for name, one in inside.items():
+        for name, info in inside.items():
             suffix = PurePosixPath(name).suffix.lower()
             if suffix in PARTS and str(PurePosixPath(name).with_suffix("")) == stem:
-                with archive.open(one) as file:
+                with archive.open(info) as file:
                     Path(place, f"shapes{suffix}").write_bytes(file.read(LARGEST_FILE + 1))
         try:
             return read_shapefile(Path(place, "shapes.shp"), reading, f"{path}: {stem[:80]}.shp")
@@ -501,17 +503,17 @@ def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutli
                 f"{path}: expected a file of shapes, got a damaged one or another format"
             )
     for suffix in PARTS[1:]:
-        there = [
+        existing = [
             beside
             for form in (suffix, suffix.upper())
             if (beside := path.with_suffix(form)).is_file()
         ]
-        if not there and suffix in _BESIDE:
+        if not existing and suffix in _BESIDE:
             raise InvalidInputError(
                 f"{path}: expected its {_BESIDE[suffix]} beside it in"
                 f" {path.with_suffix(suffix).name}, got no such file"
             )
-        for beside in there:
+        for beside in existing:
             check_file(beside, what="part of a Shapefile", most=LARGEST_FILE)
     outlines, crs = _read(path, where, reading)
     if not crs:
@@ -539,9 +541,9 @@ def _read(path: Path, where: str, reading: Reading) -> tuple[tuple[RegionOutline
     except InvalidInputError:
         raise
     except Exception as error:  # for damaged files pyogrio raises many kinds of exceptions, including UnboundLocalError
-        said = " ".join(str(error).split())[:160]
+        message = " ".join(str(error).split())[:160]
         raise InvalidInputError(
-            f"{path}: expected a file of shapes, got a damaged one or another format: {said}"
+            f"{path}: expected a file of shapes, got a damaged one or another format: {message}"
         ) from None
     properties = (
         [dict(zip(meta["fields"], values, strict=True)) for values in zip(*columns, strict=True)]

@@ -62,21 +62,23 @@ def read_plan(path: Path, reading: Reading, *, zones: bool = False) -> RegionOut
                 f"{where}: expected an exclusion in the fence of the plan as a no-go zone, got none"
             )
         return RegionOutlines(tuple(exclusions), where, geographic=True, closed=False)
-    there = [kind for kind, outlines in kinds.items() if outlines]
+    present = [kind for kind, outlines in kinds.items() if outlines]
     if reading.layer is not None:
         check_choice(reading.layer, what="--layer", choices=LAYERS)
         reading.effects.add("layer")
-    elif len(there) > 1:
+    elif len(present) > 1:
         raise InvalidInputError(
             f"{where}: expected one kind of region, got survey polygons and a fence; choose with"
             " --layer survey or --layer fence"
         )
-    chosen = reading.layer or (there[0] if there else "survey")
+    chosen = reading.layer or (present[0] if present else "survey")
     if not kinds[chosen]:
-        what = "a survey polygon" if chosen == "survey" else "an inclusion in the fence"
-        either = what if reading.layer else "a survey polygon or an inclusion in the fence"
+        expected_shape = "a survey polygon" if chosen == "survey" else "an inclusion in the fence"
+        either = (
+            expected_shape if reading.layer else "a survey polygon or an inclusion in the fence"
+        )
         raise InvalidInputError(
-            f"{where}: expected {either}, got {' and '.join(there) or 'neither'}"
+            f"{where}: expected {either}, got {' and '.join(present) or 'neither'}"
         )
     return RegionOutlines((*kinds[chosen], *exclusions), where, geographic=True, closed=False)
 
@@ -84,17 +86,17 @@ def read_plan(path: Path, reading: Reading, *, zones: bool = False) -> RegionOut
 def _surveys(mission: Any, where: str) -> list[RegionOutline]:
     """Return the polygons of the surveys in a mission."""
     items = mission.get("items") if isinstance(mission, dict) else None
-    found = []
+    outlines = []
     for number, item in enumerate(items if isinstance(items, list) else [], start=1):
         if isinstance(item, dict) and item.get("complexItemType") == "survey":
             place = f"{where}: item {number}, polygon"
-            found.append(RegionOutline(Ring(_positions(item.get("polygon"), place), place)))
-    return found
+            outlines.append(RegionOutline(Ring(_positions(item.get("polygon"), place), place)))
+    return outlines
 
 
 def _fence(fence: Any, where: str) -> list[RegionOutline]:
     """Return the polygons and circles of a fence. Exclusions are marked as no-go zones."""
-    found = []
+    outlines = []
     for kind in ("polygons", "circles"):
         entries = fence.get(kind) if isinstance(fence, dict) else None
         for number, entry in enumerate(entries if isinstance(entries, list) else [], start=1):
@@ -109,15 +111,15 @@ def _fence(fence: Any, where: str) -> list[RegionOutline]:
                 fields = circle if isinstance(circle, dict) else {}
                 (centre,) = _positions([fields.get("center")], f"{place}.circle.center")
                 points = _circle(centre, fields.get("radius"), f"{place}.circle", around=no_go)
-            found.append(RegionOutline(Ring(points, place), no_go=no_go))
-    return found
+            outlines.append(RegionOutline(Ring(points, place), no_go=no_go))
+    return outlines
 
 
-def _positions(given: Any, place: str) -> Any:
+def _positions(vertices: Any, place: str) -> Any:
     """Return positions (longitude, latitude) from a list of [latitude, longitude]."""
-    if not isinstance(given, list):
+    if not isinstance(vertices, list):
         raise InvalidInputError(f"{place}: expected a list of [latitude, longitude], got none")
-    for number, position in enumerate(given, start=1):
+    for number, position in enumerate(vertices, start=1):
         good = isinstance(position, list) and len(position) in (2, 3)
         if not good or not all(
             isinstance(value, int | float) and not isinstance(value, bool) for value in position[:2]
@@ -127,7 +129,7 @@ def _positions(given: Any, place: str) -> Any:
                 f" {str(position)[:60]}"
             )
     try:
-        return points_of((position[1], position[0]) for position in given)
+        return points_of((position[1], position[0]) for position in vertices)
     except OverflowError:
         raise InvalidInputError(
             f"{place}: expected coordinates, got an integer that is too large"
@@ -151,11 +153,11 @@ def _circle(centre: Any, radius: Any, place: str, *, around: bool) -> Any:
             f" {centre[0]:g}"
         )
     far = radius / math.cos(math.pi / _CORNERS) if around else radius
-    ways = np.linspace(0, 360, _CORNERS, endpoint=False)
+    bearings = np.linspace(0, 360, _CORNERS, endpoint=False)
     longitude, latitude, _ = Geod(ellps="WGS84").fwd(
         np.full(_CORNERS, centre[0]),
         np.full(_CORNERS, centre[1]),
-        ways,
+        bearings,
         np.full(_CORNERS, float(far)),
     )
     return np.stack([longitude, latitude], axis=1)
@@ -203,8 +205,8 @@ def _text_without_comments(path: Path) -> str:
         lines = path.read_bytes().splitlines()
     except OSError as error:
         raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    kept = [b"#" if line.lstrip().startswith(b"#") else line for line in lines]
-    return decode_text(b"\n".join(kept), where=str(path))
+    stripped = [b"#" if line.lstrip().startswith(b"#") else line for line in lines]
+    return decode_text(b"\n".join(stripped), where=str(path))
 
 
 def _pair(line: str, where: str) -> tuple[float, float]:

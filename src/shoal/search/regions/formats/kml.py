@@ -32,7 +32,7 @@ from shoal.search.regions.outline import (
     RegionOutlines,
     Ring,
     check_count,
-    opened_zip,
+    open_zip,
 )
 
 _LINES = ("LineString", "LinearRing")
@@ -91,21 +91,23 @@ def read_gpx_lines(path: Path, *kinds: str) -> list[Points]:
 
 def _gpx_points(path: Path, line: Any) -> Points:
     points = []
-    for one in (*line.all("trkpt"), *line.all("rtept")):
+    for point in (*line.all("trkpt"), *line.all("rtept")):
         try:
-            points.append([float(one.attributes[name]) for name in ("lon", "lat")])
+            points.append([float(point.attributes[name]) for name in ("lon", "lat")])
         except (KeyError, ValueError):
             raise InvalidInputError(
-                f"{path}: line {one.line}: expected lon and lat in degrees, got"
-                f" {one.attributes!r:.80}"
+                f"{path}: line {point.line}: expected lon and lat in degrees, got"
+                f" {point.attributes!r:.80}"
             ) from None
     return np.array(points, dtype=np.float64).reshape(-1, 2)
 
 
 def read_kmz(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in the first KML file of a KMZ archive."""
-    with opened_zip(path, what="KMZ archive") as archive:
-        inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
+    with open_zip(path, what="KMZ archive") as archive:
+        inside = [
+            member for member in archive.infolist() if member.filename.lower().endswith(".kml")
+        ]
         if not inside:
             raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
         with archive.open(inside[0]) as file:
@@ -127,12 +129,12 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
     passed: set[str] = set()
     skipped = 0
     for number, (element, no_go, hidden) in enumerate(_shapes(root), start=1):
-        what = f"{where}: polygon {number} (line {element.line})"
+        label = f"{where}: polygon {number} (line {element.line})"
         if element.tag == "Polygon":
-            outline = _outline(element, what, where, no_go=no_go)
+            outline = _outline(element, label, where, no_go=no_go)
         else:
             ring = element.first("coordinates")
-            line = None if ring is None or not ring.text.strip() else _ring(ring, what, where)
+            line = None if ring is None or not ring.text.strip() else _ring(ring, label, where)
             if line is None or not reading.is_polygon(line.points):
                 passed.add(element.tag)
                 continue
@@ -140,8 +142,8 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
         if hidden is not None:
             if reading.hidden is None:
                 raise InvalidInputError(
-                    f"{what}: expected a visible polygon, got one that the file hides (visibility 0"
-                    f" in line {hidden}); choose with --hidden use or --hidden skip"
+                    f"{label}: expected a visible polygon, got one that the file hides (visibility"
+                    f" 0 in line {hidden}); choose with --hidden use or --hidden skip"
                 )
             reading.effects.add("hidden")
             if reading.hidden == "skip":
@@ -150,12 +152,12 @@ def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
         outlines.append(outline)
     if not outlines:
         passed |= {element.tag for element in root.walk() if element.tag in _OTHER}
-        got = (
+        actual = (
             f"{skipped} hidden ones"
             if skipped
             else only_lines_text(passed, closed_lines=reading.closed_lines)
         )
-        raise InvalidInputError(f"{where}: expected a Polygon, got {got}")
+        raise InvalidInputError(f"{where}: expected a Polygon, got {actual}")
     return RegionOutlines(tuple(outlines), where, geographic=True)
 
 
@@ -187,12 +189,15 @@ def _shapes(root: Element) -> Iterator[tuple[Element, bool, int | None]]:
 def _is_no_go(placemark: Element) -> bool:
     properties = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
     extended = [
-        one for child in placemark.children if child.tag == "ExtendedData" for one in child.walk()
+        element
+        for child in placemark.children
+        if child.tag == "ExtendedData"
+        for element in child.walk()
     ]
-    for one in extended:
-        if one.tag in ("Data", "SimpleData"):
-            value = one.first("value") if one.tag == "Data" else one
-            properties[one.attributes.get("name", "")] = "" if value is None else value.text
+    for element in extended:
+        if element.tag in ("Data", "SimpleData"):
+            value = element.first("value") if element.tag == "Data" else element
+            properties[element.attributes.get("name", "")] = "" if value is None else value.text
     return is_no_go(
         {key: value for key, value in properties.items() if key != "styleUrl"},
         properties["styleUrl"],
@@ -318,25 +323,25 @@ def decode_xml(raw: bytes, *, where: str) -> str:
         declared = _DECLARED.match(raw.lstrip()[:400])
         encoding = declared[1].decode() if declared else "utf-8"
         try:
-            known = codecs.lookup(encoding).name
-            "".encode(known)  # refuses codecs between bytes and bytes, such as zlib
+            codec = codecs.lookup(encoding).name
+            "".encode(codec)  # refuses codecs between bytes and bytes, such as zlib
         except (LookupError, ValueError):
             if not raw.isascii():
                 raise InvalidInputError(
                     f"{where}: expected a known encoding of XML, got {encoding[:40]!r}"
                 ) from None
-            known = "ascii"
+            codec = "ascii"
         # A declaration that can be read in single bytes is wrong if it says UTF-16; programs that
         # write it write UTF-8.
-        if known in ("utf-8", "ascii") or known.startswith(("utf-16", "utf-32")):
+        if codec in ("utf-8", "ascii") or codec.startswith(("utf-16", "utf-32")):
             return decode_text(raw, where=where)
     try:
         text = raw.decode(encoding)
     except UnicodeError as error:
-        said = getattr(error, "reason", error)
+        reason = getattr(error, "reason", error)
         raise InvalidInputError(
             f"{where}: expected text in {encoding}, as the file declares, got something else:"
-            f" {said}"
+            f" {reason}"
         ) from None
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
@@ -393,9 +398,11 @@ def parse_xml(text: str, *, root: str) -> Element:
     try:
         parser.Parse(text.encode(errors="replace"), True)
     except expat.ExpatError as error:
-        said = expat.errors.messages[error.code]
-        raise XmlError(f"expected XML, got something else: {said}", error.lineno) from None
-    found = top.children[0]
-    if found.tag != root:
-        raise XmlError(f"expected <{root}>, got <{found.tag[:40]}>", found.line, readable=True)
-    return found
+        message = expat.errors.messages[error.code]
+        raise XmlError(f"expected XML, got something else: {message}", error.lineno) from None
+    root_element = top.children[0]
+    if root_element.tag != root:
+        raise XmlError(
+            f"expected <{root}>, got <{root_element.tag[:40]}>", root_element.line, readable=True
+        )
+    return root_element

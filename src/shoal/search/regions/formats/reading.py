@@ -139,9 +139,9 @@ def is_no_go(properties: Mapping[str, Any], *names: Any) -> bool:
         for key, value in properties.items()
         if value is not None and _KEY.fullmatch(key.strip())
     ]
-    said = [str(value).strip().lower() for value in marks]
-    if said:
-        return any(value not in _NO for value in said)
+    answers = [str(value).strip().lower() for value in marks]
+    if answers:
+        return any(value not in _NO for value in answers)
     texts = [
         (re.sub(r"[\W_]", "", key).lower(), value)
         for key, value in properties.items()
@@ -197,17 +197,17 @@ def layer_polygons(
         if shape is not None and not shape.is_empty:
             kinds.add(shape.geom_type)
             lines = reading.closed_lines and "LineString" in shape.geom_type
-            areas = _closed(shape, reading) if lines else shape
+            areas = _closed_lines(shape, reading) if lines else shape
             outlines += polygon_outlines(
                 areas, f"{where}: feature {number}", no_go=no_go or is_no_go(properties)
             )
     if not outlines:
-        got = only_lines_text(kinds, closed_lines=reading.closed_lines)
-        raise InvalidInputError(f"{where}: expected a Polygon or MultiPolygon, got {got}")
+        actual = only_lines_text(kinds, closed_lines=reading.closed_lines)
+        raise InvalidInputError(f"{where}: expected a Polygon or MultiPolygon, got {actual}")
     return tuple(outlines)
 
 
-def _closed(shape: Any, reading: Reading) -> Any:
+def _closed_lines(shape: Any, reading: Reading) -> Any:
     """Return the closed lines of a Shapely geometry as polygons."""
     import shapely
 

@@ -81,7 +81,7 @@ def read_table(path: Path, reading: Reading) -> RegionOutlines:
             " or x_m,y_m"
         )
     return RegionOutlines(
-        _nested(rings, metres=not degrees), str(path), geographic=bool(degrees), closed=False
+        _nest_rings(rings, metres=not degrees), str(path), geographic=bool(degrees), closed=False
     )
 
 
@@ -129,7 +129,7 @@ def read_vertices(
             raise InvalidInputError(
                 f"{path}: line {number}: expected {columns}, got something else: {error}"
             ) from None
-        if wide is None and (named := _named(words)) is not None:
+        if wide is None and (named := _heading_columns(words)) is not None:
             order, label, degrees, wide = *named, len(words)
             continue
         if len(words) not in (2, 3) if wide is None else len(words) != wide:
@@ -139,9 +139,9 @@ def read_vertices(
         try:
             x, y = (float(words[column]) for column in order)
         except ValueError:
-            got = ",".join(words[:2])[:60]
+            actual = ",".join(words[:2])[:60]
             raise InvalidInputError(
-                f"{path}: line {number}: expected two numbers, x,y in metres, got {got!r}"
+                f"{path}: line {number}: expected two numbers, x,y in metres, got {actual!r}"
             ) from None
         rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
         count += 1
@@ -149,22 +149,22 @@ def read_vertices(
     return rows, degrees
 
 
-def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
+def _heading_columns(words: list[str]) -> tuple[list[int], int, bool | None] | None:
     """Return the columns that a heading names for x, y and the label, and whether x and y are in
     degrees.
 
     If the line is not a heading, the result is None.
     """
-    known = [
+    axes = [
         (_HEADINGS[word.lower()], column)
         for column, word in enumerate(words)
         if word.lower() in _HEADINGS
     ]
-    if sorted(axis for (axis, _), _ in known) != [0, 1]:
+    if sorted(axis for (axis, _), _ in axes) != [0, 1]:
         return None
-    order = [column for _, column in sorted(known)]
-    others = [column for column, word in enumerate(words) if word.lower() in _LABELS]
-    return order, others[0] if others else len(words), known[0][0][1]
+    order = [column for _, column in sorted(axes)]
+    label_columns = [column for column, word in enumerate(words) if word.lower() in _LABELS]
+    return order, label_columns[0] if label_columns else len(words), axes[0][0][1]
 
 
 def _like_degrees(points: Any) -> bool:
@@ -228,7 +228,7 @@ def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, b
         )
 
 
-def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
+def _nest_rings(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
     """Return outlines with their holes. A ring inside an odd number of rings is a hole in the
     smallest ring around it.
     """

@@ -121,14 +121,14 @@ class Agent:
             self._go_on()
         while self.robot.status != "complete" or self.robot.lingering > 0:
             pause = (min(self._wake, self._due()) - self.now) / self.task.speed
-            rest = self.messenger.rest_until - time.monotonic()
-            if rest > 0:
-                time.sleep(min(rest, max(pause, 0.0)))
+            radio_pause = self.messenger.rest_until - time.monotonic()
+            if radio_pause > 0:
+                time.sleep(min(radio_pause, max(pause, 0.0)))
                 pause = 0.0
             ready = {key.data for key, _ in self._selector.select(min(max(pause, 0.0), _LONGEST))}
             if "lifeline" in ready:
                 return False
-            if "radio" in ready and rest <= 0:
+            if "radio" in ready and radio_pause <= 0:
                 self._listen()
             self._drive()
             if fault := self.vehicle.fault or self.messenger.radio.fault:
@@ -160,7 +160,7 @@ class Agent:
         self.report("fault", reason=fault)
         self._leave()
         for _ in range(_FAREWELLS):
-            self.robot = self.robot.but(count=self.robot.count + 1)
+            self.robot = self.robot.replaced(count=self.robot.count + 1)
             self.robot, beacon = with_beacon(self.robot, self.now)
             own = replace(beacon.heartbeats[0], status="waiting", lag=_HOPELESS)
             beacon = replace(beacon, heartbeats=(own, *beacon.heartbeats[1:]))
@@ -242,19 +242,23 @@ class Agent:
         else:
             length = step_cost(
                 self._tour_cost, self._cell, cell, self.robot.fresh
-            ) + self.robot.way_out(cell)
-        way = length - 1.0 if self.robot.fresh and self._cell is not None else length
-        self._drive_to(aim, cell, way, length)
+            ) + self.robot.launch_cost(cell)
+        distance = length - 1.0 if self.robot.fresh and self._cell is not None else length
+        self._drive_to(aim, cell, distance, length)
         if length > 1.0 + 1e-12:
             self._leave()  # during the motion the robot occupies no cell
 
-    def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
-        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and
+    def _set_out_for_obstacle(self, obstacle: int, path: tuple[int, ...]) -> None:
+        """Start a leg to the cell before an obstacle. The leg includes the path to the obstacle and
         back.
         """
-        at = way[-1] if way else self.robot.cell
-        self._passed += way
-        cost = self.task.scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
+        at = path[-1] if path else self.robot.cell
+        self._passed += path
+        cost = (
+            self.task.scenario.path_length(self.robot.cell, path)
+            + LOOK
+            + self.robot.launch_cost(at)
+        )
         # the vehicle stops one cell before the end of this leg
         self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)
         self._leave()
@@ -270,10 +274,10 @@ class Agent:
         self._drive_to(aim, home, away, away + 1.0)
         self._leave()
 
-    def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
+    def _drive_to(self, aim: Go | GoHome | Halt, cell: int, distance: float, length: float) -> None:
         through = () if isinstance(aim, Halt) else aim.through
         home = isinstance(aim, GoHome)
-        self.vehicle.go(Leg(cell, self._stops_of(cell), way, length, through, home), self.now)
+        self.vehicle.go(Leg(cell, self._stops_of(cell), distance, length, through, home), self.now)
         self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
         self._entered = False
 
@@ -307,15 +311,15 @@ class Agent:
     def _search(self, going: Go) -> None:
         cell = self._cell = going.cell
         finding = self.sensor.search(cell)
-        around, beside, found = finding.around, finding.beside, finding.found
+        around, beside, detected = finding.around, finding.beside, finding.found
         through, self._passed, self._going = self._passed + going.through[:-1], (), None
         more = {
             name: cells
             for name, cells in (("through", through), ("around", around), ("beside", beside))
             if cells
         }
-        self.report("searched", cell, found=found, **more)
-        self._feed(Sensed(self.now, cell, found, beside))
+        self.report("searched", cell, found=detected, **more)
+        self._feed(Sensed(self.now, cell, detected, beside))
 
     def _come_in(self, cell: int, now: float) -> None:
         if self.sensor.enter(cell):

@@ -22,7 +22,7 @@ class Leg:
         Tour index of the last cell.
     goal : tuple of float
         Centre of this cell in cell sides.
-    way : float
+    distance : float
         Length of the path in cell sides.
     length : float
         Length of the path, and the cost of turns and of the search at its end, in cell sides.
@@ -34,7 +34,7 @@ class Leg:
 
     cell: int
     goal: tuple[float, ...]
-    way: float
+    distance: float
     length: float
     through: tuple[int, ...] = ()
     home: bool = False
@@ -139,7 +139,8 @@ class SearchSensor(Protocol):
     def leave(self, cell: int) -> None:
         """Give up a cell that was entered."""
 
-    def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first known obstacle on the path from ``here`` through the cells ``through``,
-        and the number of cells before it; None and the number of cells if there is none.
+    def obstacle_on(self, source: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+        """Return the first known obstacle on the path from ``source`` through the cells
+        ``through``, and the number of cells before it; None and the number of cells if there is
+        none.
         """

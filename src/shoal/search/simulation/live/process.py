@@ -305,8 +305,8 @@ def _first_line(orders: int) -> Any:
 
 
 def _pair(word: str) -> tuple[int, int]:
-    one, other = word.split(":")
-    return int(one), int(other)
+    first, second = word.split(":")
+    return int(first), int(second)
 
 
 if __name__ == "__main__":

@@ -133,14 +133,14 @@ class LoopbackRadio:
         self._mouth.close()
 
 
-def send_to_all(mouth: socket.socket, message: bytes, others: Sequence[tuple[str, int]]) -> int:
+def send_to_all(mouth: socket.socket, message: bytes, addresses: Sequence[tuple[str, int]]) -> int:
     """Send a datagram to each address. Return the number of datagrams that the operating system
     refused to send.
     """
     refused = 0
-    for other in others:
+    for address in addresses:
         try:
-            mouth.sendto(message, other)
+            mouth.sendto(message, address)
         except OSError:
             refused += 1
     return refused
@@ -292,8 +292,8 @@ class LiveTask:
         """Refuse a beacon that no robot of this search can have sent."""
         robots, cells = len(self.scenario.starts), len(self.scenario.brief.tour_cost)
         for heartbeat in beacon.heartbeats:
-            known = 1 <= heartbeat.robot <= robots
-            if not known or (heartbeat.start, heartbeat.rate, heartbeat.width) != self._of(
+            is_member = 1 <= heartbeat.robot <= robots
+            if not is_member or (heartbeat.start, heartbeat.rate, heartbeat.width) != self._of(
                 heartbeat.robot
             ):
                 raise InvalidInputError(

@@ -28,7 +28,7 @@ from shoal.search.protocol.state import Brief
 from shoal.search.simulation.live.process import Member, ProcessPool, Report
 from shoal.search.simulation.live.radio import LARGEST, Channel, LiveTask, reserve
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.trace import RobotLog, SearchTrace, searched_at
+from shoal.search.simulation.trace import RobotLog, SearchTrace, search_times
 from shoal.search.tours.masks import at_least, bitset_of
 
 
@@ -229,7 +229,7 @@ def run_live(
         )
         timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / slowest / speed
     with ExitStack() as stack:
-        used, port = _reserved(channel, port, stack)
+        used, port = _reserve_channel(channel, port, stack)
         task = LiveTask(scenario, speed, used, port, _key_of(brief, scenario.starts, key))
         began = time.monotonic()
         with ProcessPool(task) as pool:
@@ -271,17 +271,17 @@ def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
     return hmac.digest(key or secrets.token_bytes(32), digest.digest(), "sha256")
 
 
-def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
+def _reserve_channel(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
     """Choose the channel, and reserve a port of the multicast group. Return the channel and the
     port.
     """
     if channel not in ("auto", "multicast", "unicast"):
         raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
     if channel != "unicast":
-        kept = reserve(port=port)
-        if kept is not None:
-            stack.callback(kept.close)
-            return "multicast", int(kept.getsockname()[1])
+        group_socket = reserve(port=port)
+        if group_socket is not None:
+            stack.callback(group_socket.close)
+            return "multicast", int(group_socket.getsockname()[1])
         if channel == "multicast":
             raise InvalidInputError(
                 "channel: expected multicast on the loopback interface, which this system does not"
@@ -376,12 +376,12 @@ class _Watch:
         failed = {event.robot: event.reason for event in self._events if event.kind == "failed"}
         events = tuple(sorted(self._events, key=lambda event: event.time))
         covered = covered_share(events, self._task.scenario.goal)
-        left = members.keys() - killed.keys() - failed.keys()
+        survivors = members.keys() - killed.keys() - failed.keys()
         sent, heard, lost, dropped = (
             sum(member.counts[k] for member in members.values()) for k in range(4)
         )
         return LiveOutcome(
-            complete=covered == 1.0 and bool(declared) and left <= declared.keys(),
+            complete=covered == 1.0 and bool(declared) and survivors <= declared.keys(),
             covered=covered,
             declared=declared,
             killed=killed,
@@ -453,7 +453,7 @@ def live_trace(
         )
     outcome = run_live(scenario, speed=live, key=key)
     logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]
-    covered_at = float(searched_at(scenario, logs).max())
+    covered_at = float(search_times(scenario, logs).max())
     return scenario, SearchTrace(
         tuple(logs),
         covered_at,

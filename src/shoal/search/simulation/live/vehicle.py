@@ -30,13 +30,13 @@ class MovingPoint:
         1 searches one cell.
     origin, goal : tuple of float
         Start and end point of the leg in cell sides, as in `TourCost.points`.
-    way : float
+    distance : float
         Length of the vehicle's path in cells. A path around a corner is longer than the straight
         line from ``origin`` to ``goal``.
     length : float
         Length of the leg in cells: the length of the path, plus the cost of turns and search at the
         end of the path.
-    done : float
+    travelled : float
         Completed length of the leg in cells.
     limit : float
         Position on the leg, in cells from its start, at which the vehicle waits until the agent
@@ -46,59 +46,62 @@ class MovingPoint:
 
     Examples
     --------
-    >>> start = MovingPoint(0.0, (0.0, 0.0), (4.0, 0.0), way=4.0, length=4.0, limit=4.0)
-    >>> later = start.moved(2.0, rate=1.0)
-    >>> round(later.done, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
+    >>> start = MovingPoint(0.0, (0.0, 0.0), (4.0, 0.0), distance=4.0, length=4.0, limit=4.0)
+    >>> later = start.at(2.0, rate=1.0)
+    >>> round(later.travelled, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
     (1.9, 1.0, [1.9, 0.0])
     """
 
     time: float
     origin: tuple[float, ...]
     goal: tuple[float, ...]
-    way: float = 0.0
+    distance: float = 0.0
     length: float = 0.0
-    done: float = 0.0
+    travelled: float = 0.0
     limit: float = 0.0
     speed: float = 0.0
 
     @property
     def place(self) -> tuple[float, ...]:
         """Position of the vehicle in cell sides, as in `TourCost.points`."""
-        share = min(1.0, self.done / self.way) if self.way > 0 else 1.0
+        share = min(1.0, self.travelled / self.distance) if self.distance > 0 else 1.0
         return tuple(
-            one + share * (other - one) for one, other in zip(self.origin, self.goal, strict=True)
+            begin + share * (end - begin) for begin, end in zip(self.origin, self.goal, strict=True)
         )
 
     @property
     def arrived(self) -> bool:
         """Whether the vehicle has reached the position ``limit`` on its leg."""
-        return self.done >= self.limit - _NEAR
+        return self.travelled >= self.limit - _NEAR
 
-    def moved(self, time: float, *, rate: float) -> MovingPoint:
+    def at(self, time: float, *, rate: float) -> MovingPoint:
         """Return the vehicle at a later time, for the desired speed ``rate``. The motion is exact
         for time steps of any length.
 
         The vehicle never passes the position ``limit``. At the position ``limit``, `speed` keeps
-        its value until `stopped` sets it to 0.
+        its value until `halt` sets it to 0.
         """
         if self.arrived:
             return replace(self, time=time)
         passed = time - self.time
         decay = exp(-passed / LAG)
-        done = self.done + rate * passed + (self.speed - rate) * LAG * (1 - decay)
+        travelled = self.travelled + rate * passed + (self.speed - rate) * LAG * (1 - decay)
         return replace(
-            self, time=time, done=min(done, self.limit), speed=rate + (self.speed - rate) * decay
+            self,
+            time=time,
+            travelled=min(travelled, self.limit),
+            speed=rate + (self.speed - rate) * decay,
         )
 
     def earliest(self, *, rate: float) -> float:
         """Return a lower bound on the time at which the vehicle reaches the position ``limit``."""
-        return self.time + (self.limit - self.done) / max(rate, self.speed)
+        return self.time + (self.limit - self.travelled) / max(rate, self.speed)
 
-    def stopped(self) -> MovingPoint:
+    def halt(self) -> MovingPoint:
         """Return the vehicle with the speed 0."""
         return replace(self, speed=0.0)
 
-    def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
+    def start_leg(self, goal: tuple[float, ...], *, distance: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg that begins at its position. At first, ``limit`` is one
         cell before the leg's end.
 
@@ -109,9 +112,9 @@ class MovingPoint:
             self,
             origin=self.place,
             goal=goal,
-            way=way,
+            distance=distance,
             length=length,
-            done=0.0,
+            travelled=0.0,
             limit=max(length - 1.0, 0.0),
         )
 
@@ -166,7 +169,9 @@ class PointVehicle:
 
     def go(self, leg: Leg, time: float) -> None:
         """Begin a leg."""
-        self.point = replace(self.point, time=time).sent(leg.goal, way=leg.way, length=leg.length)
+        self.point = replace(self.point, time=time).start_leg(
+            leg.goal, distance=leg.distance, length=leg.length
+        )
         self._going = True
 
     def enter(self) -> None:
@@ -176,7 +181,7 @@ class PointVehicle:
     def step(self, time: float) -> bool:
         """Move, and return whether the vehicle is where it may go."""
         if self._going:
-            self.point = self.point.moved(time, rate=self._rate(time))
+            self.point = self.point.at(time, rate=self._rate(time))
         return self._going and self.point.arrived
 
     def due(self, time: float) -> float:
@@ -185,7 +190,7 @@ class PointVehicle:
 
     def stop(self, time: float) -> None:
         """Stand still."""
-        self.point = self.point.stopped()
+        self.point = self.point.halt()
 
     def left(self) -> float | None:
         """Return None: the robot's program computes what is left."""
@@ -213,9 +218,13 @@ class ScenarioSensor:
     def search(self, cell: int) -> CellFinding:
         """Return the targets that are seen from a cell."""
         targets = self._scenario.targets
-        seen = members(self._scenario.seen(self._number, cell))
-        around = tuple(one for one in seen if one != cell)
-        return CellFinding(cell in targets, around, tuple(one for one in around if one in targets))
+        visible = members(self._scenario.visible_cells(self._number, cell))
+        around = tuple(neighbour for neighbour in visible if neighbour != cell)
+        return CellFinding(
+            cell in targets,
+            around,
+            tuple(neighbour for neighbour in around if neighbour in targets),
+        )
 
     def enter(self, cell: int) -> bool:
         """Lock a cell."""
@@ -225,6 +234,6 @@ class ScenarioSensor:
         """Release the lock of a cell."""
         leave(self._ground, cell)
 
-    def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+    def obstacle_on(self, source: int, through: tuple[int, ...]) -> tuple[int | None, int]:
         """Return the first obstacle on a path."""
-        return self._scenario.obstacle_on(here, through)
+        return self._scenario.obstacle_on(source, through)
