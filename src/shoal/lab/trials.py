@@ -21,7 +21,7 @@ from functools import partial
 from threading import Event
 from typing import Any
 
-from shoal.core.checks import MOST_TRIALS, check_integer
+from shoal.core.checks import MOST_TRIALS, check_integer, check_kind
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
@@ -116,6 +116,7 @@ def run_trials(
     >>> [e.moves for e in run_trials(SwarmProblem([[1] * 20], particles=20), trials=3, workers=2)]
     [4, 4, 4]
     """
+    check_kind(problem, SwarmProblem, what="problem")
     workers = count_processors() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_array
+from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import cross
 from shoal.search.kernels.borders import places_around, places_within
 from shoal.search.regions.outline import Points
@@ -186,7 +188,12 @@ def merge_collinear(points: Points) -> Points:
     >>> merge_collinear(np.array([(0, 0), (1, 0), (1, 0), (2, 0), (1, 0), (1, 1.0)])).tolist()
     [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
-    way = np.asarray(points, dtype=np.float64)
+    way = check_array(points, expected="points: expected the points of a path")
+    way = way.astype(np.float64, copy=False)
+    if way.ndim != 2:
+        raise InvalidInputError(
+            f"points: expected the points of a path, got an array of shape {way.shape}"
+        )
     if len(way) < 2:
         return way
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]

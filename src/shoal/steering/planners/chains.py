@@ -54,7 +54,9 @@ def reflection_quartic(start: Points, goal: Points, radius: float = 1.0) -> NDAr
     B = conj(S + G). This is Alhazen's problem. Paper W, section V.B, has the same equation in real
     numbers.
     """
-    s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
+    radius = check_number(radius, what="radius", above=0)
+    ends = check_points([start, goal], what="start and goal", dimensions=2, count=2)
+    s, g = ends.copy().view(np.complex128)[:, 0] / radius
     a, b = np.conj(s * g), np.conj(s + g)
     return np.array([a, -b, 0, np.conj(b), -np.conj(a)])
 
