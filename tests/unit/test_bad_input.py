@@ -430,6 +430,13 @@ MAPS = [
     ("map {bad}/line.npy", "line.npy: expected a 2-D or 3-D array | got int64 (3,)"),
     ("map {bad}/four.npy", "four.npy: expected a 2-D or 3-D array | got float64 (1, 2, 2, 2)"),
     ("map {bad}/complex.npy", "complex.npy: expected | booleans or numbers, got complex128 (1, 2)"),
+    ("adversary closest-frontier --max-moves 0", "max_moves: expected a whole number, 1 or more"),
+    ("steer square --check {bad}/words.npy --planner greedy", "--check: expected no --planner"),
+    ("steer square --check {bad}/words.npy --max-moves 9", "--check: expected no --max-moves"),
+    (
+        "search square:60 --robots 2 --footprint 9,8,7",
+        "footprint: expected one length, or 2 | got 3",
+    ),
     ("map {bad}/words.npy", "words.npy: expected | booleans or numbers, got <U4 (1, 2)"),
     ("map {bad}/none.npy", "none.npy: workspace: expected at least one cell, got shape (0, 5)"),
     (
