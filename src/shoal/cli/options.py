@@ -45,7 +45,7 @@ def is_given(ctx: typer.Context, name: str) -> bool:
 
 
 def _tell_unused(ctx: typer.Context, seed: int) -> int:
-    if is_given(ctx, "seed"):
+    if seed >= 0 and is_given(ctx, "seed"):  # a wrong one is refused
         tell_once(f"shoal: --seed has no effect on {ctx.info_name}, in which nothing is random")
     return seed
 
