@@ -129,14 +129,16 @@ def run_trials(
     threads = compiled or alone
     watch = partial(_watch, stop, on_moves, keep) if threads else None
     episodes: dict[int, SwarmEpisode] = {}
+    ended = 0
     try:
         with stop_on_interruption(stop) if keep and threads else nullcontext():
             for index, episode in _finished(
                 executor, problem, trials, 2 * workers, watch, seed, stop
             ):
                 episodes[index] = episode
-                if on_trial is not None:
-                    on_trial(len(episodes))
+                ended += episode.status is not Status.INTERRUPTED
+                if on_trial is not None and episode.status is not Status.INTERRUPTED:
+                    on_trial(ended)
     except BrokenExecutor as error:
         # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
