@@ -145,7 +145,7 @@ def check_kind(value: Any, kind: type[Kind], *, what: str) -> Kind:
 
 
 def check_list(values: Any, kind: type = object, *, what: str) -> list[Any]:
-    """Check that a value is iterable and no text, and that its entries are objects of a class.
+    """Check that a value is a list or a similar object, and that its entries are objects of a class.
     Return the entries as a list.
     """
     single = isinstance(values, np.ndarray) and values.ndim == 0
@@ -154,8 +154,8 @@ def check_list(values: Any, kind: type = object, *, what: str) -> list[Any]:
     return [check_kind(value, kind, what=what) for value in values]
 
 
-def check_path(value: Any, *, what: str = "path") -> Path:
-    """Check that a value is the path of a file or folder, and return it as a Path."""
+def as_path(value: Any, *, what: str = "path") -> Path:
+    """Return the path of a file or folder as a Path. Refuse anything else."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str):
         raise InvalidInputError(

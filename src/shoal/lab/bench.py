@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_kind, check_list, check_path, shortened, suggestion
+from shoal.core.checks import as_path, check_kind, check_list, shortened, suggestion
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab.batches import SweepStatus
@@ -266,7 +266,7 @@ def run_suite(
     (100, 1.0, 100)
     """
     check_kind(suite, Suite, what="suite").check_unchanged()
-    path = check_path(store, what="store")
+    path = as_path(store, what="store")
     stored: tuple[str, ...] = ()
     if path.exists():
         with Store(path) as opened:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from typing import Any
 
-from shoal.core.checks import check_kind, check_path
+from shoal.core.checks import as_path, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError, describe_error
 from shoal.core.notices import tell_once
@@ -116,7 +116,7 @@ def run_sweep(
     check_kind(sweep, Sweep, what="sweep")
     if only is not None:
         check_kind(only, Mapping, what="only")  # type: ignore[type-abstract]
-    path = check_path(store, what="store")
+    path = as_path(store, what="store")
     check_workers(workers, dask)
     inputs, files = prepare(sweep, only)
     _load_kernels(sweep)

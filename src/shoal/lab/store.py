@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_path, parse_json, shortened
+from shoal.core.checks import as_path, parse_json, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError, errors_at
 from shoal.core.interruption import half_written
@@ -87,7 +87,7 @@ class Store:
     def __init__(
         self, path: str | os.PathLike[str], *, write: bool = False, damaged: bool = False
     ) -> None:
-        self.path = check_path(path, what="store")
+        self.path = as_path(path, what="store")
         self.write = write
         self._connection = connect(self.path, write=write, damaged=damaged)
 

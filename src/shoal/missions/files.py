@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from shoal.core.checks import (
+    as_path,
     check_integer,
     check_list,
     check_number,
-    check_path,
     parse_json,
     read_text,
 )
@@ -108,7 +108,7 @@ def write_missions(
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
-    folder = check_path(folder, what="folder")
+    folder = as_path(folder, what="folder")
     texts = mission_texts(missions, formats=formats, vehicle=vehicle, angle=angle)
     with ExitStack() as stack:
         for name, text in texts.items():
@@ -411,7 +411,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
     try:
         files = [
             path
-            for path in check_path(folder, what="folder").iterdir()
+            for path in as_path(folder, what="folder").iterdir()
             if path.suffix.lower() in order and path.is_file()
         ]
     except OSError as error:
@@ -441,7 +441,7 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     InvalidInputError
         If the file does not exist or has an unknown format.
     """
-    source = check_path(path)
+    source = as_path(path)
     form = FORMATS.get(format_of(source))
     sheet = Sheet(source.name)
     try:
@@ -504,7 +504,7 @@ def open_sheets(source: str | os.PathLike[str]) -> list[Sheet]:
     InvalidInputError
         If no mission file exists.
     """
-    folder = check_path(source)
+    folder = as_path(source)
     if not folder.is_dir():
         return [open_sheet(folder)]
     sheets = [open_sheet(path) for path in mission_files(folder)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_list, check_path
+from shoal.core.checks import as_path, check_list
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.missions.approach import (
@@ -328,7 +328,7 @@ class MissionSet:
         InvalidInputError
             If the folder has no mission files.
         """
-        if not check_path(folder, what="folder").is_dir():
+        if not as_path(folder, what="folder").is_dir():
             raise InvalidInputError(
                 f"{folder}: expected a folder of mission files, got"
                 f" {'a file' if Path(folder).exists() else 'none'}"

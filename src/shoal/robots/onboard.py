@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from shoal.core.checks import check_list, check_path, check_text, read_text, shortened
+from shoal.core.checks import as_path, check_list, check_text, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -68,7 +68,7 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
         If no such file exists, if a file cannot be read or is missing, or if two files have the
         same robot.
     """
-    source = check_path(folder, what="folder")
+    source = as_path(folder, what="folder")
     suffixes = formats_by_suffix()
     sheets = open_sheets(source)
     for mistake in (mistake for sheet in sheets for mistake in sheet.diagnostics):

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from shoal.core.checks import (
+    as_path,
     check_choice,
-    check_path,
     parse_json,
     read_polygon,
     read_text,
@@ -284,7 +284,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     """
     if isinstance(source, dict):
         return workspace_of(source, where="workspace")
-    check_path(source, what="workspace")
+    as_path(source, what="workspace")
     text = os.fspath(source)
     if re.match(r"\s*(multi)?polygon\b", text, flags=re.IGNORECASE):
         return _from_geometry(read_polygon(text, where="workspace"), where="workspace")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_array, check_file, check_integer, check_kind, check_path
+from shoal.core.checks import as_path, check_array, check_file, check_integer, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
@@ -159,7 +159,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     MissingExtraError
         Raised if the file needs a library that is not installed.
     """
-    source, chosen = check_path(path), map_options(options)
+    source, chosen = as_path(path), map_options(options)
     suffix = _suffix(source)
     # unlike Path.is_dir, it accepts names of any length
     folder = bool(source.name) and os.path.isdir(source)
@@ -233,7 +233,7 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
         Raised if Shoal cannot write the file. A failed write leaves no partial file.
     """
     check_kind(workspace, GridWorkspace, what="workspace")
-    target = check_path(path)
+    target = as_path(path)
     suffix = _suffix(target)
     written = {known: form for known, form in FORMATS.items() if form.encode is not None}
     if suffix not in written:
