@@ -55,8 +55,14 @@ def reflection_quartic(start: Points, goal: Points, radius: float = 1.0) -> NDAr
     numbers.
     """
     radius = check_number(radius, what="radius", above=0)
-    ends = check_points([start, goal], what="start and goal", dimensions=2, count=2)
-    s, g = ends.copy().view(np.complex128)[:, 0] / radius
+    return _quartic(
+        *check_points([start, goal], what="start and goal", dimensions=2, count=2), radius
+    )
+
+
+def _quartic(start: Points, goal: Points, radius: float) -> NDArray[np.complex128]:
+    """Return what `reflection_quartic` returns, for points of two dimensions or more."""
+    s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
     return np.array([a, -b, 0, np.conj(b), -np.conj(a)])
 
@@ -104,7 +110,7 @@ def _over_circle(one: Points, other: Points, radius: float) -> tuple[complex, fl
     also tries the points of the circle nearest to both points, and 48 evenly spaced points.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
-    spots = np.concatenate([np.roots(reflection_quartic(one, other, radius)), [s, g], _AROUND])
+    spots = np.concatenate([np.roots(_quartic(one, other, radius)), [s, g], _AROUND])
     spots = spots[spots != 0]
     spots = spots / np.abs(spots)
     lengths = np.abs(spots - s) + np.abs(spots - g)
