@@ -55,9 +55,8 @@ def reflection_quartic(start: Points, goal: Points, radius: float = 1.0) -> NDAr
     numbers.
     """
     radius = check_number(radius, what="radius", above=0)
-    return _quartic(
-        *check_points([start, goal], what="start and goal", dimensions=2, count=2), radius
-    )
+    ends = check_points([start, goal], what="start and goal", dimensions=2, count=2)
+    return _quartic(ends[0], ends[1], radius)
 
 
 def _quartic(start: Points, goal: Points, radius: float) -> NDArray[np.complex128]:
