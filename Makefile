@@ -63,8 +63,8 @@ demo: $(VENV)/.run-installed
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering search jit; } >/dev/null & rest=$$!; \
-	  $(BIN)/python -m benchmarks.first_calls swarm && wait $$rest
+	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering jit; } >/dev/null & rest=$$!; \
+	  $(BIN)/python -m benchmarks.first_calls swarm search && wait $$rest
 	@touch $@
 
 # What is committed of the kernels beside their sources, so that a first command has little to compile. Makes what is missing.
