@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.soak import often
 
 from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionOptions, MissionSet
@@ -35,6 +36,7 @@ def thin(kind, width, height, angle, *, earth):
     return region_of(shape, frame=LocalFrame(8.5, 47.4) if earth else None)
 
 
+@settings(max_examples=often(30, 60))
 @given(
     kind=st.sampled_from(sorted(SHAPES)),
     width=st.floats(0.2, 3),
