@@ -106,7 +106,10 @@ def play(parts: list[str]) -> None:
     if "views" in parts:
         from shoal.views.drawing.encoding import VideoPlanes
 
-        VideoPlanes(2, 2).show(np.zeros((2, 2, 3), np.uint8))
+        frame = np.zeros((2, 2, 3), np.uint8)
+        VideoPlanes(2, 2).show(frame)
+        frame.flags.writeable = False  # as frames of Pillow are
+        VideoPlanes(2, 2).show(frame)
     if "swarm" in parts:
         play_batch()
     if "steering" in parts:
