@@ -24,7 +24,7 @@ help:
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, eslint, tsc and prettier (with npm), all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
-	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
+	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted, each flow of the studio in four forms'
 	@echo 'make docs     build the documentation into ./site'
 
 # The virtual environment. Debian ships Python without the part that makes one; then its package is installed.
@@ -63,8 +63,8 @@ demo: $(VENV)/.run-installed
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering search jit; } >/dev/null & rest=$$!; \
-	  $(BIN)/python -m benchmarks.first_calls swarm && wait $$rest
+	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering jit; } >/dev/null & rest=$$!; \
+	  $(BIN)/python -m benchmarks.first_calls swarm search lab views && wait $$rest
 	@touch $@
 
 # What is committed of the kernels beside their sources, so that a first command has little to compile. Makes what is missing.
@@ -149,7 +149,8 @@ soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m benchmarks.termination
 	@$(BIN)/python -m benchmarks.studio --attacks
 	@SHOAL_SOAK=100000 $(BIN)/python -m pytest -q -n 2 tests/properties/test_soak.py -k random_searches
-	@SHOAL_SOAK=1 $(BIN)/python -m pytest -q -n 2 $$(grep -rl "from tests.soak import" tests)
+	@SHOAL_SOAK=1 $(BIN)/python -m pytest -q -n 2 $$(grep -rl "from tests.soak import" tests --include='*.py')
+	@SHOAL_FORMS=all $(BIN)/python -m pytest -q tests/browser -k studio
 
 docs: $(VENV)/.dev-installed
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site

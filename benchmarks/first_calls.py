@@ -62,6 +62,7 @@ COMMANDS = {
         ),
         f"steer {RING} --start 0.1,0.2_0.3,0.4 --goal 3,3_3,2",
         "steer square --start 0.2,0.3_0.5,0.35 --goal 0.6,0.2_0.7,0.4 --friction-at-least 1",
+        "steer square --start 0.2,0.3_0.5,0.35 --goal 0.3,0.4_0.6,0.45 --friction-at-least 1",
         "steer regular:5 --start=-0.1,0_0.1,0.1 --goal=0.3,0.1_-0.2,-0.3 --friction 1",
         "steer square --start 0.1,0.3_0.2,0.35 --goal 0.3,0.2_0.6,0.9 --planner fewest-moves",
         "reach square --start 0.4,0.5_0.6,0.6 --moves 6",
@@ -106,7 +107,10 @@ def play(parts: list[str]) -> None:
     if "views" in parts:
         from shoal.views.drawing.encoding import VideoPlanes
 
-        VideoPlanes(2, 2).show(np.zeros((2, 2, 3), np.uint8))
+        frame = np.zeros((2, 2, 3), np.uint8)
+        VideoPlanes(2, 2).show(frame)
+        frame.flags.writeable = False  # as frames of Pillow are
+        VideoPlanes(2, 2).show(frame)
     if "lab" in parts:
         from shoal.lab.store import ResultTexts, trial_numbers
 

@@ -32,7 +32,6 @@ def test_the_first_page_needs_twelve_files_at_most(
     assert len(files) <= 12
 
 
-@pytest.mark.forms(0, 3)
 def test_an_example_runs_by_a_click(page: Page, studio: Studio, form: Form) -> None:
     studio.open(page)
     assert page.title().startswith("Start")

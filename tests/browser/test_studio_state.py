@@ -195,7 +195,6 @@ def vessels_hash(problem: dict[str, object], seed: int) -> str:
     return f"#vessels?{quote(json.dumps({'problem': problem, 'seed': seed}))}"
 
 
-@pytest.mark.forms(0, 3)
 def test_an_old_plan_under_new_zones_wears_a_veil(page: Page, studio: Studio) -> None:
     drawn(page, studio)
     held: list[Route] = []

@@ -129,7 +129,6 @@ def test_the_corners_of_an_open_outline_are_taken_back_one_by_one_and_a_closed_o
     assert told(page)["drawing"]["parts"] == [FIELD]
 
 
-@pytest.mark.forms(0, 3)
 @pytest.mark.parametrize("how", ["draw", "file", "name"])
 def test_a_drawing_is_replaced_after_a_question_and_comes_back(
     page: Page, studio: Studio, tmp_path: Any, how: str
@@ -430,7 +429,6 @@ def test_python_of_an_opened_episode_is_that_episode(page: Page, studio: Studio)
     page.keyboard.press("Escape")
 
 
-@pytest.mark.forms(0, 3)
 def test_players_and_drawings_survive_a_visit_elsewhere(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels", {"problem": MAZE, "seed": 3})
     episode = run_and_load(page, studio)

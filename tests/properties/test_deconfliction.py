@@ -7,13 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from benchmarks.deconfliction import least_distance, random_problem
+from tests.soak import often
 
 from shoal.missions.deconfliction import plan_missions
 from shoal.search.flight.separation import Separation
 from shoal.search.planning.plan import plan_search
 
 
-@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("number", range(often(6, 10)))
 def test_random_plans_keep_their_separation(number):
     """A thousand of up to 12 vehicles: python -m benchmarks.deconfliction 1000."""
     rng = np.random.default_rng([7, number])

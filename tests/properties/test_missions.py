@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.missions import missions_of
 from tests.reference.missions import READERS, distance_to_way
+from tests.soak import often
 
 from shoal.core.errors import InvalidInputError
 from shoal.missions import FORMATS, Mission, lint, read_mission, write_missions
@@ -107,7 +108,7 @@ def test_merging_keeps_the_way(way, tolerance):
         assert (np.diff(along) >= -1e-9).all()
 
 
-@settings(max_examples=150)
+@settings(max_examples=often(60, 150))
 @given(ways(), st.integers(5, 12), st.floats(20, 3000), st.booleans())
 def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
     home = way[0] + (3.0, -4.0)

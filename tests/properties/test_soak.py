@@ -1,7 +1,7 @@
 """Random searches: every network, every fault, all invariants after every event; and bugs, planted,
 that they find.
 
-The number of searches is 600 in regions of up to 5 x 5 cells with up to 6 robots, as most of the
+The number of searches is 200 in regions of up to 5 x 5 cells with up to 6 robots, as most of the
 time goes to the few largest scenarios. With the environment variable SHOAL_SOAK it is that number,
 with up to 7 x 7 cells and 16 robots.
 """
@@ -23,7 +23,7 @@ from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
 
-SEARCHES = int(os.environ.get("SHOAL_SOAK", "400"))
+SEARCHES = int(os.environ.get("SHOAL_SOAK", "200"))
 LARGEST, MOST_ROBOTS = (7, 16) if "SHOAL_SOAK" in os.environ else (5, 6)
 CHUNKS = 4
 

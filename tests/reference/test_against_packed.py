@@ -80,7 +80,7 @@ def same_log(episode: SwarmEpisode, reference: dict) -> None:
 @pytest.mark.parametrize("task", ["mapping", "coverage"])
 def test_random_commands(rule, task):
     rng = np.random.default_rng(11)
-    for _ in range(often(60, 120)):
+    for _ in range(often(30, 120)):
         free, start = random_case(rng)
         targets = (
             reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
@@ -112,7 +112,7 @@ PLAYED = [(policy, rule) for policy in POLICIES for rule in sorted(make_policy(p
 def test_policies(policy, rule, task):
     name, _, option = policy.partition(":")
     rng = np.random.default_rng(12)
-    for seed in range(often(40, 80)):
+    for seed in range(often(15, 80)):
         free, start = random_case(rng)
         targets = (
             reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
@@ -180,7 +180,7 @@ def test_compiled_is_stepwise(policy, rule, task):
     the same episode.
     """
     rng = np.random.default_rng(15)
-    for seed in range(often(4, 8)):
+    for seed in range(often(2, 8)):
         free, start = random_case(rng)
         todo = "mapping" if task == "mapping" else Targets(reachable(free, start))
         whole, steps = (

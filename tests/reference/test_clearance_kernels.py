@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.reference import replay
 from tests.reference.test_steering import random_polygon
+from tests.soak import often
 
 from shoal.steering import ContactWorld, cylinder, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.clearance import PLANNED, STRICT
@@ -175,7 +176,7 @@ def test_paths_near_corners(name):
 @pytest.mark.parametrize("name", ROOMS)
 def test_moves_that_keep_the_clearance(name):
     found = [0, 0]
-    for rng, room, task, world, scene in scenes(name, 60, 53):
+    for rng, room, task, world, scene in scenes(name, often(35, 60), 53):
         corners, moves = corners_to_avoid(scene, task), np.array([way(rng, room) for _ in range(2)])
         states, plain = task.start, True
         for move in moves:
@@ -229,7 +230,7 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
     tolerance or the other.
     """
     found = [0, 0]
-    for rng, room, task, world, scene in scenes(name, 40, 55):
+    for rng, room, task, world, scene in scenes(name, often(25, 40), 55):
         steps = annealing.Steps(
             np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2))
         )

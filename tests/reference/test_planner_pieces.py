@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 import pytest
 from tests.reference import plain
+from tests.soak import often
 
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task
 from shoal.swarm.grid.state import field_of
@@ -243,7 +244,7 @@ def test_experience(shape):
     if len(shape) == 3:
         learnt.weights[:] = 1.0, 0.0  # the network has seen maps of two dimensions only
     plainly = Plain(layout, learnt.weights)
-    for command in rng.integers(0, 2 * len(shape), 12):
+    for command in rng.integers(0, 2 * len(shape), often(6, 12)):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
         steps.step(field, command, 0, True)
@@ -364,7 +365,7 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
 
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2 or shape[-1] < 60])
 def test_prediction(shape):
-    for seed in range(5):
+    for seed in range(often(3, 5)):
         layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5)):
             prediction.predict(

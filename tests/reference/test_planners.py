@@ -38,7 +38,7 @@ SHAPES = {
     "hexagon": lambda _rng: regular_polygon(6),
     "7-gon": partial(random_polygon, sides=7),
 }
-INSTANCES = often(4, 10)  # of each kind
+INSTANCES = often(2, 10)  # of each kind
 
 
 def replayed_error(space, episode):
@@ -188,7 +188,7 @@ def room_in(limits):
 def test_shortest_chains_are_those_of_a_general_optimizer():
     rng = np.random.default_rng(33)
     compared = 0
-    while compared < 8:
+    while compared < often(4, 8):
         space = random_polygon(rng, sides=int(rng.integers(3, 7)))
         walls = normalize_walls(space)
         points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
@@ -242,7 +242,7 @@ def test_gradients_and_hessians_of_chains_are_those_of_differences(space, fricti
     rng, compared = np.random.default_rng(39), 0
     step = 1e-8
     for _ in range(400):
-        if compared == 3:
+        if compared == often(2, 3):
             break
         points = np.array([random_point(rng, space.base) for _ in range(4)])
         if space.dimensions == 3:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from tests.soak import often
 
 from shoal.steering import SteeringProblem, region
 from shoal.steering.contact.friction import friction_limit
@@ -15,6 +16,7 @@ from shoal.steering.planners.pressing import PressingSearch, pressing_of
 from shoal.steering.workspaces.region import Region
 
 L_SHAPE = region([(0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 1)])
+TRIED, PROVED = often(2, 3), often(4, 8)  # differences
 RINGS = {
     "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
     "L": [(0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 1)],
@@ -53,7 +55,7 @@ def test_a_press_that_is_possible_is_in_the_table(name, friction):
     for _ in range(200):
         before = rng.uniform(-0.7, 0.7, 2)
         after = one_press(name, friction, before, rng)
-        if after is None or np.linalg.norm(after - before) < 0.15 or tried == 3:
+        if after is None or np.linalg.norm(after - before) < 0.15 or tried == TRIED:
             continue
         tried += 1
         state, goal = (np.array([[0.5, 0.5], 0.5 + change]) for change in (before, after))
@@ -63,7 +65,7 @@ def test_a_press_that_is_possible_is_in_the_table(name, friction):
             for shift in 0.02 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         ]
         assert min(near) <= 2 * CYCLE
-    assert tried == 3
+    assert tried == TRIED
 
 
 def test_what_is_proved_impossible_is_not_in_the_table():
@@ -72,9 +74,9 @@ def test_what_is_proved_impossible_is_not_in_the_table():
     proved = 0
     for _ in range(40):
         before, after = rng.uniform(-0.8, 0.8, (2, 2))
-        if proved == 8 or friction_limit(space, friction, before, after, near=0.06) is None:
+        if proved == PROVED or friction_limit(space, friction, before, after, near=0.06) is None:
             continue
         proved += 1
         state, goal = (np.array([[0.5, 0.5], 0.5 + change]) for change in (before, after))
         assert search_of("square", friction).moves_left(state, goal) > MOST_LEFT / 2
-    assert proved == 8
+    assert proved == PROVED

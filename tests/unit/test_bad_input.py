@@ -1064,13 +1064,13 @@ RANDOM = "map cave:60x40 -n 30 --policy random-moves --max-moves 150"
         f"{RANDOM} --film {{disk}}/film.gif",
         f"{RANDOM} --film {{disk}}/film.mp4",
         f"{RANDOM} --film {{disk}}/film.html",
-        "maps cave:400x400 --out {disk}/map.png",
-        "maps cave:400x400 --out {disk}/map.tif",
-        "maps cave:400x400 --out {disk}/map.bmp",
-        "maps cave:400x400 --out {disk}/map.txt",
-        "maps cave:400x400 --out {disk}/map.map",
-        "maps cave:400x400 --out {disk}/map.csv",
-        "maps cave:400x400 --out {disk}/map.npy",
+        "maps cave:300x300 --out {disk}/map.png",
+        "maps cave:300x300 --out {disk}/map.tif",
+        "maps cave:300x300 --out {disk}/map.bmp",
+        "maps cave:300x300 --out {disk}/map.txt",
+        "maps cave:300x300 --out {disk}/map.map",
+        "maps cave:300x300 --out {disk}/map.csv",
+        "maps cave:300x300 --out {disk}/map.npy",
         "tour comb cave:30x20 --out {disk}/tour",
         "line --cells 100 --particles 10 --out {disk}",
         "schedule --scan-cost 10 --move-cost 1 --out {disk}",
@@ -1105,7 +1105,7 @@ def test_an_episode_on_a_full_disk(full_disk):
 def test_a_full_disk_keeps_the_old_file(full_disk, capfd):
     folder, within, _ = full_disk
     assert run(["maps", "line:5", "--out", f"{folder}/map.txt"]) == 0
-    assert within(lambda: run(["maps", "cave:400x400", "--out", f"{folder}/map.txt"])) == 2
+    assert within(lambda: run(["maps", "cave:300x300", "--out", f"{folder}/map.txt"])) == 2
     assert (folder / "map.txt").read_text() == ".....\n"
     capfd.readouterr()
 

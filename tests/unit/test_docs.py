@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from docs.make_house_image import words
 from markdown.extensions.toc import slugify
+from matplotlib.figure import Figure
 from PIL import Image
 
 import shoal
@@ -103,7 +104,7 @@ def write_files_of(text: str) -> list[str]:
 @pytest.fixture
 def in_short(monkeypatch, tmp_path):
     """Let commands run in a folder of their own, films have few frames, figures few pixels,
-    sweeps no processes, and plans against errors few changes.
+    sweeps no processes, and plans against errors few changes. See also `run_in_short`.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(mpl.rcParams, "savefig.dpi", 50)
@@ -117,10 +118,15 @@ def in_short(monkeypatch, tmp_path):
 
 
 def run_in_short(line):
-    """Run a command with three trials at most."""
+    """Run a command with three trials at most. Only commands that are there for figures draw them:
+    the figures beside an episode are drawn in tests/unit/views.
+    """
     name, *arguments = shlex.split(re.sub(r"--trials \d+", "--trials 3", line))
     assert name == "shoal"
-    return run(arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        if arguments[0] not in ("figure", "reproduce"):
+            patch.setattr(Figure, "savefig", lambda _figure, path, **_options: path.touch())
+        return run(arguments)
 
 
 @pytest.mark.usefixtures("in_short")

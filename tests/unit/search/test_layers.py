@@ -136,14 +136,19 @@ def test_wide_footprints_see_their_own_layer():
     assert {*seen[:, 0]} == {1}
 
 
-@pytest.mark.parametrize("form", ["plan", "wpl", "geojson", "kml", "gpx", "csv"])
-def test_missions_hold_each_altitude_in_every_format(form, tmp_path):
-    (tmp_path / "field.json").write_text(json.dumps(DEGREES))
-    problem = SearchProblem(
-        tmp_path / "field.json", bands=(30, 50, 70), robots=2, footprint=20, vehicle="multirotor"
-    )
+@pytest.fixture(scope="module")
+def banded(tmp_path_factory):
+    """A plan in three bands, and its missions."""
+    file = tmp_path_factory.mktemp("banded") / "field.json"
+    file.write_text(json.dumps(DEGREES))
+    problem = SearchProblem(file, bands=(30, 50, 70), robots=2, footprint=20, vehicle="multirotor")
     plan = plan_search(problem, seed=1)
-    missions = plan_missions(plan, separation=Separation())
+    return plan, plan_missions(plan, separation=Separation())
+
+
+@pytest.mark.parametrize("form", ["plan", "wpl", "geojson", "kml", "gpx", "csv"])
+def test_missions_hold_each_altitude_in_every_format(form, banded, tmp_path):
+    plan, missions = banded
     write_missions(missions, tmp_path / "out", formats=[form])
     region = plan.grid.region
     for mission in missions:

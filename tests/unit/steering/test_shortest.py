@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.reference.test_steering import random_point
+from tests.soak import often
 from tests.steering import steer
 
 from shoal.core.errors import InvalidInputError
@@ -90,7 +91,7 @@ def test_plans_of_many_cycles_come_near_to_the_best_known(problem, known, before
 )
 def test_no_other_planner_finds_a_shorter_plan(room):
     rng = np.random.default_rng(7)
-    for _ in range(2):
+    for _ in range(often(1, 2)):
         points = np.array([random_point(rng, room.base) for _ in range(4)])
         if room.dimensions == 3:
             points = np.column_stack([points, rng.random(4) * room.height])

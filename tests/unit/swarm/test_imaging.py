@@ -70,7 +70,6 @@ def shrunk(picture, shape):
     return picture[np.ix_(pick[0].astype(int), pick[1].astype(int))] > 0.5
 
 
-@pytest.mark.parametrize("width", [90, 180])
 @pytest.mark.parametrize(
     "paint",
     [
@@ -85,14 +84,16 @@ def shrunk(picture, shape):
     ],
     ids=["bright", "dark", "bytes", "colour", "opacity", "bool"],
 )
-def test_drawn_bars_are_found(paint, width):
-    free = segment_vessels(paint(bars()), width=width)
-    assert_is_map(free)
-    assert max(free.shape) == width
-    found, right = overlap(free, shrunk(bars(), free.shape))
-    assert found > 0.9
-    assert right > 0.97
-    assert 0.8 < free.sum() / shrunk(bars(), free.shape).sum() < 1.25
+def test_drawn_bars_are_found(paint):
+    mask = find_vessels(paint(bars())).mask
+    for width in (90, 180):
+        free = map_of_vessels(mask, width=width)
+        assert_is_map(free)
+        assert max(free.shape) == width
+        found, right = overlap(free, shrunk(bars(), free.shape))
+        assert found > 0.9
+        assert right > 0.97
+        assert 0.8 < free.sum() / shrunk(bars(), free.shape).sum() < 1.25
 
 
 def test_noise_and_uneven_light_do_not_matter():
@@ -213,17 +214,18 @@ def test_retina_in_other_sizes_and_with_other_thresholds(retina):
 
 
 def test_a_drawn_eye_and_a_noisy_angiogram():
-    """What `benchmarks.vessels_from_photographs` measures on many."""
+    """What `benchmarks.vessels_from_photographs` measures on many; both kinds of angiograms:
+    test_photographs.
+    """
     eye = Eye(1)
     vessels = find_vessels(eye.picture)
     assert vessels.warning is None
     assert not vessels.bright
     assert measured(vessels.mask, eye.truth, eye.view)["dice"] > 0.75
-    for bright in (True, False):
-        picture, truth = angiogram(1, bright=bright)
-        vessels = find_vessels(picture)
-        assert vessels.bright is bright
-        assert measured(vessels.mask, truth, np.ones_like(truth))["dice"] > 0.85
+    picture, truth = angiogram(1, bright=True)
+    vessels = find_vessels(picture)
+    assert vessels.bright
+    assert measured(vessels.mask, truth, np.ones_like(truth))["dice"] > 0.85
 
 
 @pytest.mark.parametrize(
@@ -239,13 +241,6 @@ def test_pictures_of_other_things_are_refused_or_warned_of(name):
     else:
         with pytest.raises(InvalidInputError, match="got no network of lines"):
             find_vessels(picture)
-
-
-@pytest.mark.parametrize("wide", [0, 1, 2, 4])
-def test_noise_is_refused(wide):
-    noise = ndimage.gaussian_filter(np.random.default_rng(3).standard_normal((120, 160)), wide)
-    with pytest.raises(InvalidInputError, match="got no network of lines"):
-        find_vessels(noise)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_trials_of_a_simulation(tmp_path, capsys):
 def test_trials_go_on(tmp_path, capsys):
     whole, out = tmp_path / "whole", tmp_path / "out"
     words = [*SMALL, "--seed", "5", "--json"]
-    assert shoal([*words, "--trials", "4", "--out", str(whole)]) == 0
+    assert shoal([*words, "--trials", "3", "--out", str(whole)]) == 0
     expected = json.loads(capsys.readouterr().out)
     assert shoal([*words, "--trials", "2", "--out", str(out)]) == 0
     capsys.readouterr()
@@ -52,14 +52,14 @@ def test_trials_go_on(tmp_path, capsys):
     log = out / "trial-002" / "log.jsonl"
     log.write_text("".join(log.read_text().splitlines(keepends=True)[:20]))
     first = (out / "trial-001" / "log.jsonl").read_bytes()
-    assert shoal(["drive", "--resume", str(out), "--trials", "4", "--json"]) == 0
+    assert shoal(["drive", "--resume", str(out), "--trials", "3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     compared = ("trial", "seed", "status", "success", "moves", "scans", "free_cells")
     for mine, other in zip(result["each"], expected["each"], strict=True):
         assert [mine[name] for name in compared] == [other[name] for name in compared]
     assert (out / "trial-001" / "log.jsonl").read_bytes() == first
-    assert len(list(csv.DictReader((out / "trials.csv").read_text().splitlines()))) == 4
-    for number in range(1, 5):
+    assert len(list(csv.DictReader((out / "trials.csv").read_text().splitlines()))) == 3
+    for number in range(1, 4):
         assert [one.name for one in (out / f"trial-{number:03d}").glob("log*")] == ["log.jsonl"]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
+from tests.soak import often
 
 from shoal import GridWorkspace, run
 from shoal.swarm.batch import WorldBatch
@@ -40,7 +41,8 @@ def test_cells_behind_a_cell_are_those_that_a_wall_cuts_off(seed):
 
 
 @pytest.mark.parametrize(
-    ("place", "policy", "trials"), [("maze:21x15", "closest-frontier", 24), ("maze:9x7", "best", 8)]
+    ("place", "policy", "trials"),
+    [("maze:21x15", "closest-frontier", often(12, 24)), ("maze:9x7", "best", often(4, 8))],
 )
 @pytest.mark.parametrize(
     "noise", [{"slip": 0.1, "miss": 0.1}, {"slip": 0.2, "misplace": 0.05, "miss": 0.1}], ids=str

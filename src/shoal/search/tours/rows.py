@@ -256,8 +256,9 @@ class SpanningTreeTour:
         from shoal.search.kernels import cycles
 
         low, region = smallest_part(mask)
-        # From the bottom up, like the curves: rows are reversed here and reversed again below.
-        region = np.ascontiguousarray(region[::-1])
+        # From the bottom up, like the curves: rows are reversed here and reversed again below. A
+        # copy, as a single row would stay read-only, for which the kernels would be compiled again.
+        region = region[::-1].copy()
         links = np.repeat(np.arange(region.size), 2).reshape(-1, 2)
         parent = np.arange(region.size)
         full, origin = _full_blocks(region)
