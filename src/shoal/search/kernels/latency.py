@@ -27,6 +27,7 @@ from shoal.jit import in_place_kernel, kernel
 
 _LEAST = 1e-9  # of the present latency: smaller gains may be rounding errors
 _OVERTIME = 5.0  # what a cell beyond the limit of a route counts, in cells of latency
+_NEARER = 4  # of the blocks near each block, those that are tried after a kick
 _FOLLOWING = 20  # blocks that a kick moves at most with a block that comes to follow another
 STEP = 1.0  # cells: no step takes less time, because costs and lengths count as at least 1
 
@@ -569,8 +570,10 @@ def _improve_beside(blocks, routes, a, b, longest, least):
 
 
 @in_place_kernel
-def _descend(blocks, routes, longest, least):
-    """Make changes until none of those around awake blocks lowers the latency."""
+def _descend(blocks, routes, longest, least, near):
+    """Make changes until none lowers the latency in which one of the first ``near`` blocks near an
+    awake block comes to follow it.
+    """
     while routes.waiting[-1]:
         a = routes.waiting[routes.waiting[-2]]
         routes.waiting[-1] -= 1
@@ -580,7 +583,7 @@ def _descend(blocks, routes, longest, least):
         changed = True
         while changed:
             changed = False
-            for k in range(blocks.near.shape[1]):
+            for k in range(near):
                 b = blocks.near[a, k]
                 if b >= 0 and _improve_beside(blocks, routes, a, b, longest, least):
                     changed = True
@@ -779,23 +782,24 @@ def improve(blocks, routes, longest, kicks, widest):
     for r in range(m):
         ends[r] = max(routes.limits[r], _last(routes, r))
     state = np.full(1, 1, dtype=np.uint64)
+    near = blocks.near.shape[1]
     _go_on_greedily(blocks, routes)
     if _latency(routes) >= best:
         _copy(kept, routes, routes.since)
     _wake_all(routes)
-    _descend(blocks, routes, longest, least)
+    _descend(blocks, routes, longest, least, near)
     found = _latency(routes)
     if not (found < best and _ends_in_time(routes, ends)):
         _copy(kept, routes, routes.since)
         _wake_all(routes)
-        _descend(blocks, routes, longest, least)
+        _descend(blocks, routes, longest, least, near)
         found = _latency(routes)
     best = found
     _copy(routes, kept, routes.since)
     for _ in range(kicks):
         if not _kick(blocks, routes, state, widest):
             continue
-        _descend(blocks, routes, longest, least)
+        _descend(blocks, routes, longest, least, min(_NEARER, near))
         found = _latency(routes)
         if found < best - least and _ends_in_time(routes, ends):
             best = found
