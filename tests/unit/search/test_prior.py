@@ -796,8 +796,8 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
 @pytest.mark.parametrize(
     ("vehicle", "apart", "ring", "chosen"),
     [
-        ("multirotor", (60, 30), "71,34", "shorter"),
-        ("rover", (15,), "58,36", "tour"),
+        ("multirotor", (60, 30), "28,56", "shorter"),
+        ("rover", (15,), "28,56", "tour"),
         ("rover", (0,), "58,36", "auto"),
     ],
 )

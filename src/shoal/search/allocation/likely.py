@@ -18,8 +18,8 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 6  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 350  # at most; twice as many as blocks in small searches
-_WIDEST = 20  # blocks of two stretches that a kick exchanges
+_KICKS = 1_200  # at most; twice as many as blocks in small searches
+_WIDEST = 50  # blocks that a kick turns round or passes over
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3
 
@@ -83,6 +83,8 @@ def likely_first(
         np.zeros(rows),
         np.zeros(count),
         np.ones(count, dtype=np.bool_),
+        np.zeros(count + 2, dtype=np.int64),
+        np.zeros(m, dtype=np.int64),
         np.zeros(2 * count + 2, dtype=np.int64),
     )
     kicks = min(_KICKS, 2 * count) if tour_cost.thorough else 0

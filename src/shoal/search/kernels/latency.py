@@ -27,6 +27,8 @@ from shoal.jit import in_place_kernel, kernel
 
 _LEAST = 1e-9  # of the present latency: smaller gains may be rounding errors
 _OVERTIME = 5.0  # what a cell beyond the limit of a route counts, in cells of latency
+_NEARER = 4  # of the blocks near each block, those that are tried after a kick
+_FOLLOWING = 20  # blocks that a kick moves at most with a block that comes to follow another
 STEP = 1.0  # cells: no step takes less time, because costs and lengths count as at least 1
 
 
@@ -98,6 +100,11 @@ class Routes(NamedTuple):
         Time in cells from the block before each block.
     awake : ndarray of bool, shape (B,)
         Blocks around which something changed.
+    waiting : ndarray of int64, shape (B + 2,)
+        A ring of the awake blocks, in the order in which they are tried; at the end, the place of
+        the first of them and their number.
+    since : ndarray of int64, shape (m,)
+        First place of each route at which it differs from the best routes so far.
     moved : ndarray of int64, shape (2 B + 2,)
         Working memory.
     """
@@ -115,6 +122,8 @@ class Routes(NamedTuple):
     latencies: NDArray[np.float64]
     steps: NDArray[np.float64]
     awake: NDArray[np.bool_]
+    waiting: NDArray[np.int64]
+    since: NDArray[np.int64]
     moved: NDArray[np.int64]
 
 
@@ -211,6 +220,7 @@ def _sum_up(blocks, routes, r, since, until):
     """Compute the sums along a route from a place on. After the place ``until``, each block follows
     the same block as before.
     """
+    routes.since[r] = min(routes.since[r], since)
     for i in range(since, routes.counts[r]):
         item = routes.order[r, i]
         block = item // 2
@@ -485,9 +495,28 @@ def _exchange(routes, r, i, s, j):
 
 @in_place_kernel
 def _wake(routes, r, i):
-    """Let the blocks around a place of a route be tried again."""
+    """Let the blocks around a place of a route be tried again, after those that wait already: a
+    block that several changes wake is tried once.
+    """
+    size = routes.awake.shape[0]
     for k in range(max(i - 1, 0), min(i + 2, routes.counts[r])):
-        routes.awake[routes.order[r, k] // 2] = True
+        block = routes.order[r, k] // 2
+        if not routes.awake[block]:
+            routes.awake[block] = True
+            place = routes.waiting[-2] + routes.waiting[-1]
+            routes.waiting[place if place < size else place - size] = block
+            routes.waiting[-1] += 1
+
+
+@in_place_kernel
+def _wake_all(routes):
+    """Let all blocks be tried."""
+    count = routes.awake.shape[0]
+    routes.awake[:] = True
+    for block in range(count):
+        routes.waiting[block] = block
+    routes.waiting[-2] = 0
+    routes.waiting[-1] = count
 
 
 @in_place_kernel
@@ -541,19 +570,25 @@ def _improve_beside(blocks, routes, a, b, longest, least):
 
 
 @in_place_kernel
-def _descend(blocks, routes, longest, least):
-    """Make changes until none of those around awake blocks lowers the latency."""
-    changed = True
-    while changed:
-        changed = False
-        for a in range(blocks.near.shape[0]):
-            while routes.awake[a]:
-                routes.awake[a] = False
-                for k in range(blocks.near.shape[1]):
-                    b = blocks.near[a, k]
-                    if b >= 0 and _improve_beside(blocks, routes, a, b, longest, least):
-                        routes.awake[a] = changed = True
-                        break
+def _descend(blocks, routes, longest, least, near):
+    """Make changes until none lowers the latency in which one of the first ``near`` blocks near an
+    awake block comes to follow it.
+    """
+    while routes.waiting[-1]:
+        a = routes.waiting[routes.waiting[-2]]
+        routes.waiting[-1] -= 1
+        routes.waiting[-2] += 1
+        if routes.waiting[-2] == routes.awake.shape[0]:
+            routes.waiting[-2] = 0
+        changed = True
+        while changed:
+            changed = False
+            for k in range(near):
+                b = blocks.near[a, k]
+                if b >= 0 and _improve_beside(blocks, routes, a, b, longest, least):
+                    changed = True
+                    break
+        routes.awake[a] = False
 
 
 @in_place_kernel
@@ -574,22 +609,44 @@ def _draw(state, below):
 
 @in_place_kernel
 def _kick(blocks, routes, state, widest):
-    """Exchange two neighbouring stretches of a route at random, more often where it is likely.
-    Return whether the route is long enough.
+    """Let a block follow one that is near it, whatever that costs, more often where it is likely.
+    Return whether the routes changed.
+
+    On the same route, what lies between both, at most ``widest`` blocks, is turned round or comes
+    after the block and some that follow it. From another route, the block comes with some that
+    follow it.
     """
     size = blocks.likely.shape[0]
-    block = blocks.likely[min(_draw(state, size), _draw(state, size))]
-    r, i = routes.route[block], routes.place[block]
-    room = min(routes.counts[r] - i, widest)
-    if room < 2:
+    a = blocks.likely[min(_draw(state, size), _draw(state, size))]
+    b = blocks.near[a, _draw(state, blocks.near.shape[1])]
+    if b < 0:
         return False
-    one = 1 + _draw(state, room - 1)
-    count = _take_out(routes, r, i, i + one - 1, 0)
-    other = 1 + _draw(state, room - one)
-    _put_in(routes, r, i + other, count)
-    _sum_up_between(blocks, routes, r, i, i + one + other)
-    for place in (i, i + other, i + other + one):
-        _wake(routes, r, place)
+    r, i, s, j = routes.route[a], routes.place[a], routes.route[b], routes.place[b]
+    most = min(_FOLLOWING, routes.counts[s] - j)
+    if r != s:
+        count = _take_out(routes, s, j, j + _draw(state, most), 0)
+        _put_in(routes, r, i + 1, count)
+        _sum_up(blocks, routes, r, i + 1, i + 1 + count)
+        _sum_up(blocks, routes, s, j, j)
+        _wake(routes, r, i)
+        _wake(routes, r, i + count)
+        _wake(routes, s, j)
+        return True
+    if abs(j - i) == 1 or abs(j - i) > widest:
+        return False
+    if j < i:
+        _turn(routes, r, j + 1, i)
+        _sum_up_between(blocks, routes, r, j + 1, i + 1)
+        _wake(routes, r, j + 1)
+        _wake(routes, r, i)
+        return True
+    between = _take_out(routes, r, i + 1, j - 1, 0)
+    place = i + 2 + _draw(state, most)
+    _put_in(routes, r, place, between)
+    _sum_up_between(blocks, routes, r, i + 1, place + between)
+    _wake(routes, r, i)
+    _wake(routes, r, place)
+    _wake(routes, r, place + between)
     return True
 
 
@@ -606,8 +663,9 @@ def _ends_in_time(routes, ends):
 def _go_on_greedily(blocks, routes):
     """Make new routes: whenever a robot is ready, it goes on to the block with the largest
     probability over the time that the block takes with the way to it. If leaving the tour costs
-    nothing, the probability is divided by the cube of the way, too: routes that rather stay near
-    leave no small gaps, which would be far away later.
+    nothing, the probability is divided by the cube of the way, too, and no robot goes elsewhere as
+    long as a block is left near its last one: routes that rather stay near leave no small gaps,
+    which would be far away later.
 
     No block has more than its probability over the least time that it takes: what cannot be better
     than the best so far is not tried.
@@ -630,7 +688,8 @@ def _go_on_greedily(blocks, routes):
                 block = blocks.near[before, k]
                 if block >= 0 and routes.awake[block]:
                     chosen, most = _more_likely(blocks, routes, r, ready, block, chosen, most)
-        for k in range(left):
+        stays = blocks.leaving <= 0 and chosen >= 0
+        for k in range(0 if stays else left):
             block = routes.moved[k]
             if not routes.awake[block]:
                 continue
@@ -665,45 +724,86 @@ def _more_likely(blocks, routes, r, ready, block, chosen, most):
     return chosen, most
 
 
+@in_place_kernel
+def _copy(source, target, since):
+    """Copy each route from its place in ``since`` on: before it, both are the same already."""
+    for r in range(source.counts.shape[0]):
+        count = source.counts[r]
+        target.counts[r] = count
+        for i in range(since[r], count):
+            item = source.order[r, i]
+            target.order[r, i] = item
+            target.begins[r, i] = source.begins[r, i]
+            target.finishes[r, i] = source.finishes[r, i]
+            target.weights[r, i + 1] = source.weights[r, i + 1]
+            target.latencies[r, i + 1] = source.latencies[r, i + 1]
+            target.steps[item // 2] = source.steps[item // 2]
+            target.route[item // 2] = r
+            target.place[item // 2] = i
+        since[r] = source.order.shape[1]
+
+
 @kernel
 def improve(blocks, routes, longest, kicks, widest):
     """Change routes so that their weighted latency falls, and return it.
 
     The changes: to turn a stretch round, to move up to ``longest`` blocks elsewhere on their route
     or to another robot, and to exchange the rest of two routes. In each, a block comes to follow
-    one that is near it. Greedy routes are changed likewise, and the better ones kept. Then two
-    neighbouring stretches of up to ``widest`` blocks are exchanged, and what follows is taken back
-    unless it ends below: an iterated local search of so many ``kicks``. Routes that are too long
-    become shorter even where that adds to the latency; if they stay too long, they are discarded.
+    one that is near it. The search begins from greedy routes, or from the given ones if these have
+    the smaller latency. Then some block comes to follow another across up to ``widest`` blocks,
+    whatever that costs, and what follows is taken back unless it ends below: an iterated local
+    search of so many ``kicks``. Routes that are too long become shorter even where that adds to the
+    latency; if they stay too long, they are discarded for the given ones.
     """
     m = routes.counts.shape[0]
     for r in range(m):
         _sum_up(blocks, routes, r, 0, routes.counts[r])
-    routes.awake[:] = True
     best = _latency(routes)
     least = _LEAST * best
-    _descend(blocks, routes, longest, least)
-    best = _latency(routes)
-    order, counts = routes.order.copy(), routes.counts.copy()
+    kept = Routes(
+        routes.order.copy(),
+        routes.counts.copy(),
+        routes.rates,
+        routes.first,
+        routes.limits,
+        routes.route,
+        routes.place,
+        routes.begins.copy(),
+        routes.finishes.copy(),
+        routes.weights.copy(),
+        routes.latencies.copy(),
+        routes.steps.copy(),
+        routes.awake,
+        routes.waiting,
+        routes.since,
+        routes.moved,
+    )
     ends = np.zeros(m)
     for r in range(m):
         ends[r] = max(routes.limits[r], _last(routes, r))
     state = np.full(1, 1, dtype=np.uint64)
-    for kick in range(-1, kicks):
-        if kick < 0:
-            _go_on_greedily(blocks, routes)
-        elif not _kick(blocks, routes, state, widest):
+    near = blocks.near.shape[1]
+    _go_on_greedily(blocks, routes)
+    if _latency(routes) >= best:
+        _copy(kept, routes, routes.since)
+    _wake_all(routes)
+    _descend(blocks, routes, longest, least, near)
+    found = _latency(routes)
+    if not (found < best and _ends_in_time(routes, ends)):
+        _copy(kept, routes, routes.since)
+        _wake_all(routes)
+        _descend(blocks, routes, longest, least, near)
+        found = _latency(routes)
+    best = found
+    _copy(routes, kept, routes.since)
+    for _ in range(kicks):
+        if not _kick(blocks, routes, state, widest):
             continue
-        _descend(blocks, routes, longest, least)
+        _descend(blocks, routes, longest, least, min(_NEARER, near))
         found = _latency(routes)
         if found < best - least and _ends_in_time(routes, ends):
             best = found
-            order[:] = routes.order
-            counts[:] = routes.counts
+            _copy(routes, kept, routes.since)
         else:
-            for r in range(m):
-                if counts[r] != routes.counts[r] or not np.array_equal(order[r], routes.order[r]):
-                    routes.order[r] = order[r]
-                    routes.counts[r] = counts[r]
-                    _sum_up(blocks, routes, r, 0, counts[r])
+            _copy(kept, routes, routes.since)
     return best
