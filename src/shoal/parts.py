@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from shoal.core.checks import parse_json, read_text, shortened
+from shoal.core.checks import as_path, parse_json, read_text, shortened
 from shoal.core.episode import Episode
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, check_known
@@ -95,7 +94,7 @@ def _type_named_in(data: Any, *, where: str) -> type[Problem]:
 def read_problem(path: str | os.PathLike[str]) -> Any:
     """Read a problem file and return its JSON data."""
     return parse_json(
-        read_text(Path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path)
+        read_text(as_path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path)
     )
 
 
@@ -212,7 +211,7 @@ def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
     InvalidInputError
         Raised if the file is missing or damaged, or does not contain an episode.
     """
-    source = Path(path)
+    source = as_path(path)
     part = "swarm"
     if source.suffix.lower() == ".json":
         data = parse_json(

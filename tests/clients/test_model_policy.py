@@ -89,3 +89,57 @@ def test_other_files_are_refused(network, tmp_path):
     onnx.save(graph, path)
     with pytest.raises(InvalidInputError, match=r"got .*: the inputs planes, other"):
         Model(str(path))
+
+
+@pytest.mark.parametrize(
+    ("operator", "refused"),
+    [("RandomUniform", True), ("Multinomial", True), ("training", True), ("Dropout", False)],
+)
+def test_networks_that_rate_at_random_are_refused(operator, refused, tmp_path):
+    """Also in the branch of an If."""
+    from onnx import TensorProto, helper, numpy_helper, save
+
+    def made(name, *inputs, output="rated", **attributes):
+        return helper.make_node(name, inputs, [output], **attributes)
+
+    constants = [
+        numpy_helper.from_array(np.ones((1, 4), np.float32), "four"),
+        numpy_helper.from_array(np.array(0.5, np.float32), "half"),
+        numpy_helper.from_array(np.array(operator == "training"), "training"),
+        numpy_helper.from_array(np.array(True), "yes"),
+    ]
+    if operator in ("training", "Dropout"):
+        nodes = [made("Dropout", "four", "half", "training")]
+    else:
+        inner = (
+            [made("RandomUniform", shape=[1, 4])]
+            if operator == "RandomUniform"
+            else [
+                made("Multinomial", "four", output="drawn", sample_size=4),
+                made("Cast", "drawn", to=TensorProto.FLOAT),
+            ]
+        )
+        rated = helper.make_tensor_value_info("rated", TensorProto.FLOAT, [1, 4])
+        branch = helper.make_graph(inner, "branch", [], [rated])
+        nodes = [made("If", "yes", output="out", then_branch=branch, else_branch=branch)]
+    name = nodes[-1].output[0]
+    planes = helper.make_tensor_value_info("planes", TensorProto.FLOAT, [1, 4, None, None])
+    graph = helper.make_graph(
+        nodes,
+        "network",
+        [planes],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 4])],
+        constants,
+    )
+    path = tmp_path / "a.onnx"
+    opsets = [helper.make_opsetid("", 18)]
+    save(helper.make_model(graph, opset_imports=opsets, ir_version=9), path)
+
+    def run():
+        return shoal.run("rectangle:4x4", policy=f"model:{path}", particles=2, seed=1)
+
+    if not refused:
+        assert run().verify()
+        return
+    with pytest.raises(InvalidInputError, match=f"operator .*({operator}|for training)"):
+        run()

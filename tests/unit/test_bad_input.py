@@ -24,11 +24,21 @@ import pytest
 from PIL import Image
 from tests.swarm_runs import run as play
 
+import shoal
+from shoal import lab, missions, rigs, robots, search, steering, swarm, views
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.jit import COMPILING
 from shoal.swarm import GridWorkspace, SwarmEpisode, make_task
 
+OPEN = GridWorkspace(np.ones((3, 3)))
+RNG = np.random.default_rng(1)
+SQUARE = [(0, 0), (9, 0), (9, 9), (0, 9)]
+FIELD = search.open_region("square:40")
+ROUTE = [(5.0, 5.0), (30.0, 5.0)]
+TOUR = search.make_tour("comb", (4, 4))
+COST = search.TourCost(TOUR)
+EPISODE = play(OPEN, particles=2)
 SHOAL = [sys.executable, "-c", "from shoal.__main__ import main; main()"]
 
 # The damaged files
@@ -420,6 +430,13 @@ MAPS = [
     ("map {bad}/line.npy", "line.npy: expected a 2-D or 3-D array | got int64 (3,)"),
     ("map {bad}/four.npy", "four.npy: expected a 2-D or 3-D array | got float64 (1, 2, 2, 2)"),
     ("map {bad}/complex.npy", "complex.npy: expected | booleans or numbers, got complex128 (1, 2)"),
+    ("adversary closest-frontier --max-moves 0", "max_moves: expected a whole number, 1 or more"),
+    ("steer square --check {bad}/words.npy --planner greedy", "--check: expected no --planner"),
+    ("steer square --check {bad}/words.npy --max-moves 9", "--check: expected no --max-moves"),
+    (
+        "search square:60 --robots 2 --footprint 9,8,7",
+        "footprint: expected one length, or 2 | got 3",
+    ),
     ("map {bad}/words.npy", "words.npy: expected | booleans or numbers, got <U4 (1, 2)"),
     ("map {bad}/none.npy", "none.npy: workspace: expected at least one cell, got shape (0, 5)"),
     (
@@ -830,6 +847,134 @@ def test_starts_are_checked(start, words):
 def test_what_a_placement_of_others_returns_is_checked(cells, words):
     with pytest.raises(InvalidInputError, match=f"placement <lambda>: .*{words}"):
         play(GridWorkspace([[1, 1, 1]]), particles=2, placement=lambda workspace, n, rng: cells)
+
+
+# Arguments of the wrong kind from Python
+
+
+def masked(*values):
+    return np.ma.masked_equal(values, values[-1])
+
+
+def place_two(workspace=OPEN, n=2, rng=RNG):
+    return swarm.place(workspace, n, "uniform", rng)
+
+
+WRONG_KINDS = [
+    (lambda: shoal.load(5), "path: expected the path of a file or folder, got 5"),
+    (lambda: shoal.load_problem(b"x"), "path: expected the path of a file or folder, got b'x'"),
+    (lambda: shoal.read_map(None), "path: expected the path of a file or folder, got None"),
+    (lambda: shoal.write_map("x", "map.txt"), "workspace: expected a GridWorkspace, got 'x'"),
+    (lambda: shoal.write_map(OPEN, 5), "path: expected the path"),
+    (lambda: shoal.open_map([[1, 1], [1]]), "expected rows of .*, got rows of different lengths"),
+    (lambda: shoal.open_map(masked(1, 0)[None]), r"got a masked one at \(0, 1\)"),
+    (lambda: shoal.open_map([masked(1, 0)]), r"got a masked one at \(0, 1\)"),
+    (lambda: shoal.run_trials("x", trials=1), "problem: expected a SwarmProblem, got 'x'"),
+    (lambda: shoal.film(EPISODE, 5), "path: expected the path"),
+    (lambda: views.save_figure("x", "a.png"), "figure: expected a Figure, got 'x'"),
+    (lambda: swarm.GridWorld(OPEN, [1]), r"rule: expected a name, got \[1\]"),
+    (lambda: place_two(workspace="x"), "workspace: expected a GridWorkspace, got 'x'"),
+    (lambda: place_two(n="x"), "particles: expected a whole number, got 'x'"),
+    (lambda: place_two(rng=5), "rng: expected a Generator, got 5"),
+    (lambda: steering.open_workspace([5]), r"workspace: expected the path .*, got \[5\]"),
+    (lambda: steering.prism("x", 1.0), "base: expected a ConvexWorkspace, got 'x'"),
+    (lambda: steering.disk(center=masked(0.0, 1.0)), r"center: .* got a masked one at \(0, 1\)"),
+    (lambda: steering.disk(center=[1j, 2]), "center: expected 1 points of 2 numbers, got"),
+    (lambda: steering.region(SQUARE, 5), "obstacles: expected a list, got 5"),
+    (lambda: steering.ContactWorld("x"), "workspace: expected a ConvexWorkspace, got 'x'"),
+    (lambda: steering.certify("x"), "episode: expected a SteeringEpisode, got 'x'"),
+    (
+        lambda: steering.polygon_reach("x", (0, 0), moves=2),
+        "workspace: expected a ConvexWorkspace, got 'x'",
+    ),
+    (
+        lambda: steering.reached_in_two_moves("x", (0, 0), (0, 0)),
+        "workspace: expected a ConvexWorkspace, got 'x'",
+    ),
+    (lambda: steering.reflection_quartic("x", (0, 0)), "start and goal: expected 2 points"),
+    (lambda: steering.reflection_quartic((0, 0), (0, np.nan)), "start and goal: expected finite"),
+    (lambda: steering.reflection_quartic((0, 0), (0, 0), 0), "radius: expected a number, above 0"),
+    (lambda: search.plan_search("x"), "problem: expected a SearchProblem, got 'x'"),
+    (lambda: search.compare_plans(OPEN), "problem: expected a SearchProblem, got <GridWorkspace"),
+    (lambda: search.cells_of("x", 1.0), "region: expected a SearchRegion, got 'x'"),
+    (lambda: search.cells_of(FIELD, 10.0, angle="x"), "angle: expected a number"),
+    (lambda: search.cells_of(FIELD, 10.0, offset=5), "offset: expected 1 points of 2 numbers"),
+    (lambda: search.coverage_check("x", [], 1.0), "region: expected a SearchRegion, got 'x'"),
+    (lambda: search.coverage_check(FIELD, 5, 1.0), "routes: expected a list, got 5"),
+    (lambda: search.coverage_check(FIELD, np.array(5), 1.0), "routes: expected a list"),
+    (lambda: search.coverage_check(FIELD, [ROUTE], 1.0, image="x"), "image: expected an Image"),
+    (
+        lambda: search.coverage_check(FIELD, [np.ma.masked_equal(ROUTE, 30)], 10.0),
+        r"route 1: expected .*, got a masked one at \(1, 0\)",
+    ),
+    (
+        lambda: search.coverage_check(FIELD, [ROUTE, ROUTE], masked(9.0, 8.0)),
+        r"footprint: .*, got a masked one at \(1,\)",
+    ),
+    (lambda: search.RegionPaths("x"), "grid: expected a CellGrid, got 'x'"),
+    (lambda: search.TourCost("x"), "tour: expected a Tour, got 'x'"),
+    (lambda: search.TourCost(TOUR, turn_cost="x"), "turn cost: expected a number, 0 or more"),
+    (lambda: search.Tour([[0, 0], [1]], (1, 2), closed=False, name="t"), "different lengths"),
+    (lambda: search.Tour([[0, 0]], 5, closed=False, name="t"), "tour t: shape: expected a list"),
+    (lambda: search.make_tour("comb", masked(4, 5)), r"mask: .* got a masked one at \(1,\)"),
+    (lambda: search.allocate("x", [0]), "tour_cost: expected a TourCost, got 'x'"),
+    (lambda: search.allocate(COST, [[0], [1, 2]]), "starts: .*, got rows of different lengths"),
+    (lambda: search.allocate(COST, [0, 1], rates=masked(1.0, 2.0)), "rates: .* got a masked one"),
+    (
+        lambda: search.affordable_rectangle([(0, 0)], [[1], [2, 3]], footprint=1),
+        r"ranges: expected a number, 0 or more, got \[1\]",
+    ),
+    (lambda: search.merge_collinear(5), "points: expected the points of a path"),
+    (lambda: search.merge_collinear([[1], [2, 3]]), "points: .* rows of different lengths"),
+    (lambda: search.hilbert_decode(1, order=1, dimensions=[2]), "dimensions: expected a whole"),
+    (lambda: search.marker_rule(5), "markers: expected a list, got 5"),
+    (lambda: search.read_tracks(5), "path: expected the path"),
+    (lambda: search.open_region(np.array(3)), "polygon: expected .* points of shape"),
+    (lambda: search.open_region(np.ma.masked_equal(SQUARE, 9)), "got a masked one"),
+    (lambda: search.open_region(SQUARE, holes=np.array(3)), "expected a Shapely polygon or"),
+    (lambda: search.open_region(SQUARE, layer="x"), "--layer: expected a GeoPackage .* polygons"),
+    (lambda: search.region_of(FIELD.area, frame="x"), "frame: expected a LocalFrame, got 'x'"),
+    (lambda: search.region_of(FIELD.area, no_go_zones=-1), "no_go_zones: expected .* 0 or more"),
+    (lambda: search.SearchProblem(FIELD, bands=np.array(3)), "bands: expected"),
+    (lambda: missions.Mission(np.array(3), (0, 0)), "expected"),
+    (lambda: missions.MissionSet(5), "missions: expected a list, got 5"),
+    (lambda: missions.MissionSet(["x"]), "missions: expected a Mission, got 'x'"),
+    (lambda: missions.read_mission(5), "path: expected the path"),
+    (lambda: missions.lint(5), "path: expected the path"),
+    (lambda: missions.mission_files(5), "folder: expected the path"),
+    (lambda: missions.check_missions(5, FIELD), "folder: expected the path"),
+    (lambda: missions.write_missions(5, "out"), "missions: expected a list, got 5"),
+    (lambda: missions.write_missions([], 5), "folder: expected the path"),
+    (lambda: missions.split_missions(ROUTE, "x"), "flight: expected a Flight, got 'x'"),
+    (lambda: lab.Store(5), "store: expected the path"),
+    (lambda: lab.run_sweep("x", "store"), "sweep: expected a Sweep, got 'x'"),
+    (lambda: lab.run_suite("x", [], "store"), "suite: expected a Suite, got 'x'"),
+    (lambda: lab.scores("x", "y"), "store: expected a Store, got 'x'"),
+    (lambda: lab.merge_stores("ab", "out"), "sources: expected a list, got 'ab'"),
+    (lambda: rigs.DriveLog(5), "log: expected the path"),
+    (lambda: rigs.read_log(5), "log: expected the path"),
+    (lambda: rigs.SimulatedRig("x", [(0, 0)]), "workspace: expected a GridWorkspace, got 'x'"),
+    (lambda: rigs.NoisyRig(OPEN, [(0, 0)], 5, RNG), "noise: expected a Noise, got 5"),
+    (lambda: rigs.GridCalibration(5.0, origin="x"), "origin: expected 1 points of 2 numbers"),
+    (lambda: rigs.tie_by_marks([[1], [2, 3]]), "mark: expected .*, got rows of different"),
+    (lambda: rigs.open_rig(5), "rig: expected a text, got 5"),
+    (lambda: rigs.open_camera(5), "camera: expected a text, got 5"),
+    (lambda: robots.open_link(5), "link: expected a text, got 5"),
+    (lambda: robots.read_seats(5), "systems: expected a text, got 5"),
+    (lambda: robots.read_cargos(5), "folder: expected the path"),
+    (lambda: robots.upload_missions(5, []), "pairs: expected a list, got 5"),
+    (lambda: robots.upload_missions([(1, 2)], []), "pairs: expected pairs of a Cargo and a Seat"),
+    (lambda: robots.check_fleet(5), "fleet: expected a Fleet, got 5"),
+    (lambda: robots.SimulatedVehicle(autopilot="x"), "autopilot: expected one of"),
+    (lambda: robots.SimulatedVehicle(home="x"), "home: expected 1 points of 2 numbers"),
+]
+
+
+@pytest.mark.parametrize(("call", "sentence"), WRONG_KINDS)
+def test_an_argument_of_the_wrong_kind(call, sentence):
+    with pytest.raises(InvalidInputError, match=sentence) as raised:
+        call()
+    assert "\n" not in str(raised.value)
 
 
 # Names of files are of other people's making

@@ -70,6 +70,15 @@ def test_every_command_takes_a_seed_and_help_shows_it_only_if_it_has_an_effect(c
     assert ("--seed" in capsys.readouterr().out) is (command not in without)
 
 
+def test_a_seed_without_an_effect_is_told(capsys):
+    assert run(["schedule", "--scan-cost", "1", "--move-cost", "1", "--seed", "3", "--json"]) == 0
+    printed, said = capsys.readouterr()
+    assert json.loads(printed)
+    assert said == "shoal: --seed has no effect on schedule, in which nothing is random\n"
+    assert run(["schedule", "--scan-cost", "1", "--move-cost", "1"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_help_lists_commands_and_options_under_headings(capsys):
     assert run(["--help"]) == 0
     text = capsys.readouterr().out

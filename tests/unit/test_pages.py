@@ -5,6 +5,7 @@ the network.
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import markdown
@@ -114,3 +115,16 @@ def test_the_page_for_missing_pages_asks_nothing_of_the_network():
     assert "://" not in mended
     assert 'href="/index.html"' in mended
     assert on_post_template(built, template_name="sitemap.xml", config=None) == built
+
+
+def test_the_page_install_lists_all_extras():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    table = re.search(
+        r"^\| extra \|.*\n\|-.*\n((?:\|.*\n)+)", (ROOT / "docs/index.md").read_text(), re.M
+    )
+    listed = [
+        name
+        for row in table[1].splitlines()
+        for name in re.findall("`([a-z]+)`", row.split("|")[1])
+    ]
+    assert sorted(listed) == sorted(project["optional-dependencies"])

@@ -683,6 +683,28 @@ def test_workers_never_see_an_interruption():
     pool.close(at_once=True)
 
 
+def test_no_other_file_stays_beside_a_store(tmp_path):
+    """A connection that only reads makes the files of the log, and SQLite does not remove them."""
+    path = tmp_path / "s.sqlite"
+
+    def beside():
+        return sorted(file.name for file in tmp_path.iterdir())
+
+    Store(path, write=True).close()
+    with Store(path), Store(path) as other:
+        other.close()
+        assert beside() == ["s.sqlite", "s.sqlite-shm", "s.sqlite-wal"]
+    assert beside() == ["s.sqlite"]
+    with Store(path, write=True) as writing:
+        Store(path).close()
+        assert len(beside()) == 3
+        assert writing.names == []
+    assert beside() == ["s.sqlite"]
+    written = path.stat().st_mtime_ns
+    assert command(["sweep", "status", str(path)]) == 0
+    assert (beside(), path.stat().st_mtime_ns) == (["s.sqlite"], written)
+
+
 def test_no_store(tmp_path):
     (tmp_path / "empty").touch()
     (tmp_path / "text").write_text(

@@ -14,6 +14,7 @@ import typer
 
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.core.problem import Declaration, Problem
 from shoal.parts import read_problem
 
@@ -36,9 +37,22 @@ Seed = Annotated[
         ),
     ),
 ]
-UnusedSeed = Annotated[int, typer.Option("--seed", hidden=True)]
-"""An option without effect, for scripts that pass ``--seed`` to every command. Help does not show
-it.
+
+
+def is_given(ctx: typer.Context, name: str) -> bool:
+    """Return whether an option or argument was given on the command line."""
+    return getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def _tell_unused(ctx: typer.Context, seed: int) -> int:
+    if seed >= 0 and is_given(ctx, "seed"):  # a wrong one is refused
+        tell_once(f"shoal: --seed has no effect on {ctx.info_name}, in which nothing is random")
+    return seed
+
+
+UnusedSeed = Annotated[int, typer.Option("--seed", hidden=True, callback=_tell_unused)]
+"""An option without effect, for scripts that pass ``--seed`` to every command. A notice says so,
+and help does not show it.
 """
 Workers = Annotated[
     int | None,

@@ -38,6 +38,7 @@ _Out = Annotated[
 @takes_problem(SteeringProblem, from_file=True)
 def steer(
     problem: SteeringProblem,
+    ctx: typer.Context,
     seed: options.Seed = 0,
     out: _Out = None,
     film: options.Film = None,
@@ -81,10 +82,11 @@ def steer(
 
     problem.check_at_place()
     if check is not None:
-        if certify is not None or out is not None or film:
-            raise InvalidInputError(
-                "--check: expected no --certify, --out and --film, because nothing is planned"
-            )
+        for name in ("planner", "time", "max_moves", "certify", "out", "film"):
+            if options.is_given(ctx, name):
+                raise InvalidInputError(
+                    f"--check: expected no --{name.replace('_', '-')}, because nothing is planned"
+                )
         _check(problem, seed, check, json_=json_)
         return
     check_outputs(out, film)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from shoal.cli.options import is_given
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
@@ -22,11 +23,7 @@ BENCH = ("actuator", "sensor", "calibration", "size", "repeat_after", "end_after
 
 def check_steering(ctx: typer.Context, **own: Any) -> None:
     """Refuse options that have no effect: of steering without ``--steer``, and of grids with it."""
-    given = [
-        name
-        for name in ctx.params
-        if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
-    ]
+    given = [name for name in ctx.params if is_given(ctx, name)]
     if own["steer"] is None:
         for name in ("waypoints", "follow", "friction_at_least"):
             if own[name] is not None:

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from math import inf, isfinite
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from shoal.core.errors import InvalidInputError
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
+
+Kind = TypeVar("Kind")
 
 LARGEST_TEXT = 200_000_000
 """Maximum size of a text file, in bytes. Shoal refuses a larger text file before reading it."""
@@ -123,6 +126,44 @@ def check_text(value: Any, *, what: str) -> str:
     return value
 
 
+def check_kind(value: Any, kind: type[Kind], *, what: str) -> Kind:
+    """Check that a value is an object of a class, and return the value.
+
+    Examples
+    --------
+    >>> check_kind("x", Path, what="folder")
+    Traceback (most recent call last):
+    ...
+    shoal.core.errors.InvalidInputError: folder: expected a Path, got 'x'
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InvalidInputError(
+            f"{what}: expected {article} {kind.__name__}, got {shortened(value)}"
+        )
+    return value
+
+
+def check_list(values: Any, kind: type = object, *, what: str) -> list[Any]:
+    """Check that a value is a list or a similar object, and that its entries are objects of a class.
+    Return the entries as a list.
+    """
+    single = isinstance(values, np.ndarray) and values.ndim == 0
+    if single or isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise InvalidInputError(f"{what}: expected a list, got {shortened(values)}")
+    return [check_kind(value, kind, what=what) for value in values]
+
+
+def as_path(value: Any, *, what: str = "path") -> Path:
+    """Return the path of a file or folder as a Path. Refuse anything else."""
+    path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(path, str):
+        raise InvalidInputError(
+            f"{what}: expected the path of a file or folder, got {shortened(value)}"
+        )
+    return Path(path)
+
+
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     """Check that a text is one of ``choices``, and return the text. The error message suggests the
     nearest valid choice.
@@ -135,12 +176,48 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     shoal.core.errors.InvalidInputError: rule: expected one of block, merge, got 'blok' (did you mean 'block'?)
     """
     known = list(choices)
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise InvalidInputError(
             f"{what}: expected one of {', '.join(known)}, got"
             f" {shortened(value)}{suggestion(value, known)}"
         )
     return str(value)
+
+
+def check_array(values: Any, *, expected: str) -> NDArray[Any]:
+    """Return numbers as an array. Refuse rows of different lengths, texts, complex numbers and
+    masked entries, of which NumPy would silently take the hidden value.
+
+    Parameters
+    ----------
+    values : array_like
+    expected : str
+        Beginning of the error message, such as "starts: expected numbers of cells".
+
+    Examples
+    --------
+    >>> check_array(np.ma.masked_greater([1, 2], 1), expected="rates: expected speeds")
+    Traceback (most recent call last):
+    ...
+    shoal.core.errors.InvalidInputError: rates: expected speeds, got a masked one at (1,)
+    """
+    entries = enumerate(values) if isinstance(values, list | tuple) else ()
+    for place, masked in [((), values), *(((index,), entry) for index, entry in entries)]:
+        if isinstance(masked, np.ma.MaskedArray) and np.ma.is_masked(masked):
+            inside = np.argwhere(np.ma.getmaskarray(masked))[0].tolist()
+            raise InvalidInputError(f"{expected}, got a masked one at {(*place, *inside)}")
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise InvalidInputError(f"{expected}, got rows of different lengths") from None
+    try:
+        if array.dtype.kind == "O":  # such as decimal numbers
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    if array.dtype.kind not in "biuf":
+        raise InvalidInputError(f"{expected}, got {shortened(values)}")
+    return array
 
 
 def check_points(
@@ -152,10 +229,7 @@ def check_points(
     expected = (
         f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
     )
-    try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInputError(f"{expected}, got {shortened(points)}") from None
+    array = check_array(points, expected=expected).astype(np.float64, copy=False)
     if (
         array.ndim != 2
         or array.shape[1] != dimensions

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
     """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``."""
-    target = Path(path)
+    from shoal.core.checks import as_path
+
+    target = as_path(path)
     if target.suffix not in suffixes:
         known = ", ".join(suffixes[:-1]) + " or " * (len(suffixes) > 1) + suffixes[-1]
         raise InvalidInputError(f"{target}: expected the suffix {known}, got {target.suffix!r}")

@@ -183,6 +183,8 @@ class Registry(Generic[T]):
             Raised if no object has the given name. The error message suggests the nearest
             registered name.
         """
+        if not isinstance(name, str):
+            raise InvalidInputError(f"{self.kind}: expected a name, got {name!r:.80}")
         if name in self._items:
             return self._items[name]()
         if ":" in name and self.open_to_others:

@@ -89,7 +89,7 @@ def record_episodes(
         check_integer(episodes, what="episodes", least=1),
         check_integer(seed, what="seed", least=0),
     )
-    if not hasattr(env.unwrapped, "expert_actions"):
+    if not hasattr(getattr(env, "unwrapped", None), "expert_actions"):
         raise OptionError(
             f"env: expected a swarm or steering environment of Shoal, got {shortened(env)}"
         )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import shortened, suggestion
+from shoal.core.checks import as_path, check_kind, check_list, shortened, suggestion
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab.batches import SweepStatus
@@ -265,17 +265,18 @@ def run_suite(
     >>> status.done, score.test.mean, score.completed
     (100, 1.0, 100)
     """
-    suite.check_unchanged()
+    check_kind(suite, Suite, what="suite").check_unchanged()
+    path = as_path(store, what="store")
     stored: tuple[str, ...] = ()
-    if os.path.exists(store):
-        with Store(store) as opened:
+    if path.exists():
+        with Store(path) as opened:
             if suite.name in opened.names:
                 stored = policies_of(opened, suite)
-    wanted = tuple(dict.fromkeys(policies))
+    wanted = tuple(dict.fromkeys(check_list(policies, str, what="policies")))
     sweep = suite.sweep([*dict.fromkeys((*stored, *wanted))])
     return run_sweep(
         sweep,
-        store,
+        path,
         workers=workers,
         extend=True,
         only={suite.policy: wanted} if wanted else None,
@@ -344,6 +345,8 @@ def scores(store: Store, suite: Suite, *, level: float = 0.95) -> list[Score]:
     level : float
         Confidence level of the intervals.
     """
+    check_kind(store, Store, what="store")
+    check_kind(suite, Suite, what="suite")
     policies = policies_of(store, suite)
     points = list(measured(store, suite.name, suite.measure))
     n_places = len(suite.places)

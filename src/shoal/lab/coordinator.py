@@ -12,9 +12,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import field, replace
-from pathlib import Path
 from typing import Any
 
+from shoal.core.checks import as_path, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError, describe_error
 from shoal.core.notices import tell_once
@@ -113,7 +113,10 @@ def run_sweep(
     >>> status.done, status.complete
     (6, True)
     """
-    path = Path(store)
+    check_kind(sweep, Sweep, what="sweep")
+    if only is not None:
+        check_kind(only, Mapping, what="only")  # type: ignore[type-abstract]
+    path = as_path(store, what="store")
     check_workers(workers, dask)
     inputs, files = prepare(sweep, only)
     _load_kernels(sweep)

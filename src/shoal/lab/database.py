@@ -212,6 +212,16 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
     return connection
 
 
+def remove_empty_log(path: Path) -> None:
+    """Let SQLite remove the write-ahead log and the shared memory beside a store that nobody has
+    open, if the log is empty. A connection that only reads makes both files and cannot remove them.
+    """
+    with suppress(OSError, sqlite3.Error):
+        if not path.with_name(f"{path.name}-wal").stat().st_size:
+            with closing(_connected(path, options="mode=rw")) as connection:
+                connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+
+
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that is not a store, a damaged store, and a store from a newer version of
     Shoal.

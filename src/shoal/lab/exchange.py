@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from shoal.core.checks import as_path, check_list
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.files import atomic, check_suffix
 from shoal.lab.database import unfinished_store
@@ -39,7 +40,8 @@ def merge_stores(
         damaged, or if ``out`` exists. After an error, no new store remains.
     OutputError
     """
-    target = Path(out)
+    target = as_path(out, what="out")
+    sources = check_list(sources, what="sources")
     if os.path.lexists(target):
         raise InvalidInputError(
             f"{target}: expected the name of a new file for the merged store, got an existing file"

@@ -23,13 +23,19 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import parse_json, shortened
+from shoal.core.checks import as_path, parse_json, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError, errors_at
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
 from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable, versions_text
-from shoal.lab.database import connect, row_faults, sqlite_errors_at, transaction
+from shoal.lab.database import (
+    connect,
+    remove_empty_log,
+    row_faults,
+    sqlite_errors_at,
+    transaction,
+)
 from shoal.lab.kernels.rows import find_values, join_values, mark_equal, read_whole_numbers
 from shoal.lab.sweep import (
     MAX_POINTS,
@@ -81,7 +87,7 @@ class Store:
     def __init__(
         self, path: str | os.PathLike[str], *, write: bool = False, damaged: bool = False
     ) -> None:
-        self.path = Path(path)
+        self.path = as_path(path, what="store")
         self.write = write
         self._connection = connect(self.path, write=write, damaged=damaged)
 
@@ -100,13 +106,16 @@ class Store:
         """Close the store file.
 
         If the store was opened for writing, SQLite first copies the data in the write-ahead log to
-        the store file, except the data that other processes are still reading.
+        the store file, except the data that other processes are still reading. The last process
+        that closes the file leaves no other file beside it.
         """
         if self.write:
             # data that others still read stays in the log beside the file
             with suppress(sqlite3.Error):
                 self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
         self._connection.close()
+        if not self.write:
+            remove_empty_log(self.path)
 
     def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
         """Return the rows that a read-only SQL query finds."""

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 from shoal.core.checks import (
     MOST_TRIALS,
     check_integer,
+    check_list,
     parse_toml,
     read_text,
     shortened,
@@ -367,7 +368,7 @@ class Sweep:
         object.__setattr__(
             self, "axes", {name: axis_values(name, values) for name, values in self.axes.items()}
         )
-        object.__setattr__(self, "paired", tuple(self.paired))
+        object.__setattr__(self, "paired", tuple(check_list(self.paired, str, what="paired")))
         for name in self.paired:
             if name not in self.axes:
                 raise InvalidInputError(

@@ -21,7 +21,7 @@ from functools import partial
 from threading import Event
 from typing import Any
 
-from shoal.core.checks import MOST_TRIALS, check_integer
+from shoal.core.checks import MOST_TRIALS, check_integer, check_kind
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
@@ -116,6 +116,7 @@ def run_trials(
     >>> [e.moves for e in run_trials(SwarmProblem([[1] * 20], particles=20), trials=3, workers=2)]
     [4, 4, 4]
     """
+    check_kind(problem, SwarmProblem, what="problem")
     workers = count_processors() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)
@@ -128,14 +129,16 @@ def run_trials(
     threads = compiled or alone
     watch = partial(_watch, stop, on_moves, keep) if threads else None
     episodes: dict[int, SwarmEpisode] = {}
+    ended = 0
     try:
         with stop_on_interruption(stop) if keep and threads else nullcontext():
             for index, episode in _finished(
                 executor, problem, trials, 2 * workers, watch, seed, stop
             ):
                 episodes[index] = episode
-                if on_trial is not None:
-                    on_trial(len(episodes))
+                ended += episode.status is not Status.INTERRUPTED
+                if on_trial is not None and episode.status is not Status.INTERRUPTED:
+                    on_trial(ended)
     except BrokenExecutor as error:
         # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error

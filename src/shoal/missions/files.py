@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_integer, check_number, parse_json, read_text
+from shoal.core.checks import (
+    as_path,
+    check_integer,
+    check_list,
+    check_number,
+    parse_json,
+    read_text,
+)
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
 from shoal.missions.diagnostics import RULES, Sheet
@@ -101,7 +108,7 @@ def write_missions(
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
-    folder = Path(folder)
+    folder = as_path(folder, what="folder")
     texts = mission_texts(missions, formats=formats, vehicle=vehicle, angle=angle)
     with ExitStack() as stack:
         for name, text in texts.items():
@@ -126,13 +133,13 @@ def mission_texts(
     """Return the texts of the files that `write_missions` writes, by file name: the missions, then
     the files beside them, and the manifest.
     """
+    missions = check_list(missions, Mission, what="missions")
     in_metres = any(not mission.geographic for mission in missions)
     if formats is None:
         formats = [name for name in FORMATS if FORMATS.get(name).metres or not in_metres]
-    if isinstance(formats, str) or len(formats) == 0:
-        raise InvalidInputError(
-            f"formats: expected a sequence of names such as ('plan', 'gpx'), got {formats!r}"
-        )
+    formats = check_list(formats, str, what="formats")
+    if len(formats) == 0:
+        raise InvalidInputError("formats: expected names such as plan and gpx, got none")
     if len(missions) == 0:
         raise InvalidInputError("missions: expected at least one mission to write, got none")
     chosen = {name: FORMATS.get(name) for name in formats}
@@ -404,7 +411,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
     try:
         files = [
             path
-            for path in Path(folder).iterdir()
+            for path in as_path(folder, what="folder").iterdir()
             if path.suffix.lower() in order and path.is_file()
         ]
     except OSError as error:
@@ -434,7 +441,7 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     InvalidInputError
         If the file does not exist or has an unknown format.
     """
-    source = Path(path)
+    source = as_path(path)
     form = FORMATS.get(format_of(source))
     sheet = Sheet(source.name)
     try:
@@ -497,7 +504,7 @@ def open_sheets(source: str | os.PathLike[str]) -> list[Sheet]:
     InvalidInputError
         If no mission file exists.
     """
-    folder = Path(source)
+    folder = as_path(source)
     if not folder.is_dir():
         return [open_sheet(folder)]
     sheets = [open_sheet(path) for path in mission_files(folder)]

@@ -9,7 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_choice, check_integer, check_number, check_points
+from shoal.core.checks import (
+    check_array,
+    check_choice,
+    check_integer,
+    check_kind,
+    check_number,
+    check_points,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import step_lengths, unit_vectors
@@ -194,7 +201,9 @@ class Mission:
             ("speeds", len(points) + 1, 0.0),
         ):
             if getattr(self, name) is not None:
-                values = np.array(getattr(self, name), dtype=np.float64)
+                values = check_array(
+                    getattr(self, name), expected=f"mission: {name}: expected numbers"
+                ).astype(np.float64)
                 if values.shape != (count,) or not np.isfinite(values).all():
                     raise InvalidInputError(
                         f"mission: {name}: expected {count} finite numbers, got shape"
@@ -445,13 +454,14 @@ def split_missions(
     [135, 31]
     """
     check_choice(autopilot, what="autopilot", choices=CAPS)
-    with_altitudes = np.ndim(route) == 2 and np.shape(route)[1] == 3
+    shape = check_array(route, expected=f"route of robot {robot}: expected points").shape
+    with_altitudes = len(shape) == 2 and shape[1] == 3
     points = check_points(
         route, what=f"route of robot {robot}", dimensions=3 if with_altitudes else 2
     )
     if len(points) == 0:
         return ()
-    if flight.home is None:
+    if check_kind(flight, Flight, what="flight").home is None:
         flight = replace(flight, home=points[0, :2])
     vehicle, frame = flight.vehicle, flight.frame
     settings = _mission_settings(vehicle)

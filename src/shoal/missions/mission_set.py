@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.checks import as_path, check_list
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.missions.approach import (
@@ -103,7 +104,9 @@ class MissionSet:
         seed: int = 0,
         folder: Path | None = None,
     ) -> None:
-        self._missions = None if missions is None else tuple(missions)
+        self._missions = (
+            None if missions is None else tuple(check_list(missions, Mission, what="missions"))
+        )
         self.problem, self.plan, self.seed, self.folder = problem, plan, seed, folder
         self.options = MissionOptions() if options is None else options
 
@@ -325,7 +328,7 @@ class MissionSet:
         InvalidInputError
             If the folder has no mission files.
         """
-        if not Path(folder).is_dir():
+        if not as_path(folder, what="folder").is_dir():
             raise InvalidInputError(
                 f"{folder}: expected a folder of mission files, got"
                 f" {'a file' if Path(folder).exists() else 'none'}"

@@ -53,7 +53,8 @@ def check_separation(value: Any) -> tuple[float, ...] | Separation:
     """
     if isinstance(value, Separation):
         return value
-    distances = value if isinstance(value, list | tuple | np.ndarray) else (value,)
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    distances = value if isinstance(value, list | tuple) else (value,)
     if not 1 <= len(distances) <= 2:
         raise InvalidInputError(
             "separation: expected a horizontal and a vertical distance in metres, got"

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_number
+from shoal.core.checks import check_array, check_choice, check_number, check_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError, RigError, describe_error
 from shoal.rigs.rig import Frame
@@ -133,6 +133,11 @@ def load_opencv() -> Any:
 
 def grey(picture: Picture) -> Picture:
     """Return a picture with one number a pixel."""
+    picture = check_array(picture, expected="picture: expected numbers")
+    if picture.ndim not in (2, 3):
+        raise InvalidInputError(
+            f"picture: expected shape (height, width) or (height, width, 3), got {picture.shape}"
+        )
     if picture.ndim == 2:
         return picture
     cv2 = load_opencv()
@@ -601,7 +606,7 @@ def open_camera(spec: str) -> CameraSensor:
     ------
     InvalidInputError, UnknownNameError, MissingExtraError, RigError
     """
-    kind, _, settings = spec.partition(":")
+    kind, _, settings = check_text(spec, what="camera").partition(":")
     name, *pairs = re.split(r",(?=[a-z-]+=)", settings)
     options: dict[str, str] = {}
     for pair in pairs:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_integer, count_text, shortened
+from shoal.core.checks import check_choice, check_integer, check_kind, count_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
 from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
@@ -504,6 +504,7 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     Call the function before a rig is connected. It drives a simulated rig of six cells with the
     settings of the problem.
     """
+    check_kind(problem, SwarmProblem, what="problem")
     builtin = isinstance(problem.policy, str) and (
         problem.policy == "auto" or problem.policy.partition(":")[0] in POLICIES
     )

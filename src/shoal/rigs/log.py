@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
-from shoal.core.checks import check_file, parse_json, validation_message
+from shoal.core.checks import as_path, check_file, parse_json, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
@@ -63,7 +63,8 @@ class DriveLog:
         append: bool = False,
         make_folder: bool = False,
     ) -> None:
-        self.path, self.options, self._make_folder = Path(path), options, make_folder
+        self.path = as_path(path, what="log")
+        self.options, self._make_folder = options, make_folder
         if self.path.exists() and not append:
             raise OutputError(
                 f"cannot write {self.path}: the file exists already, and a log is never overwritten"
@@ -439,7 +440,7 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
         Raised if the file is missing, damaged or not a log. The error message contains the number
         of the wrong line.
     """
-    source = Path(path)
+    source = as_path(path, what="log")
     check_file(source, what="log", most=LARGEST_LOG)
     # the text after the last newline is empty or an incomplete line
     lines = source.read_bytes().split(b"\n")[:-1]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_choice, check_number
+from shoal.core.checks import check_array, check_choice, check_kind, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError, RigError, errors_at
 from shoal.swarm.grid.world import check_start
@@ -328,13 +328,19 @@ class Plant:
             raise MissingExtraError(
                 "a physical plant needs pymunk: pip install 'shoal[physics]'"
             ) from None
+        check_kind(workspace, GridWorkspace, what="workspace")
+        check_kind(apparatus, PlantProperties, what="apparatus")
+        check_kind(rng, np.random.Generator, what="rng")
         if workspace.ndim != 2:
             raise InvalidInputError(
                 f"physics: expected a vessel in two dimensions, got {workspace.name} in"
                 f" {workspace.ndim}"
             )
         self.workspace, self.apparatus, self._rng = workspace, apparatus, rng
-        start = np.array(points, dtype=np.float64).reshape(-1, 2)
+        array = check_array(points, expected="points: expected points of 2 numbers")
+        start = check_points(
+            array if array.size else array.reshape(0, 2), what="points", dimensions=2
+        ).copy()
         n = len(start)
         if not 1 <= n <= MOST:
             raise InvalidInputError(f"physics: expected 1 to {MOST} particles, got {n}")

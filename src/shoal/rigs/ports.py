@@ -15,7 +15,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_number, count_text, shape_text
+from shoal.core.checks import (
+    check_choice,
+    check_number,
+    check_points,
+    check_text,
+    count_text,
+    shape_text,
+)
 from shoal.core.errors import InvalidInputError, RigError, describe_error
 from shoal.core.registry import Registry, configured
 from shoal.rigs.cameras import CAMERAS, open_camera
@@ -101,7 +108,7 @@ class GridCalibration:
 
     def __init__(self, pixels: float, *, origin: tuple[float, float] = (0.0, 0.0)) -> None:
         self.pixels = check_number(pixels, what="pixels", above=0)
-        self.origin = np.array(origin, dtype=np.float64)
+        self.origin: Points = check_points([origin], what="origin", dimensions=2, count=1)[0]
 
     def to_cells(self, points: Points) -> Points:
         """Return (row, column) of each pixel (x, y)."""
@@ -497,7 +504,7 @@ class RemoteSensor:
 
 def is_connection(spec: str) -> bool:
     """Return whether a text is the address of a device behind a connection."""
-    return spec.partition(":")[0] in REMOTE
+    return check_text(spec, what="device").partition(":")[0] in REMOTE
 
 
 def runs_code(spec: str) -> bool:

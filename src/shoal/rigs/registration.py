@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_array
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.calibration import RESIDUAL, TieKind, transform_points
 from shoal.rigs.cameras import grey, load_opencv
+from shoal.swarm.maps.workspace import check_free
 
 Points = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -82,9 +84,10 @@ def tie_by_marks(marks: ArrayLike, *, limit: float = RESIDUAL) -> Tie:
     >>> transform_points(tie.matrix, [(40, 20)]).round(3).tolist(), round(tie.residual, 6)
     ([[1.0, 2.0]], 0.0)
     """
-    table = np.asarray(marks, dtype=np.float64)
+    expected = "mark: expected numbers x, y, row, column for each mark"
+    table = check_array(marks, expected=expected).astype(np.float64)
     if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():
-        raise InvalidInputError("mark: expected numbers x, y, row, column for each mark")
+        raise InvalidInputError(expected)
     if len(table) < 3:
         raise InvalidInputError(f"mark: expected at least 3 marks, got {len(table)}")
     notes = []
@@ -258,6 +261,7 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
     MissingExtraError
     """
     cv2 = load_opencv()
+    free = check_free(free)
     shown = grey(picture).astype(np.float32)
     scaled = cv2.normalize(shown, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     _, bright = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import RigError
 from shoal.swarm.grid.world import GridWorld
@@ -174,6 +175,8 @@ class NoisyRig(SimulatedRig):
         self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator
     ) -> None:
         super().__init__(workspace, start)
+        check_kind(noise, Noise, what="noise")
+        check_kind(rng, np.random.Generator, what="rng")
         self._noisy = NoisyWorld(workspace, self._state.cells, noise, rng)
 
     @property

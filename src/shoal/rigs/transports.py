@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
+from shoal.core.checks import check_text
 from shoal.core.errors import InvalidInputError, MissingExtraError
 
 T = TypeVar("T")
@@ -225,7 +226,7 @@ class ProcessTransport(Transport):
 
     def __init__(self, command: str) -> None:
         super().__init__(f"exec:{command}")
-        self._words = shlex.split(command)
+        self._words = shlex.split(check_text(command, what="command"))
         self._child: subprocess.Popen[bytes] | None = None
         self._came: queue.Queue[bytes] = queue.Queue(WAITING)
 
@@ -323,7 +324,7 @@ def open_transport(spec: str, *, what: str = "rig") -> Transport:
     >>> open_transport("tcp:localhost:4000").name
     'tcp:localhost:4000'
     """
-    kind, _, endpoint = spec.partition(":")
+    kind, _, endpoint = check_text(spec, what=what).partition(":")
     expected = f"{what}: expected serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
     if kind == "serial" and endpoint:
         device, _, baud = endpoint.partition("@")

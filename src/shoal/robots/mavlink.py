@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import field
 from typing import IO, Any, Protocol, Self
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, check_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
 from shoal.search.regions.formats.flight_logs import dialect
@@ -249,7 +249,7 @@ def check_link(text: str) -> Callable[[], VehicleLink]:
     InvalidInputError
         If the text names no link.
     """
-    kind, _, endpoint = text.partition(":")
+    kind, _, endpoint = check_text(text, what="link").partition(":")
     if kind == "serial" and endpoint:
         device, _, baud = endpoint.partition("@")
         if device and re.fullmatch("([1-9][0-9]{2,7})?", baud):

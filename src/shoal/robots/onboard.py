@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from shoal.core.checks import read_text
+from shoal.core.checks import as_path, check_list, check_text, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -68,7 +68,7 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
         If no such file exists, if a file cannot be read or is missing, or if two files have the
         same robot.
     """
-    source = Path(folder)
+    source = as_path(folder, what="folder")
     suffixes = formats_by_suffix()
     sheets = open_sheets(source)
     for mistake in (mistake for sheet in sheets for mistake in sheet.diagnostics):
@@ -158,7 +158,7 @@ def read_seats(text: str) -> dict[int, Seat]:
         If an entry cannot be read, or if a robot or a vehicle comes twice.
     """
     where = "systems"
-    if "=" in text:
+    if "=" in check_text(text, what=where):
         entries = [(where, part.strip()) for part in text.split(",")]
     else:
         path = Path(text)
@@ -194,6 +194,17 @@ def read_seats(text: str) -> dict[int, Seat]:
             f"systems: expected ROBOT=SYSTEM, such as 1=1, got none in {text!r}"
         )
     return seats
+
+
+def check_pairs(pairs: Sequence[tuple[Cargo, Seat]]) -> list[tuple[Cargo, Seat]]:
+    """Check pairs of what belongs on board and its vehicle, as `pair` returns them."""
+    checked = [check_list(each, what="pairs") for each in check_list(pairs, what="pairs")]
+    for each in checked:
+        if list(map(type, each)) != [Cargo, Seat]:
+            raise InvalidInputError(
+                f"pairs: expected pairs of a Cargo and a Seat, got {shortened(each)}"
+            )
+    return [(cargo, seat) for cargo, seat in checked]
 
 
 def pair(

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_choice, check_integer, check_kind, check_points
 from shoal.core.dataclass import dataclass
 from shoal.missions.formats.items import HOLD, LAND, RETURN, SPEED, TAKE_OFF, WAYPOINT
 from shoal.robots import modes
@@ -204,14 +205,17 @@ class SimulatedVehicle:
         self.parameters = dict(parameters or {})
         self.silent = self.lost_position = False
         self.system, self.kind = system, kind
-        self.autopilot = {name.lower(): number for number, name in AUTOPILOTS.items()}[autopilot]
+        numbers = {name.lower(): number for number, name in AUTOPILOTS.items()}
+        self.autopilot = numbers[check_choice(autopilot, what="autopilot", choices=numbers)]
         self.home, self.elevation = home, elevation
-        self.quirks = quirks or Quirks()
+        self.quirks = check_kind(quirks or Quirks(), Quirks, what="quirks")
         self.speed, self.acceleration = speed, acceleration
         self.battery, self.low_battery, self.charge = battery, low_battery, 1.0
         self.refuses_to_arm, self.station_timeout = refuses_to_arm, station_timeout
         self.track: list[tuple[float, float, float, float, bool]] = []
-        self.frame = LocalFrame(*home)
+        self.frame = LocalFrame(
+            *check_points([home], what="home", dimensions=2, count=1)[0].tolist()
+        )
         self.stored: dict[str, list[MissionItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self.position, self.velocity = np.zeros(3), np.zeros(3)
         self.armed, self.mode, self.current = False, modes.MANUAL, 0
@@ -929,7 +933,7 @@ class SimulatedLink:
         self.name, self.vehicles, self.loss, self.delay = name, vehicles, loss, delay
         self.strangers = strangers
         self.sent: list[bytes] = []
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(check_integer(seed, what="seed", least=0))
         self._time = 0.0
         self._to: deque[tuple[float, int, bytes]] = deque()
         self._from: deque[tuple[float, int, bytes]] = deque()

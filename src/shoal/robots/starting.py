@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field
 from typing import Any
 
+from shoal.core.checks import check_kind, check_list
 from shoal.core.dataclass import dataclass
 from shoal.robots import modes
 from shoal.robots.mavlink import PX4, HeardVehicle, LinkError, Station, type_text
@@ -15,7 +16,7 @@ from shoal.robots.mission_protocol import (
     compare_items,
     download_items,
 )
-from shoal.robots.onboard import Cargo, Seat
+from shoal.robots.onboard import Cargo, Seat, check_pairs
 from shoal.robots.uploading import ORDER, check_type, find_vehicles, items_for
 
 # MAV_CMD
@@ -152,6 +153,8 @@ class Fleet:
     """
 
     def __init__(self, pairs: Sequence[tuple[Cargo, Seat]], stations: Sequence[Station]) -> None:
+        pairs = check_pairs(pairs)
+        check_list(stations, Station, what="stations")
         self.cargos = {cargo.robot: cargo for cargo, _ in pairs}
         self.stations = stations
         self.launches = {
@@ -199,6 +202,7 @@ def check_fleet(fleet: Fleet, *, lowest_battery: int = _LOWEST_BATTERY) -> bool:
     bool
         Whether all are ready. The launches have the faults of the others.
     """
+    check_kind(fleet, Fleet, what="fleet")
     fleet.listen(fleet.now() + 2.5)  # two reports of each
     for robot, (station, vehicle) in fleet.vehicles.items():
         launch, cargo = fleet.launches[robot], fleet.cargos[robot]

@@ -11,7 +11,7 @@ from dataclasses import field
 from threading import BoundedSemaphore
 from typing import Any
 
-from shoal.core.checks import count_text
+from shoal.core.checks import check_list, count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.robots.mavlink import (
@@ -39,7 +39,7 @@ from shoal.robots.mission_protocol import (
     item_on_air,
     upload_items,
 )
-from shoal.robots.onboard import Cargo, Seat
+from shoal.robots.onboard import Cargo, Seat, check_pairs
 
 ORDER = (FENCE, RALLY, MISSION)
 """The order of uploads: PX4 judges a mission by the fence that is on board."""
@@ -109,6 +109,7 @@ def open_stations(
     InvalidInputError
         If a link comes twice or cannot be opened.
     """
+    links = check_list(links, str, what="connect")
     for number, link in enumerate(links):
         if link in links[:number]:
             raise InvalidInputError(f"connect: expected each link once, got {link} again")
@@ -259,6 +260,8 @@ def upload_missions(
     list of Delivery
         One for each pair, in their order.
     """
+    pairs = check_pairs(pairs)
+    stations = check_list(stations, Station, what="stations")
     deliveries = {cargo.robot: new_delivery(cargo, seat) for cargo, seat in pairs}
     cargos = {cargo.robot: cargo for cargo, _ in pairs}
     vehicles, missing = find_vehicles([seat for _, seat in pairs], stations)

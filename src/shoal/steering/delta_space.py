@@ -9,7 +9,7 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer, check_number, check_points
+from shoal.core.checks import check_integer, check_kind, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, unit_vectors
@@ -117,6 +117,7 @@ def reached_in_two_moves(
     >>> reached_in_two_moves(square, (0.5, 0.0), (0.75, 0.0)) is None
     True
     """
+    check_kind(workspace, ConvexWorkspace, what="workspace")
     start, goal = (
         _check_difference(workspace, value, what)
         for value, what in ((before, "before"), (after, "after"))
@@ -744,7 +745,7 @@ def polygon_reach(
     >>> [round(100 * reach.fraction()) for reach in sets]
     [29, 100, 100]
     """
-    if workspace.kind != "polygon":
+    if check_kind(workspace, ConvexWorkspace, what="workspace").kind != "polygon":
         raise InvalidInputError(f"reach: expected a polygon, got {workspace!r}")
     start = check_points([before], what="before", dimensions=2, count=1)[0]
     if not workspace.differences.contains(start):

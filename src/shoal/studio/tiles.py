@@ -7,7 +7,9 @@ columns and rows of them, from the west and from the north.
 from __future__ import annotations
 
 import base64
+import gzip
 import html
+import io
 import os
 import re
 from collections.abc import Callable
@@ -31,6 +33,11 @@ NO_TILE = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAQAAAC1HAwCAAAAC0lEQVR42mNgYAAAAAMAASsJTYQAAAAASUVORK5CYII="
 )
 """A transparent picture, which a browser gets where there is no tile."""
+
+LARGEST_PIECE = 4 * 2**20
+"""Maximum size in bytes of a directory, the metadata or a tile of a PMTiles file, unfolded. The
+library unfolds without a limit, and needs some hundred bytes of memory for each entry of a directory.
+"""
 
 _NORTH = "tilemapresource.xml"  # beside tiles whose rows are counted from the south
 
@@ -113,7 +120,14 @@ class _Archive:
             TileType.WEBP: "image/webp",
         }
         with path.open("rb") as file:
-            self.reader = Reader(MmapSource(file))
+            read = MmapSource(file)
+
+        def read_piece(offset: int, length: int) -> bytes:
+            piece: bytes = read(offset, length)
+            _check_size(piece, path)
+            return piece
+
+        self.reader = Reader(read_piece)
         self.header = self.reader.header()
         if self.header["tile_compression"] not in (Compression.NONE, Compression.UNKNOWN):
             raise InvalidInputError(
@@ -140,6 +154,21 @@ class _Archive:
         if data is None:
             return NO_TILE, "image/png"
         return data, self.kind
+
+
+def _check_size(piece: bytes, path: Path) -> None:
+    """Refuse a piece of a PMTiles file (a directory, the metadata or a tile) that is too large, or
+    that its library would unfold to too many bytes.
+    """
+    size = len(piece)
+    if size <= LARGEST_PIECE and piece[:2] == b"\x1f\x8b":
+        with gzip.open(io.BytesIO(piece)) as folded:
+            size = len(folded.read(LARGEST_PIECE + 1))
+    if size > LARGEST_PIECE:
+        raise InvalidInputError(
+            f"{shortened(path.name)}: expected directories and tiles of at most {LARGEST_PIECE}"
+            " bytes, got more"
+        )
 
 
 def _read(path: Path, work: Callable[[_Archive], Answer]) -> Answer:

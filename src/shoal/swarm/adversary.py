@@ -80,6 +80,7 @@ def play_adversary(
     ((40, 0), 82, 42, 1.952)
     """
     cells = check_integer(cells, what="cells", least=1, most=100_000)
+    check_integer(max_moves, what="max_moves", least=1)
     watched = _run_corridor(policy, cells, cells, seed, max_moves)
     games = []
     for left, right in _chosen_ends(_steps(watched), cells):

@@ -173,10 +173,26 @@ def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
     assert all(vehicle.position[2] == 0 for vehicle in link.vehicles)
 
 
+def test_a_watch_ends_in_time_though_no_vehicle_is_heard(folder, capsys, monkeypatch):
+    link = SimulatedLink(two(), loss=1.0)
+    monkeypatch.setattr(
+        uploading, "open_stations", lambda _links, limits: nullcontext([Station(link, limits)])
+    )
+    begin = link.now()
+    about = ["--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2"]
+    assert run(["missions", "watch", str(folder), *about, "--seconds", "2"]) == 1
+    assert "expected a heartbeat of system 1 within 2 s, got none" in capsys.readouterr().err
+    assert link.now() - begin < 3
+
+
 def test_the_commands_start_only_with_arm(folder, tmp_path, capsys, monkeypatch):
     vehicles = two()
     link = SimulatedLink(vehicles)
-    monkeypatch.setattr(uploading, "open_stations", lambda _links: nullcontext([Station(link)]))
+    monkeypatch.setattr(
+        uploading,
+        "open_stations",
+        lambda _links, limits=None: nullcontext([Station(link, limits)]),
+    )
     about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2", "--json"]
 
     def report(name, *more):

@@ -326,7 +326,7 @@ def test_nothing_half_written(tmp_path, monkeypatch):
         InvalidInputError, match="missions: expected at least one mission to write, got none"
     ):
         write_missions([], tmp_path / "a")
-    with pytest.raises(InvalidInputError, match="formats: expected a sequence of names"):
+    with pytest.raises(InvalidInputError, match="formats: expected a list, got"):
         write_missions(missions, tmp_path / "a", formats="plan")
     assert not list(tmp_path.iterdir())
     (tmp_path / "b").mkdir()

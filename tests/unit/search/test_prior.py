@@ -21,6 +21,7 @@ from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
 from shoal.search.planning.plan import SearchPlan, plan_search
 from shoal.search.problem.prior import DistanceRing, Raster, Segments, Spread, open_prior
+from shoal.search.regions.places import read_points
 from shoal.search.run import run
 
 SQUARE = {"region": "square:100", "robots": 2, "footprint": 10}
@@ -374,6 +375,56 @@ def test_features_that_are_no_prior_are_refused(text, message, tmp_path):
     (tmp_path / "wrong.geojson").write_text(text)
     with pytest.raises(InvalidInputError, match=message):
         open_prior([str(tmp_path / "wrong.geojson")], 0.0, open_region("square:100"))
+
+
+@pytest.mark.parametrize("role", ["prior", "starts"])
+def test_points_in_a_projection_that_the_file_names_are_converted(role, tmp_path):
+    """As in files of regions, an old member "crs" names another system than WGS84."""
+    outline = [[8.999, 49.999], [9.002, 49.999], [9.002, 50.002], [8.999, 50.002], [8.999, 49.999]]
+    (tmp_path / "area.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    region = open_region(str(tmp_path / "area.geojson"))
+
+    def points(crs, *places):
+        data = {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "geometry": {"type": "Point", "coordinates": place},
+                    "properties": {"spread_m": 5},
+                }
+                for place in places
+            ],
+        }
+        if crs:
+            data["crs"] = {"type": "name", "properties": {"name": crs}}
+        (tmp_path / "points.geojson").write_text(json.dumps(data))
+        if role == "starts":
+            return read_points(tmp_path / "points.geojson", region, what="starts")
+        [(_, spread)] = open_prior([str(tmp_path / "points.geojson")], 0.0, region).parts
+        return spread.points
+
+    degrees = points(None, [9.0, 50.0], [9.001, 50.001])
+    np.testing.assert_allclose(
+        points("EPSG:25832", [500000.0, 5538630.7], [500071.66, 5538741.9]), degrees, atol=0.1
+    )
+    np.testing.assert_array_equal(
+        points("urn:ogc:def:crs:OGC:1.3:CRS84", [9.0, 50.0], [9.001, 50.001]), degrees
+    )
+    with pytest.raises(InvalidInputError, match="expected a known coordinate reference system"):
+        points("EPSG:99999", [1, 1])
+    region = open_region("square:100")
+    with pytest.raises(InvalidInputError, match="expected metres, "):
+        points("EPSG:25832", [500000.0, 5538630.7])
+
+
+def test_weights_that_overflow_together_are_scaled():
+    prior = open_prior(
+        ["1e308*ring:50,50:0.5=20", "1e308*ring:20,20:0.5=20"], 0.5, open_region("square:100")
+    )
+    assert [weight for weight, _ in prior.parts] == [0.25, 0.25]
 
 
 def test_a_target_that_is_nowhere_in_the_region_is_refused():

@@ -165,7 +165,7 @@ def test_turns_cost():
         (lambda c: allocate(c, [16]), "starts: expected one or more numbers of cells from 0 to 15"),
         (lambda c: allocate(c, [1.5]), "starts"),
         (lambda c: allocate(c, [1], rates=[0]), "rates: expected 1 speeds above 0"),
-        (lambda c: allocate(c, [1, 2], places=[[0, 0]]), "places: expected shape"),
+        (lambda c: allocate(c, [1, 2], places=[[0, 0]]), "places: expected 2 points of 2 numbers"),
         (lambda c: TourCost(c.tour, turn_cost=-1), "turn cost"),
         (lambda c: TourCost(c.tour, np.zeros((3, 2))), "points: expected finite numbers of shape"),
         (lambda c: Scenario(Brief(c), ()), "starts: expected one or more cells"),

@@ -185,7 +185,10 @@ def test_encode_and_decode_keep_shapes():
         (lambda: hilbert_decode([0, -1], order=31), "got -1 at number 1"),
         (lambda: hilbert_decode(np.uint64(2**63), order=31), "got 9223372036854775808"),
         (lambda: hilbert_decode(8, order=1, dimensions=3), "expected 0 to 7 on"),
-        (lambda: hilbert_decode(0, order=1, dimensions=4), "dimensions: expected 2 or 3, got 4"),
+        (
+            lambda: hilbert_decode(0, order=1, dimensions=4),
+            "dimensions: expected a whole number from 2 to 3, got 4",
+        ),
         (
             lambda: hilbert_decode(0.5, order=1),
             "expected whole numbers that fit 64 bits, got dtype float64",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import io
+import resource
 
 import numpy as np
 import pytest
 from PIL import Image
-from pmtiles.tile import Compression, TileType, zxy_to_tileid
+from pmtiles.tile import Compression, TileType, deserialize_header, serialize_header, zxy_to_tileid
 from pmtiles.writer import Writer
 
 from shoal.core.errors import InvalidInputError
@@ -115,6 +117,27 @@ def test_tiles_that_are_none_are_said(tmp_path):
         with pytest.raises(InvalidInputError):
             tile(folder, name, ZOOM, COLUMNS[0], ROWS[0])
     assert "2026/10/3.png" in [one["name"] for one in folder.files()]
+
+
+@pytest.mark.parametrize("piece", ["root", "metadata"])
+def test_a_decompression_bomb_is_refused_before_it_is_unfolded(tmp_path, piece):
+    """The library unfolds directories and the metadata without a limit."""
+    path = tmp_path / "bomb.pmtiles"
+    write_archive(path)
+    header = deserialize_header(path.read_bytes()[:127])
+    # a hundred members of 10 MB each, of which a whole would need memory here, too
+    bomb = 100 * gzip.compress(bytes(10**7))
+    header[f"{piece}_offset"], header[f"{piece}_length"] = path.stat().st_size, len(bomb)
+    path.write_bytes(serialize_header(header) + path.read_bytes()[127:] + bomb)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    folder = Folder(tmp_path)
+    with pytest.raises(InvalidInputError, match=r"bomb.pmtiles': expected .* at most 4194304"):
+        _ = (
+            tile(folder, "bomb.pmtiles", ZOOM, COLUMNS[0], ROWS[0])
+            if piece == "root"
+            else tiles(folder, {"file": "bomb.pmtiles"})
+        )
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.4, 70.0])

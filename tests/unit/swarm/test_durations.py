@@ -86,7 +86,17 @@ def interrupting():
 @pytest.mark.parametrize("trials", [1, 4])
 def test_trials_keep_what_they_have(trials):
     problem = SwarmProblem("vessels:300", particles=3, policy="best", time_per_move=20.0)
-    episodes = run_trials(problem, trials=trials, workers=1, on_moves=interrupting(), keep=True)
+    shown = []
+    episodes = run_trials(
+        problem,
+        trials=trials,
+        workers=1,
+        on_trial=shown.append,
+        on_moves=interrupting(),
+        keep=True,
+    )
+    ended = sum(episode.status is not Status.INTERRUPTED for episode in episodes)
+    assert shown == list(range(1, ended + 1))  # no interrupted trial is shown as done
     assert 1 <= len(episodes) <= trials
     assert episodes[-1].status is Status.INTERRUPTED
     with pytest.raises(KeyboardInterrupt):

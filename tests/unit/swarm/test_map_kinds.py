@@ -587,6 +587,14 @@ def test_dicom_series(tmp_path, said):
     assert not said
 
 
+def test_a_dicom_series_without_the_size_of_a_pixel_is_turned_too(tmp_path):
+    write_dicom(tmp_path, VOLUME)
+    write_dicom(tmp_path, VOLUME, name="bare", PixelSpacing=None)
+    whole, bare = (read_map(tmp_path / name, level=20) for name in ("series", "bare"))
+    np.testing.assert_array_equal(bare.free, whole.free)
+    assert bare.spacing is None
+
+
 def test_dicom_series_that_are_wrong(tmp_path, said):
     pytest.importorskip("pydicom")
     write_dicom(tmp_path, VOLUME)

@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.lab import Sweep, run_sweep
 from shoal.swarm.policies import Model
 from shoal.swarm.policies import model as module
-from shoal.swarm.policies.model import PATIENCE, planes_of, useful_commands
+from shoal.swarm.policies.model import PATIENCE, RANDOM, planes_of, useful_commands
 
 
 class Session:
@@ -75,6 +75,22 @@ def test_a_sweep_refuses_a_changed_file(file, tmp_path):
         run_sweep(first, store, workers=0)
     with pytest.raises(InvalidInputError, match=r"content\.model:"):
         run_sweep(more, store, workers=0, extend=True)
+
+
+@pytest.mark.parametrize("operator", RANDOM)
+def test_a_network_with_random_numbers_is_refused(file, operator):
+    file.write_bytes(b"first" + bytes([0x22, len(operator)]) + operator.encode() + b"last")
+    with pytest.raises(InvalidInputError, match=f"the operator {operator}, whose results"):
+        Model(str(file))
+
+
+def test_a_dropout_is_refused_if_it_is_random(file, monkeypatch):
+    file.write_bytes(b"\x22\x07Dropout")
+    assert shoal.run("rectangle:4x4", policy=Model(str(file)), particles=2).verify()
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(Session, "run", lambda *_: [rng.random(4)])
+    with pytest.raises(InvalidInputError, match="the operator Dropout in the mode for training"):
+        shoal.run("rectangle:4x4", policy=Model(str(file)), particles=2)
 
 
 def test_what_is_refused(tmp_path, monkeypatch):

@@ -203,13 +203,13 @@ def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_l
             lambda cells: [[1, 3], [2]],
             "expected integer cells of shape (n, 2), got rows of different lengths",
         ),
-        (lambda cells: [[1, 2**70]], "expected integer cells of shape (n, 2), got object"),
+        (lambda cells: [[1, 2**70]], "expected integer cells of shape (n, 2), got float64"),
         (
             lambda cells: np.array([[1, 2**63]], dtype=np.uint64),
             "expected cells inside (4, 9), got (1, 9223372036854775808)",
         ),
         (lambda cells: cells[:, :1], "expected integer cells of shape (n, 2), got int64 (3, 1)"),
-        (lambda cells: None, "expected integer cells of shape (n, 2), got object"),
+        (lambda cells: None, "expected integer cells of shape (n, 2), got float64"),
     ],
 )
 def test_a_position_outside_the_field_is_an_error_of_the_rig_which_keeps_the_map(wrong, words):

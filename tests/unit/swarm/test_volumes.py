@@ -92,7 +92,7 @@ def test_level_and_label(tmp_path):
         assert read_map(tmp_path / name, level=20).n_free == 4
         assert read_map(tmp_path / name, label=7).n_free == 1
         with pytest.raises(
-            InvalidInputError, match="expected 0 for obstacles and one other number"
+            InvalidInputError, match="expected 0 for obstacles and one number above 0"
         ):
             read_map(tmp_path / name)
         with pytest.raises(InvalidInputError, match="expected cells of label 99, got none"):
@@ -101,6 +101,28 @@ def test_level_and_label(tmp_path):
         read_map(tmp_path / "a.npy", level=1, label=2)
     with pytest.raises(InvalidInputError, match="level: expected a number, got"):
         read_map(tmp_path / "a.npy", level=float("nan"))
+
+
+def test_negative_numbers_are_no_free_cells(tmp_path):
+    data = np.zeros((2, 3, 4), np.int16)
+    data[0, 0, 0] = -1
+    nibabel.save(nibabel.Nifti1Image(data, np.eye(4)), tmp_path / "a.nii")
+    with pytest.raises(InvalidInputError, match="one number above 0 for free cells, got -1 "):
+        read_map(tmp_path / "a.nii")
+    assert read_map(tmp_path / "a.nii", label=-1).n_free == 1
+
+
+def test_a_volume_oblique_to_the_body_says_so(tmp_path, capsys):
+    for angle in (3, 20):
+        cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        affine = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        path = tmp_path / f"turned{angle}.nii"
+        nibabel.save(nibabel.Nifti1Image(np.ones((2, 2, 2), np.uint8), affine), path)
+        assert shoal(["maps", str(path)]) == 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "turned20.nii: the axes of the volume differ" in said
+    assert "by up to 20 degrees" in said
 
 
 def test_units_other_than_millimetres(tmp_path):

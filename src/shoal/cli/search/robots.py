@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,7 @@ from shoal.core.interruption import patient
 
 if TYPE_CHECKING:
     from shoal.missions.options import CheckOptions
-    from shoal.robots.mavlink import Station
+    from shoal.robots.mavlink import LinkLimits, Station
     from shoal.robots.onboard import Cargo, Seat
     from shoal.robots.starting import Launch
     from shoal.robots.uploading import Delivery
@@ -295,15 +296,25 @@ def watch(
     breached its fence.
     """
     from shoal.core.checks import check_number
+    from shoal.robots.mavlink import LinkLimits
     from shoal.robots.starting import Fleet, watch_fleet
 
     check_number(every, what="every", above=0)
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with _logged_stations(links, out) as stations:
+    limits = LinkLimits()
+    if seconds is not None:  # finding the vehicles is a part of the watch
+        limits = replace(
+            limits,
+            find_within=min(seconds, limits.find_within),
+            settle=min(seconds, limits.settle),
+        )
+    with _logged_stations(links, out, limits) as stations:
+        begin = stations[0].now()
         fleet = Fleet(pairs, stations)
-        watch_fleet(fleet, seconds=seconds, every=every, on_report=_say_telemetry)
+        left = None if seconds is None else max(0.0, begin + seconds - fleet.now())
+        watch_fleet(fleet, seconds=left, every=every, on_report=_say_telemetry)
         launches = [*fleet.launches.values()]
     lost = [one for one in launches if one.faults]
     for one in lost:
@@ -326,7 +337,9 @@ def watch(
 
 
 @contextmanager
-def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Station]]:
+def _logged_stations(
+    links: list[str], out: Path | None, limits: LinkLimits | None = None
+) -> Iterator[list[Station]]:
     """Open stations on links, and a log of what they hear in the folder ``out``."""
     from shoal.robots.uploading import open_stations
 
@@ -337,7 +350,7 @@ def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Statio
             raise InvalidInputError(f"out: expected a folder without {FLIGHT_LOG}, got {out}")
     with (
         patient(),
-        open_stations(links) as stations,
+        open_stations(links, limits) as stations,
         nullcontext() if log is None else _new_file(log) as file,
     ):
         for station in stations:

@@ -18,7 +18,7 @@ import numpy as np
 import typer
 
 from shoal.cli import options
-from shoal.cli.options import takes_problem
+from shoal.cli.options import is_given, takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
 from shoal.cli.steering_drive import (
     check_steering,
@@ -546,7 +546,7 @@ def _given(ctx: typer.Context) -> dict[str, Any]:
     return {
         name: json.loads(json.dumps(value, default=str))
         for name, value in ctx.params.items()
-        if name not in NOT_LOGGED and _is_given(ctx, name) and value is not None
+        if name not in NOT_LOGGED and is_given(ctx, name) and value is not None
     }
 
 
@@ -613,17 +613,13 @@ def _is_same(value: Any, expected: Any) -> bool:
 
 def _run_again(ctx: typer.Context, changed: dict[str, Any]) -> None:
     """Run the command again in its context, with some options as if they had been given."""
-    source = ctx.get_parameter_source(next(name for name in ctx.params if _is_given(ctx, name)))
+    source = ctx.get_parameter_source(next(name for name in ctx.params if is_given(ctx, name)))
     assert source is not None
     assert ctx.command.callback is not None
     for name, value in changed.items():
         ctx.set_parameter_source(name, source)
         ctx.params[name] = value
     ctx.command.callback(**ctx.params)
-
-
-def _is_given(ctx: typer.Context, name: str) -> bool:
-    return getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
 
 
 def _check_trials(**given: Path | None) -> None:

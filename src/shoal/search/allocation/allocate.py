@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import shortened
+from shoal.core.checks import check_array, check_kind, check_points, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
@@ -674,8 +674,9 @@ def _team(
     """Check the robots. Return the robots in the order of their start cells, and the given index of
     each of these robots.
     """
-    n = len(tour_cost)
-    first = np.asarray(starts)
+    n = len(check_kind(tour_cost, TourCost, what="tour_cost"))
+    expected = f"starts: expected one or more numbers of cells from 0 to {n - 1}"
+    first = check_array(starts, expected=expected)
     if (
         first.ndim != 1
         or not len(first)
@@ -683,22 +684,24 @@ def _team(
         or (first < 0).any()
         or (first >= n).any()
     ):
-        raise InvalidInputError(
-            f"starts: expected one or more numbers of cells from 0 to {n - 1}, got"
-            f" {first.tolist()!r:.200}"
-        )
+        raise InvalidInputError(f"{expected}, got {first.tolist()!r:.200}")
     first = first.astype(np.int64)
-    speeds = np.ones(len(first)) if rates is None else np.asarray(rates, dtype=np.float64)
+    expected = f"rates: expected {len(first)} speeds above 0"
+    speeds = (
+        np.ones(len(first))
+        if rates is None
+        else check_array(rates, expected=expected).astype(np.float64)
+    )
     if speeds.shape != first.shape or not (np.isfinite(speeds) & (speeds > 0)).all():
-        raise InvalidInputError(
-            f"rates: expected {len(first)} speeds above 0, got {speeds.tolist()!r:.200}"
-        )
-    at = tour_cost.points[first] if places is None else np.asarray(places, dtype=np.float64)
-    if at.shape != (len(first), tour_cost.points.shape[1]):
-        raise InvalidInputError(
-            f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}"
-        )
-    wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
+        raise InvalidInputError(f"{expected}, got {speeds.tolist()!r:.200}")
+    at = tour_cost.points[first]
+    if places is not None:
+        at = check_points(places, what="places", dimensions=at.shape[1], count=len(first))
+    wide = (
+        np.ones(len(first), dtype=np.int64)
+        if widths is None
+        else check_array(widths, expected=f"widths: expected {len(first)} whole numbers")
+    )
     check_widths(wide, len(first))
     # if several robots start in a cell, ``stay`` gives cells only to the last one
     order = np.argsort(first, kind="stable")

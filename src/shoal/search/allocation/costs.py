@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_array, check_integer, check_kind, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
@@ -89,20 +89,19 @@ class TourCost:
     thorough: bool = True
 
     def __post_init__(self) -> None:
-        cells = self.tour.cells.astype(np.float64)
+        cells = check_kind(self.tour, Tour, what="tour").cells.astype(np.float64)
         if self.points is None:
             points = cells
         else:
-            points = np.asarray(self.points, dtype=np.float64)
+            points = check_array(
+                self.points, expected=f"points: expected finite numbers of shape {cells.shape}"
+            ).astype(np.float64, copy=False)
             if points.shape != cells.shape or not np.isfinite(points).all():
                 raise InvalidInputError(
                     f"points: expected finite numbers of shape {cells.shape}, got shape"
                     f" {points.shape}"
                 )
-        if not (np.isfinite(self.turn_cost) and self.turn_cost >= 0):
-            raise InvalidInputError(
-                f"turn cost: expected a number of cells, 0 or more, got {self.turn_cost!r}"
-            )
+        check_number(self.turn_cost, what="turn cost", least=0)
         steps = (
             np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
             if self.steps is None

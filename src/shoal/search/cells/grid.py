@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_kind, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
@@ -308,6 +308,9 @@ def cells_of(
     >>> grid.cell_of([(39.0, 1.0)]).tolist()
     [[1, 3]]
     """
+    check_kind(region, SearchRegion, what="region")
+    angle = check_number(angle, what="angle", least=-360, most=360)
+    check_points([offset], what="offset", dimensions=2, count=1)
     side = check_number(footprint, what="footprint", above=0)
     step = side if size is None else check_number(size, what="cell size", above=0)
     if step > side:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_bool, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
@@ -349,8 +350,8 @@ class RegionPaths:
     """
 
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
-        self.grid = grid
-        self.transit = transit
+        self.grid = check_kind(grid, CellGrid, what="grid")
+        self.transit = check_bool(transit, what="transit")
         # Plans compare routes that have most of their legs in common, and the plan that is chosen
         # has the legs of its tour. So all paths between the same pieces share what they have found.
         self._cache: dict[tuple[bytes, bytes], tuple[Points, bool]] = (

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_array
+from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import cross
 from shoal.search.kernels.borders import places_around, places_within
 from shoal.search.regions.outline import Points
@@ -186,7 +188,12 @@ def merge_collinear(points: Points) -> Points:
     >>> merge_collinear(np.array([(0, 0), (1, 0), (1, 0), (2, 0), (1, 0), (1, 1.0)])).tolist()
     [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
-    path = np.asarray(points, dtype=np.float64)
+    path = check_array(points, expected="points: expected the points of a path")
+    path = path.astype(np.float64, copy=False)
+    if path.ndim != 2:
+        raise InvalidInputError(
+            f"points: expected the points of a path, got an array of shape {path.shape}"
+        )
     if len(path) < 2:
         return path
     path = path[np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])]

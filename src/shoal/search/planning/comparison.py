@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.patterns import pattern_plans
@@ -122,7 +122,7 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     ({'strips'}, 7)
     """
     seed = check_integer(seed, what="seed", least=0)
-    problem.check_at_place()
+    check_kind(problem, SearchProblem, what="problem").check_at_place()
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
     cache: dict[Any, Any] = {}
     first = plans_along(problem, names[0], seed, cache)

@@ -15,7 +15,7 @@ import shapely
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
@@ -725,6 +725,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     >>> len(plan.tour_cost), plan.allocation.makespan >= 100 / 4
     (100, True)
     """
+    check_kind(problem, SearchProblem, what="problem")
     region: SearchRegion = problem.place
     first = None
     for rotated_rows, share in attempts(problem, region.margin):

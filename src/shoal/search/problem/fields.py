@@ -227,7 +227,7 @@ def check_number_list(
     """
     if isinstance(value, int | float | np.number):
         value = (value,)  # a single number, for one robot
-    if not isinstance(value, list | tuple | np.ndarray):
+    if not isinstance(value, list | tuple) and not getattr(value, "ndim", 0):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
     return tuple(
         check_number(number, what=what, least=least, above=above, most=FARTHEST) for number in value

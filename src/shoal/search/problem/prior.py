@@ -29,7 +29,9 @@ from shoal.core.errors import InvalidInputError, import_extra
 from shoal.search.cells.layers import Grid, LayeredGrid, layers_of
 from shoal.search.problem.target import Drift, Ground, MovingGround, Tracks
 from shoal.search.regions.builder import list_of
+from shoal.search.regions.formats.geodata import crs_name
 from shoal.search.regions.outline import Points
+from shoal.search.regions.projection import conversion
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour
 
@@ -685,9 +687,13 @@ def open_prior(parts: Sequence[Any], elsewhere: float, region: SearchRegion) -> 
         source = Path(what)
         check_file(source, what="prior", most=LARGEST_PRIOR)
         found.append((weight, _read(source, source, region)))
-    total = sum(weight for weight, _ in found)
+    weights = _normalised("prior", np.array([weight for weight, _ in found]))
     return Prior(
-        tuple((weight / total * (1.0 - elsewhere), density) for weight, density in found), elsewhere
+        tuple(
+            (float(weight) * (1.0 - elsewhere), density)
+            for weight, (_, density) in zip(weights, found, strict=True)
+        ),
+        elsewhere,
     )
 
 
@@ -924,14 +930,15 @@ def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
     )
 
 
-def _normalised(source: Path, values: Floats) -> Floats:
-    if not np.isfinite(values).all() or (values < 0).any() or not values.sum() > 0:
+def _normalised(source: Path | str, values: Floats) -> Floats:
+    with np.errstate(over="ignore"):  # a sum beyond the largest number is scaled below
+        total = float(values.sum())
+    if not np.isfinite(values).all() or (values < 0).any() or not total > 0:
         wrong = values[~(values >= 0) | ~np.isfinite(values)]
         got = f"{wrong.flat[0]:g}" if wrong.size else "zeros only"
         raise InvalidInputError(
             f"{source}: expected probabilities, 0 or more and not all 0, got {got}"
         )
-    total = float(values.sum())
     if total == inf:
         values = values / values.max()
         total = float(values.sum())
@@ -968,6 +975,16 @@ def _features(source: Path, data: Any, region: SearchRegion) -> Density:
             f"{source}: expected a FeatureCollection of GeoJSON with one feature or more, got"
             f" {shortened(data)}"
         )
+    # as in regions, an old member "crs" names another system than WGS84
+    system, convert = crs_name(data, str(source)), None
+    if system is not None:
+        geographic, convert = conversion(system, str(source))
+        if geographic != (region.frame is not None):
+            units = ["metres", "degrees"]
+            raise InvalidInputError(
+                f"{source}: expected {units[not geographic]}, as the region {region.name!r} has, got"
+                f' the "crs" {shortened(system)}'
+            )
     shapes, spreads, weights = [], [], []
     for number, feature in enumerate(features, start=1):
         where = f"{source}: feature {number}"
@@ -980,6 +997,8 @@ def _features(source: Path, data: Any, region: SearchRegion) -> Density:
             ) from None
         if shape is None or shape.is_empty:
             raise InvalidInputError(f"{where}: expected a geometry, got an empty one")
+        if convert is not None:
+            shape = shapely.transform(shape, convert)
         if region.frame is not None:
             frame = region.frame
             shape = shapely.transform(shape, frame.to_metres)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from math import inf
 
+from shoal.core.checks import check_integer, check_list
 from shoal.search.protocol.robot import Decision, head_for
 from shoal.search.protocol.state import Declare, Robot
 
@@ -33,7 +34,10 @@ def marker_rule(markers: Iterable[int], *, stop: bool = True) -> Callable[[Robot
     unsearched. Without ``stop``, all cells are searched as long as one robot is alive, and at the
     same time if all are alive; but every robot travels the whole tour.
     """
-    marked = frozenset(markers)
+    marked = frozenset(
+        check_integer(marker, what="markers", least=0)
+        for marker in check_list(markers, what="markers")
+    )
 
     def decide(robot: Robot, time: float) -> Decision:
         n = len(robot.brief.tour_cost)

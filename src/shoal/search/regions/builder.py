@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.core.checks import check_choice
+from shoal.core.checks import check_array, check_choice
 from shoal.core.errors import InvalidInputError, UnknownNameError, errors_at
 from shoal.core.geometry import unit_vectors
 from shoal.search.regions.formats import read_outlines
@@ -118,6 +118,7 @@ def open_region(
         check_choice(hidden, what="--hidden", choices=HIDDEN)
     reading = Reading(layer=layer, hidden=hidden, closed_lines=closed_lines)
     if not isinstance(source, str | os.PathLike):
+        _check_no_layer(layer, "polygons")
         drawn = _outlines_of(source, list_of(holes), geographic=geographic)
         return build_region(drawn, extra, name=name or "polygon", inner=inner, reading=reading)
     if holes is not None or geographic:
@@ -129,11 +130,7 @@ def open_region(
     if not isinstance(text, str):
         raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
     if is_builtin(text) and not os.path.exists(text):
-        if layer is not None:
-            raise InvalidInputError(
-                f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with"
-                f" the region {text!r}"
-            )
+        _check_no_layer(layer, f"the region {text!r}")
         outlines_of_name = builtin_region(text)
         return build_region(
             outlines_of_name, extra, name=name or text, inner=inner, reading=reading
@@ -141,6 +138,14 @@ def open_region(
     outlines = read_outlines(text, reading)
     stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
     return build_region(outlines, extra, name=name or stem, inner=inner, reading=reading)
+
+
+def _check_no_layer(layer: str | None, source: str) -> None:
+    if layer is not None:
+        raise InvalidInputError(
+            f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with"
+            f" {source}"
+        )
 
 
 def _outlines_of(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
@@ -368,15 +373,10 @@ def _rings(polygon: Any, what: str, also: str = "") -> list[RegionOutline]:
         if not outlines:
             raise InvalidInputError(f"{what}: expected a polygon, got {polygon.geom_type}")
         return outlines
-    try:
-        points = np.asarray(polygon, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        points = np.zeros(0)
+    expected = f"{what}: expected {also}a Shapely polygon or points of shape (n, 2)"
+    points = check_array(polygon, expected=expected).astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
-        raise InvalidInputError(
-            f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got"
-            f" {str(polygon)[:80]}"
-        )
+        raise InvalidInputError(f"{expected}, got {str(polygon)[:80]}")
     return [RegionOutline(Ring(points, what))]
 
 
@@ -386,8 +386,10 @@ def list_of(polygons: Any) -> list[Any]:
     """
     if polygons is None:
         return []
-    alone = isinstance(polygons, str | os.PathLike) or not isinstance(
-        polygons, Sequence | np.ndarray
+    alone = (
+        isinstance(polygons, str | os.PathLike)
+        or not isinstance(polygons, Sequence | np.ndarray)
+        or getattr(polygons, "ndim", 1) == 0
     )
     if not alone:
         try:

@@ -7,7 +7,7 @@ from math import ceil, hypot
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.core.checks import check_integer, check_number, check_points
+from shoal.core.checks import check_integer, check_list, check_number, check_points
 from shoal.core.errors import InvalidInputError
 
 Rectangle = tuple[tuple[float, float], tuple[float, float]]
@@ -57,7 +57,9 @@ def affordable_rectangle(
     """
     points = check_points(starts, what="starts", dimensions=2)
     side = check_number(footprint, what="footprint", above=0)
-    lengths = [check_number(value, what="ranges", least=0) for value in np.ravel(ranges)]
+    lengths = [
+        check_number(value, what="ranges", least=0) for value in check_list(ranges, what="ranges")
+    ]
     if not len(points) or len(lengths) != len(points):
         raise InvalidInputError(
             f"ranges: expected one or more starts and as many ranges, got {len(points)} starts and"

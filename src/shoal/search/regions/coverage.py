@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_array, check_kind, check_list, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import left_of, unit_vectors
@@ -154,6 +154,10 @@ def coverage_check(
     """
     import shapely
 
+    check_kind(region, SearchRegion, what="region")
+    routes = check_list(routes, what="routes")
+    if image is not None:
+        check_kind(image, Image, what="image")
     sides = check_footprints(footprint, len(routes), what="route")
     check_number(tolerance, what="tolerance", least=0)
     check_number(angle, what="angle", least=-360, most=360)
@@ -383,18 +387,10 @@ def check_footprints(
     """Check one footprint for all robots, or one for each robot, in metres. Return each robot's
     footprint, shape (robots,).
     """
-    try:
-        sides = np.asarray(footprint, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        sides = np.full(1, np.nan)
-    if (
-        not sides.size
-        or not (np.isfinite(sides) & (sides > 0)).all()
-        or isinstance(footprint, bool)
-    ):
-        raise InvalidInputError(
-            f"footprint: expected a length above 0 in metres, got {footprint!r:.200}"
-        )
+    expected = "footprint: expected a length above 0 in metres"
+    sides = check_array(footprint, expected=expected)
+    if not sides.size or not (np.isfinite(sides) & (sides > 0)).all() or sides.dtype.kind == "b":
+        raise InvalidInputError(f"{expected}, got {footprint!r:.200}")
     if sides.shape not in ((), (robots,)):
         raise InvalidInputError(
             f"footprint: expected one length, or {robots}, one per {what}, got {np.size(sides)}"

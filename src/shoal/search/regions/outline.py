@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence, Sized
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_file, check_points
+from shoal.core.checks import check_array, check_file, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import segments_of, step_lengths
@@ -183,10 +183,9 @@ def check_plane_points(points: Any, *, what: str) -> Points:
     """Check that points are finite, and return them as a float64 array of shape (n, 2). The list of
     points may be empty.
     """
+    array = check_array(points, expected=f"{what}: expected points of 2 numbers")
     return check_points(
-        np.zeros((0, 2)) if isinstance(points, Sized) and len(points) == 0 else points,
-        what=what,
-        dimensions=2,
+        array.reshape(0, 2) if array.shape == (0,) else array, what=what, dimensions=2
     )
 
 

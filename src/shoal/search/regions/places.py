@@ -252,8 +252,8 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     a line.
     """
     if path.suffix.lower() in (".geojson", ".json"):
-        positions, line = read_positions(path, what=f"file of {what}")
-        return _in_metres(positions, region, path, degrees=True), line
+        positions, line, geographic = read_positions(path, what=f"file of {what}")
+        return _in_metres(positions, region, path, degrees=geographic), line
     rows, degrees = read_vertices(path, what=f"table of {what}")
     points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
     return _in_metres(points, region, path, degrees=degrees), False

@@ -4,6 +4,7 @@ metres.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -189,6 +190,39 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
         If the coordinate reference system is unknown, or if a coordinate is out of the system's
         range.
     """
+    geographic, transformer = _to_wgs84(crs, where)
+    moved = (
+        outlines
+        if transformer is None
+        else tuple(
+            replace(
+                outline,
+                shell=_transform_ring(outline.shell, transformer),
+                holes=tuple(_transform_ring(hole, transformer) for hole in outline.holes),
+            )
+            for outline in outlines
+        )
+    )
+    return RegionOutlines(moved, where, geographic=geographic)
+
+
+def conversion(crs: str, where: str) -> tuple[bool, Callable[[Points], Points]]:
+    """Return whether a coordinate reference system has a position on Earth, and the function that
+    converts points from it to WGS84 longitude and latitude in degrees, as in `to_degrees`. Points
+    of a system without a position stay in metres.
+    """
+    geographic, transformer = _to_wgs84(crs, where)
+
+    def convert(points: Points) -> Points:
+        return points if transformer is None else np.stack(transformer.transform(*points.T), axis=1)
+
+    return geographic, convert
+
+
+def _to_wgs84(crs: str, where: str) -> tuple[bool, Any]:
+    """Return whether a system has a position on Earth, and its transformer to WGS84, or None if its
+    coordinates stay as they are.
+    """
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -200,25 +234,16 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
             f"{where}: expected a known coordinate reference system, got {name[:80]!r}"
         ) from None
     if system.type_name == "Engineering CRS" or system.name.startswith("Undefined"):
-        return RegionOutlines(outlines, where, geographic=False)
+        return False, None
     if system.equals(CRS.from_epsg(4326), ignore_axis_order=True):
-        return RegionOutlines(outlines, where, geographic=True)
+        return True, None
     try:
-        transformer = Transformer.from_crs(system, CRS.from_epsg(4326), always_xy=True)
+        return True, Transformer.from_crs(system, CRS.from_epsg(4326), always_xy=True)
     except ProjError:
         raise InvalidInputError(
             f"{where}: expected a coordinate reference system that can be converted to WGS84, got"
             f" {system.name!r}"
         ) from None
-    moved = tuple(
-        replace(
-            outline,
-            shell=_transform_ring(outline.shell, transformer),
-            holes=tuple(_transform_ring(hole, transformer) for hole in outline.holes),
-        )
-        for outline in outlines
-    )
-    return RegionOutlines(moved, where, geographic=True)
 
 
 def _transform_ring(ring: Ring, transformer: Any) -> Ring:

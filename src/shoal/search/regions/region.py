@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_integer, check_kind, check_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.border import Border
@@ -321,6 +322,11 @@ def region_of(
     """
     import shapely
 
+    check_text(name, what="name")
+    if frame is not None:
+        check_kind(frame, LocalFrame, what="frame")
+    if no_go_zones is not None:
+        check_integer(no_go_zones, what="no_go_zones", least=0)
     whole = _only_polygons(area, what=name)
     zones = (
         _only_polygons(no_go, what=f"{name}: no-go zones")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_array
 from shoal.core.errors import InvalidInputError
 
 MAX_CELLS = 2**28
@@ -37,12 +38,7 @@ def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
         If the mask has an invalid dtype or an invalid number of dimensions, no True cell, or more
         than ``MAX_CELLS`` cells.
     """
-    try:
-        array = np.asarray(mask_or_shape)
-    except ValueError:
-        raise InvalidInputError(
-            "mask: expected rows of equal length, got rows of different lengths"
-        ) from None
+    array = check_array(mask_or_shape, expected="mask: expected booleans or a shape")
     if array.ndim == 1 and array.dtype.kind in "iu":
         return np.ones(_check_shape(array.tolist()), dtype=np.bool_)
     if array.ndim not in (2, 3):

@@ -11,7 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_array, check_integer, check_list
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
@@ -111,8 +111,11 @@ class Tour:
     name: str = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        cells = np.array(self.cells)
-        shape = tuple(int(side) for side in self.shape)
+        cells = check_array(self.cells, expected=f"tour {self.name}: expected cells").copy()
+        shape = tuple(
+            check_integer(side, what=f"tour {self.name}: shape", least=1)
+            for side in check_list(self.shape, what=f"tour {self.name}: shape")
+        )
         if len(shape) not in (2, 3):
             raise InvalidInputError(
                 f"tour {self.name}: expected a grid of shape (H, W) or (L, H, W), got {shape}"
@@ -380,8 +383,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     """
     from shoal.search.kernels import hilbert
 
-    if dimensions not in MAX_ORDER:
-        raise InvalidInputError(f"dimensions: expected 2 or 3, got {dimensions!r}")
+    check_integer(dimensions, what="dimensions", least=2, most=3)
     kernel = hilbert.decode_2 if dimensions == 2 else hilbert.decode_3
     return _decode(kernel, indices, order, dimensions, "Hilbert")
 
@@ -457,12 +459,7 @@ def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
-    try:
-        array = np.asarray(values)
-    except (ValueError, OverflowError):
-        raise InvalidInputError(
-            f"{what}: expected whole numbers in rows of equal length, got rows of different lengths"
-        ) from None
+    array = check_array(values, expected=f"{what}: expected whole numbers")
     if array.size and array.dtype.kind not in "iu":
         raise InvalidInputError(
             f"{what}: expected whole numbers that fit 64 bits, got dtype {array.dtype}"

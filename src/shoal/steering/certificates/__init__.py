@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_kind, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Verification
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
@@ -149,7 +149,7 @@ def certify(
     >>> certificate.certified, round(certificate.lower_bound, 3)
     (True, 1.709)
     """
-    problem = episode.problem
+    problem = check_kind(episode, SteeringEpisode, what="episode").problem
     check_certifiable(problem, seconds)
     place = problem.place
     start, goal = problem.endpoints(episode.seed)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_number, check_points
+from shoal.core.checks import check_kind, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import cross, left_of
@@ -198,6 +198,7 @@ class ContactWorld(SteeringWorld):
     pushed: float = PUSHED
 
     def __post_init__(self) -> None:
+        check_kind(self.workspace, ConvexWorkspace, what="workspace")
         check_number(self.friction, what="friction", least=0, finite=False)
         check_number(self.radius, what="particle radius", least=0)
         if self.radius and (self.friction < inf or self.gradient is not None):

@@ -54,6 +54,13 @@ def reflection_quartic(start: Points, goal: Points, radius: float = 1.0) -> NDAr
     B = conj(S + G). This is Alhazen's problem. Paper W, section V.B, has the same equation in real
     numbers.
     """
+    radius = check_number(radius, what="radius", above=0)
+    ends = check_points([start, goal], what="start and goal", dimensions=2, count=2)
+    return _quartic(ends[0], ends[1], radius)
+
+
+def _quartic(start: Points, goal: Points, radius: float) -> NDArray[np.complex128]:
+    """Return what `reflection_quartic` returns, for points of two dimensions or more."""
     s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
     return np.array([a, -b, 0, np.conj(b), -np.conj(a)])
@@ -102,7 +109,7 @@ def _over_circle(start: Points, goal: Points, radius: float) -> tuple[complex, f
     also tries the points of the circle nearest to both points, and 48 evenly spaced points.
     """
     s, g = complex(*start[:2]) / radius, complex(*goal[:2]) / radius
-    spots = np.concatenate([np.roots(reflection_quartic(start, goal, radius)), [s, g], _AROUND])
+    spots = np.concatenate([np.roots(_quartic(start, goal, radius)), [s, g], _AROUND])
     spots = spots[spots != 0]
     spots = spots / np.abs(spots)
     lengths = np.abs(spots - s) + np.abs(spots - g)

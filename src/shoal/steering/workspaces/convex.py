@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_bool, check_integer, check_number, check_points
+from shoal.core.checks import check_bool, check_integer, check_kind, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import left_of, unit_vectors
@@ -514,7 +514,7 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
     open_ends : bool
         Whether the prism is a tube without end caps.
     """
-    if base.dimensions != 2:
+    if check_kind(base, ConvexWorkspace, what="base").dimensions != 2:
         raise InvalidInputError(f"prism: expected a polygon or a disk as base, got {base!r}")
     kind = "cylinder" if base.round else "prism"
     return ConvexWorkspace(

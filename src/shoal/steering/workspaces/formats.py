@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from shoal.core.checks import (
+    as_path,
     check_choice,
     parse_json,
     read_polygon,
@@ -283,6 +284,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     """
     if isinstance(source, dict):
         return workspace_of(source, where="workspace")
+    as_path(source, what="workspace")
     text = os.fspath(source)
     if re.match(r"\s*(multi)?polygon\b", text, flags=re.IGNORECASE):
         return _from_geometry(read_polygon(text, where="workspace"), where="workspace")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_points
+from shoal.core.checks import check_list, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.steering.workspaces.convex import Points, SteeringWorkspace
@@ -74,7 +74,7 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
 
     rings = [
         check_points(ring, what="outline" if k == 0 else f"obstacle {k}", dimensions=2)
-        for k, ring in enumerate([outline, *obstacles])
+        for k, ring in enumerate([outline, *check_list(obstacles, what="obstacles")])
     ]
     for k, ring in enumerate(rings):
         name = "outline" if k == 0 else f"obstacle {k}"

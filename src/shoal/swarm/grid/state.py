@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_array
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout, Words
@@ -36,10 +37,7 @@ def check_cells(
         its rim.
     """
     expected = f"{what}: expected integer cells of shape (n, {len(shape)})"
-    try:
-        array = np.asarray(cells)
-    except ValueError:
-        raise InvalidInputError(f"{expected}, got rows of different lengths") from None
+    array = check_array(cells, expected=expected)
     if array.size == 0 and array.ndim < 3:
         return np.zeros((0, len(shape)), dtype=np.int64)
     if (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_number, shortened
+from shoal.core.checks import check_integer, check_kind, check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.registry import Registry, configured
@@ -376,6 +376,9 @@ def place(
     >>> place(workspace, 3, "uniform", np.random.default_rng(1)).tolist()
     [[0, 0], [0, 1], [0, 3]]
     """
+    check_kind(workspace, GridWorkspace, what="workspace")
+    check_integer(n, what="particles")
+    check_kind(rng, np.random.Generator, what="rng")
     if not 1 <= n <= workspace.n_free:
         raise InvalidInputError(
             f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}),"

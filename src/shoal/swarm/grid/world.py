@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import RULES, Board, GridLayout, encode
@@ -28,6 +29,7 @@ def check_start(
         Raised if ``cells`` is empty, or if a start cell is not a free cell of the workspace. Under
         the rules block and tilt, InvalidInputError is raised if a start cell is repeated.
     """
+    check_kind(workspace, GridWorkspace, what="workspace")
     array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:
         raise InvalidInputError("start: expected at least one particle, got none")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_file, check_integer
+from shoal.core.checks import as_path, check_array, check_file, check_integer, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
@@ -159,7 +159,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     MissingExtraError
         Raised if the file needs a library that is not installed.
     """
-    source, chosen = Path(path), map_options(options)
+    source, chosen = as_path(path), map_options(options)
     suffix = _suffix(source)
     # unlike Path.is_dir, it accepts names of any length
     folder = bool(source.name) and os.path.isdir(source)
@@ -232,7 +232,8 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     OutputError
         Raised if Shoal cannot write the file. A failed write leaves no partial file.
     """
-    target = Path(path)
+    check_kind(workspace, GridWorkspace, what="workspace")
+    target = as_path(path)
     suffix = _suffix(target)
     written = {known: form for known, form in FORMATS.items() if form.encode is not None}
     if suffix not in written:
@@ -321,12 +322,11 @@ def open_map(
         return place
     if not isinstance(place, str | os.PathLike):
         check_used(KINDS["numbers"], given)
-        array = np.asarray(place)
+        array = check_array(place, expected="map: expected rows of booleans or numbers")
         if chosen.by_number or chosen.invert or chosen.join_diagonals:
-            if array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
+            if array.ndim not in (2, 3):
                 raise InvalidInputError(
-                    f"map: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions of"
-                    f" {array.dtype}"
+                    f"map: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
                 )
             array = free_in_array(array, chosen, where="map")
         workspace = GridWorkspace(array)

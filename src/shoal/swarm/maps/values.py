@@ -57,11 +57,12 @@ def free_by_number(
             if nan is not None:
                 cells &= ~nan
             other.add(piece[cells] if piece.dtype.kind != "b" else np.zeros(0))
-            if other.low != other.high:
+            if other.low != other.high or (other.low is not None and other.low < 0):
+                several = f"{other.low} and " if other.low != other.high else ""
                 raise InvalidInputError(
-                    f"{where}: expected 0 for obstacles and one other number for free cells, got"
-                    f" {other.low} and {other.high}{_cell_of(pieces, other.high)} (choose the level"
-                    " from which cells are free, or the label of free cells)"
+                    f"{where}: expected 0 for obstacles and one number above 0 for free cells, got"
+                    f" {several}{other.high}{_cell_of(pieces, other.high)} (choose the level from"
+                    " which cells are free, or the label of free cells)"
                 )
         free.add(_inverted(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)

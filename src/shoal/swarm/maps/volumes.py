@@ -80,6 +80,8 @@ NRRD_NUMBERS = {
 """Names of the types of numbers in a NRRD header, and NumPy's names of the types."""
 
 CHUNK = 1 << 20  # bytes
+OBLIQUE = 5.0
+"""Angle in degrees from which a difference of the axes of a volume and the body is told."""
 
 
 # NIfTI
@@ -143,12 +145,12 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         sides = tuple(float(side) * unit for side in image.header.get_zooms()[:3])
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
-        turned, sides = in_front_of_body(free, sides, image.affine[:3, :3])
+        turned, sides = in_front_of_body(free, sides, image.affine[:3, :3], where=path)
     return turned, _checked_sides(path, sides)
 
 
 def in_front_of_body(
-    free: Mask, sides: tuple[float, ...], directions: NDArray[Any]
+    free: Mask, sides: tuple[float, ...], directions: NDArray[Any], *, where: Path
 ) -> tuple[Mask, tuple[float, ...]]:
     """Turn a volume into the view of a person in front of the body.
 
@@ -160,6 +162,8 @@ def in_front_of_body(
     directions : ndarray, shape (3, 3)
         For each axis of the volume, a column with its direction in space: to the left, to the back
         and to the head of the body are -1, -1 and 1 (RAS, as in NIfTI).
+    where : Path
+        The file or folder, in a warning about axes that are oblique to those of the body.
 
     Returns
     -------
@@ -172,10 +176,17 @@ def in_front_of_body(
     # first, as in nibabel.
     strength = np.abs(directions / np.maximum(np.linalg.norm(directions, axis=0), 1e-30))
     axis_of: dict[int, int] = {}
+    angle = 0.0
     for _ in range(3):
         space, axis = (int(i) for i in np.unravel_index(np.argmax(strength), strength.shape))
         axis_of[space] = axis
+        angle = max(angle, float(np.degrees(np.arccos(min(1.0, max(0.0, strength[space, axis]))))))
         strength[space, :] = strength[:, axis] = -1
+    if angle > OBLIQUE:
+        tell_once(
+            f"shoal: warning: {where}: the axes of the volume differ from those of the body by up"
+            f" to {angle:.0f} degrees; the map keeps the axes of the volume"
+        )
     order = [axis_of[1], axis_of[2], axis_of[0]]  # front to back, head to foot, right to left
     turned = free.transpose(order)
     # The view is towards the back: layers, rows and columns run against the axes of space (front,
@@ -304,7 +315,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         lengths, directions = _nrrd_space(header, domain)
         if directions is not None and len(domain) == 3:
             assert lengths is not None
-            turned, lengths = in_front_of_body(free, lengths, directions)
+            turned, lengths = in_front_of_body(free, lengths, directions, where=path)
         else:
             turned, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
     return turned, lengths and _checked_sides(path, lengths)
@@ -574,8 +585,9 @@ def _dicom_cells(
     sides: tuple[float, ...] | None = within
     if free.ndim == 3:
         sides = None if within is None or distance is None else (distance, *within)
-    if directions is not None and sides is not None:
-        free, sides = in_front_of_body(free, sides, directions)
+    if directions is not None and free.ndim == 3:
+        free, turned = in_front_of_body(free, sides or (1.0, 1.0, 1.0), directions, where=where)
+        sides = sides and turned  # without a size of pixels, the map has none
     return free, sides and _checked_sides(where, sides)
 
 

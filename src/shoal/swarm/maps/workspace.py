@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_text, shortened
+from shoal.core.checks import check_array, check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.display import displayed
 from shoal.core.errors import InvalidInputError
@@ -124,21 +124,11 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
         Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN or masked
         cells, or has more than ``MAX_CELLS`` cells.
     """
-    try:
-        array = np.asarray(free)
-    except ValueError:
-        raise InvalidInputError(
-            "workspace: expected rows of equal length, got rows of different lengths"
-        ) from None
-    if np.ma.is_masked(free):
-        hidden = tuple(int(i) for i in np.argwhere(np.ma.asarray(free).mask)[0])
-        raise InvalidInputError(f"workspace: expected known cells, got a masked one at {hidden}")
+    array = check_array(free, expected="workspace: expected rows of booleans or numbers")
     if array.ndim not in (2, 3):
         raise InvalidInputError(
             f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
         )
-    if array.dtype.kind not in "biuf":
-        raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InvalidInputError(

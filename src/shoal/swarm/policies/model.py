@@ -22,6 +22,16 @@ PATIENCE = 20
 
 INPUTS = ("planes", "last")
 
+RANDOM = (
+    "Bernoulli",
+    "Multinomial",
+    "RandomNormal",
+    "RandomNormalLike",
+    "RandomUniform",
+    "RandomUniformLike",
+)
+"""Operators of ONNX whose results no seed of a problem determines."""
+
 
 @dataclass(frozen=True)
 class Model:
@@ -45,7 +55,8 @@ class Model:
     MissingExtraError
         If ``shoal[onnx]`` is not installed.
     InvalidInputError
-        If the file holds no such network.
+        If the file holds no such network, or one whose ratings are random: no seed would repeat its
+        run.
     """
 
     kind: ClassVar[str] = "model"
@@ -55,6 +66,9 @@ class Model:
     file: str
 
     def __post_init__(self) -> None:
+        for operator in RANDOM:
+            if _has(self.file, _version(self.file), operator):
+                raise _refused(self.file, f"the operator {operator}, whose results are random")
         _session(self.file, _version(self.file))
 
     @property
@@ -84,17 +98,23 @@ class Model:
 
     def rate(self, planes: NDArray[np.float32], last: int) -> NDArray[np.float64]:
         """Return the network's rating of each command; float64, shape (4,)."""
-        session = _session(self.file, _version(self.file))
+        version = _version(self.file)
+        session = _session(self.file, version)
         told = np.zeros((1, 4), dtype=np.float32)
         if last >= 0:
             told[0, last] = 1
         names = {one.name for one in session.get_inputs()}
         given = {"planes": planes[None], "last": told}
+        # a dropout is random if the network was saved as for training
+        times = 2 if _has(self.file, version, "Dropout") else 1
         try:
-            (ratings, *_) = session.run(None, {name: given[name] for name in names})
-            ratings = np.array(ratings, dtype=np.float64).ravel()
+            rated = [session.run(None, {name: given[name] for name in names}) for _ in range(times)]
+            ratings = np.array(rated[0][0], dtype=np.float64).ravel()
+            again = np.array(rated[-1][0], dtype=np.float64).ravel()
         except Exception as error:  # the library's own kinds of error
             raise _refused(self.file, describe_error(error)) from None
+        if not np.array_equal(ratings, again, equal_nan=True):
+            raise _refused(self.file, "the operator Dropout in the mode for training")
         if ratings.shape != (4,) or not np.isfinite(ratings).all():
             raise _refused(self.file, f"ratings {ratings.tolist()!r:.60}")
         return ratings
@@ -129,6 +149,18 @@ def _version(file: str) -> tuple[int, int]:
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"policy model: cannot read {file!r}: {error}") from None
     return found.st_mtime_ns, found.st_size
+
+
+@lru_cache(maxsize=64)
+def _has(file: str, version: tuple[int, int], operator: str) -> bool:
+    """Return whether a network has a node of an operator, in its graph or in a graph within; see
+    `_session` for ``version``.
+
+    In the binary form of a network, the name of a node's operator (its field 4, a text) follows the
+    byte 0x22 and the length of the name.
+    """
+    with open(file, "rb") as network:
+        return bytes([0x22, len(operator)]) + operator.encode() in network.read()
 
 
 @lru_cache(maxsize=8)

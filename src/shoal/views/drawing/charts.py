@@ -10,7 +10,7 @@ from contextvars import ContextVar
 from math import cos, floor, inf, log10, radians, sin
 from typing import TYPE_CHECKING, Any
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_kind, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic, check_suffix
@@ -332,7 +332,9 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float | No
         If writing the output file fails.
     """
     from matplotlib import rc_context
+    from matplotlib.figure import Figure
 
+    check_kind(figure, Figure, what="figure")
     target = check_suffix(path, *FIGURES)
     resolution = (
         figure.dpi if dpi is None else check_number(dpi, what="dpi", least=20.0, most=2400.0)

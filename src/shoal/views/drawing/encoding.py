@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shoal.core.checks import as_path
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.views.kernels.planes import WORD, convert_changes
@@ -46,7 +47,7 @@ _APART = 9
 
 def check_film(path: str | os.PathLike[str]) -> Path:
     """Check the suffix of a film's path, and return the path."""
-    target = Path(path)
+    target = as_path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InvalidInputError(
             f"{target}: expected a film ({' '.join(SUFFIXES)}), got the suffix {target.suffix!r}"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_file
+from shoal.core.checks import as_path, check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
 
@@ -95,7 +95,7 @@ def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
     MissingExtraError
         If the library that reads the log is not installed.
     """
-    source = Path(path)
+    source = as_path(path)
     readers: dict[str, Callable[[Path], dict[int | None, list[Row]]]] = dict(
         zip(LOGS, (_read_tlog, _read_dataflash, _read_ulog), strict=True)
     )

@@ -35,7 +35,7 @@ from shoal.search.regions.outline import (
     check_count,
     open_zip,
 )
-from shoal.search.regions.projection import to_degrees
+from shoal.search.regions.projection import conversion, to_degrees
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
 # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
@@ -104,14 +104,15 @@ def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
     if not outlines:
         actual = only_lines_text(passed, closed_lines=reading.closed_lines)
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {actual}")
-    name = _crs_name(data, str(path))
+    name = crs_name(data, str(path))
     if name is None:
         return RegionOutlines(tuple(outlines), str(path), geographic=True)
     return to_degrees(tuple(outlines), str(path), name)
 
 
-def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
-    """Return the points in a GeoJSON file, and whether these points are the vertices of a line.
+def read_positions(path: Path, *, what: str) -> tuple[Points, bool, bool]:
+    """Return the points in a GeoJSON file, whether these points are the vertices of a line, and
+    whether they are in degrees.
 
     Parameters
     ----------
@@ -141,7 +142,11 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
         raise InvalidInputError(
             f"{path}: expected a line of two vertices or more, got {len(lines[0])}"
         )
-    return np.concatenate(lines or points), bool(lines)
+    found, name = np.concatenate(lines or points), crs_name(data, str(path))
+    if name is None:
+        return found, bool(lines), True
+    geographic, convert = conversion(name, str(path))
+    return convert(found), bool(lines), geographic
 
 
 def _geometries(
@@ -214,7 +219,7 @@ def _points(ring: Any, where: str) -> Points:
         ) from None
 
 
-def _crs_name(data: Any, where: str) -> str | None:
+def crs_name(data: Any, where: str) -> str | None:
     """Return the coordinate reference system that the old member "crs" names. RFC 7946 has removed
     "crs" from GeoJSON.
     """
