@@ -618,7 +618,7 @@ class _Program:
         def row(slope: int, least: int) -> dict[int, int]:
             coefficients = dict.fromkeys(self.translations, whole)
             for key, number in depth.items():
-                # a contact is at most r from the middle
+                # rounded down by less than 1, and a coordinate of a contact is at most r
                 coefficients[key] = coefficients.get(key, 0) + slope * number * whole // (
                     8 * radius
                 )
