@@ -4,7 +4,7 @@ is above any plan of any planner.
 Options: --problems N (a class), --seconds S (of the processor, ascending, for example 10,60; the
 search goes on to the last one), --seed K, --only CLASS, --first N (number of the first problem),
 --plans N (other plans with which each bound is compared), --runs (how far the programs of runs are
-below the plans of disks, if the arcs of all contacts are known), --results FILE (one JSON object a line,
+below the plans of disks that certificates find, if the arcs of all contacts are known), --results FILE (one JSON object a line,
 appended as they come; problems in the file are not run again), --figure FILE (drawn from all
 results in the file).
 """
@@ -169,7 +169,9 @@ def print_runs(given: argparse.Namespace) -> None:
     for number in range(given.first, given.first + given.problems):
         rng = np.random.default_rng([given.seed, number, list(CLASSES).index("disk")])
         problem = SteeringProblem(**CLASSES["disk"](rng))
-        episode = run(problem, seed=int(rng.integers(1 << 30)))
+        found = run(problem, seed=int(rng.integers(1 << 30)))
+        seconds = float(given.seconds.split(",")[-1])
+        episode = certify(found, seconds=seconds, clock=process_time).episode
         contacts = _contacts(problem, episode)
         start, goal = problem.endpoints(episode.seed)
         relaxation = Relaxation(

@@ -9,7 +9,8 @@ from shoal.steering import disk, polygon, regular_polygon
 
 pytest.importorskip("clarabel")
 
-from shoal.steering.certificates.relaxation import HoldGap, Relaxation
+from shoal.steering.certificates.check import _Task
+from shoal.steering.certificates.relaxation import HoldGap, Relaxation, round_directions
 from shoal.steering.certificates.search import PatternTree, growth_bound
 
 
@@ -167,3 +168,100 @@ def test_cases_of_plans(name):
             stack += cases
         assert ends
         assert tree.lower <= length * (1 + 1e-9)
+
+
+def _shares(place, start, moves):
+    """Return the ends of a plan in a disk, its translations between its first and last contact, its
+    adjustments, and the depth at the first contact.
+    """
+    walls, points = Walls(place, 1), start.copy()
+    translated = since = adjusted = 0.0
+    depth = None
+    for move in moves:
+        shares = [walls.room(point, move)[0] for point in points]
+        one = int(np.argmin(shares))
+        first, second = min(shares[one], 1.0), min(shares[1 - one], 1.0)
+        size = np.hypot(*move)
+        points[one] = points[one] + first * move
+        since += first * size
+        if second > first + 1e-12:
+            apart = points[1 - one] + first * move - points[one]
+            if depth is None:
+                depth, since = -apart @ points[one] / place.radius, 0.0
+            translated, since = translated + since, 0.0
+            adjusted += (second - first) * size
+        points[1 - one] = points[1 - one] + second * move
+    return points, translated, adjusted, depth
+
+
+def _growing(place, start, rng):
+    """Return random moves, each the best of some for particles to part."""
+    moves = []
+    for _ in range(rng.integers(1, 10)):
+        tried = rng.normal(size=(rng.integers(1, 24), 2)) * rng.choice([0.03, 0.1, 0.3, 1.0])
+        ends = [_shares(place, start, [*moves, move])[0] for move in tried]
+        moves.append(tried[np.argmax([np.hypot(*(end[1] - end[0])) for end in ends])])
+    return moves
+
+
+def _sliding(place, around, step, count):
+    """Return a start with both particles on the wall of a disk, and moves that part them: the first
+    one slides along the wall, and then the other one is pushed to the wall.
+    """
+    wall = 0.999999 * place.radius
+    start = wall * np.array([[1.0, 0.0], [np.cos(around), np.sin(around)]])
+    moves: list[np.ndarray] = []
+    for angle in -step * np.arange(1, count + 1):
+        held = _shares(place, start, moves)[0][0]
+        moves.append(1.0001 * place.radius * np.array([np.cos(angle), np.sin(angle)]) - held)
+        moves.append(np.array([-np.sin(angle - 0.02), np.cos(angle - 0.02)]))
+    return start, np.array(moves)
+
+
+def test_no_plan_in_a_disk_is_shorter_than_the_laws_of_growth():
+    place, rng = disk(0.5), np.random.default_rng(0)
+    tightest = {"adjustments": np.inf, "translations": np.inf}
+    plans = [_sliding(place, around, 0.02, 50) for around in (0.3, 1.3)]
+    for _ in range(150):
+        start = rng.uniform(-0.3, 0.3, size=2) + 10 ** rng.uniform(-2, -0.7) * rng.normal(
+            size=(2, 2)
+        )
+        if place.contains(start).all():
+            plans.append((start, _growing(place, start, rng)))
+    for start, moves in plans:
+        goal, translated, adjusted, depth = _shares(place, start, moves)
+        if depth is None:
+            continue
+        task = _Task(
+            {
+                "radius": 0.5,
+                "center": [0.0, 0.0],
+                "directions": round_directions().tolist(),
+                "start": start.tolist(),
+                "goal": goal.tolist(),
+                "unit": 1.0,
+                "tolerance": 0.0,
+                "limit": 9.0,
+                "runs": True,
+            },
+            (1, 2),
+        )
+        relaxation = Relaxation(place, start, goal, 0.0, 9.0)
+        exact, searched = task.growth, relaxation._growth
+        for size, (pushes, free, lines), eighth in (
+            (task.whole, exact, 8),
+            (1 / relaxation.scale, searched, 1),
+        ):
+            least = max(free, *(offset - slope / eighth * depth * size for slope, offset in lines))
+            assert pushes / size <= adjusted + 1e-9
+            assert least / size <= translated + 1e-9
+            if pushes > 0:
+                tightest["adjustments"] = min(tightest["adjustments"], adjusted - pushes / size)
+            if least > 0:
+                tightest["translations"] = min(tightest["translations"], translated - least / size)
+        unit = task.whole * relaxation.scale
+        np.testing.assert_allclose(exact[:2], np.multiply(searched[:2], unit), atol=1e-9 * unit)
+        np.testing.assert_allclose(
+            exact[2], np.multiply(searched[2], (8, unit)), atol=1e-9 * task.whole
+        )
+    assert max(tightest.values()) < 0.05

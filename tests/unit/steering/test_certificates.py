@@ -7,6 +7,7 @@ import json
 import sys
 from fractions import Fraction
 from itertools import count
+from time import process_time
 
 import numpy as np
 import pytest
@@ -175,6 +176,55 @@ def test_wrong_certificates_of_disks_are_refused(round_certificate, name):
     assert check_certificate(round_certificate.proof)
     proof = copy.deepcopy(round_certificate.proof)
     ROUND_WRONG[name](proof)
+    assert not check_certificate(proof)
+
+
+@pytest.fixture(scope="module")
+def growth_certificate():
+    """Return a certificate of two particles that must part."""
+    start, goal = [(0.05, 0.1), (0.1, 0.02)], [(-0.45, 0.1), (0.43, 0.0)]
+    return certify(run(SteeringProblem("disk", start, goal)), seconds=4, clock=process_time)
+
+
+def test_a_contact_that_slides_is_many_contacts(growth_certificate):
+    episode = growth_certificate.episode
+    before = run(episode.problem, seed=episode.seed)
+    assert episode.length < 0.97 * before.length
+    assert episode.moves > 20
+    assert episode.verify()
+
+
+def _laws(proof):
+    """Yield the multipliers of the last constraint of each leaf that is one of the laws of growth."""
+    last = max(row for leaf in _leaves(proof) for row, _ in leaf["slacks"])
+    for leaf in _leaves(proof):
+        yield from (one for one in leaf["slacks"] if one[0] > last - 6)
+
+
+def _change_laws(proof, change):
+    for one in _laws(proof):
+        one[:] = change(*one)
+
+
+GROWTH_WRONG = {
+    "apart at the start": lambda proof: proof["start"].__setitem__(0, [-0.1, 0.1]),
+    "near at the goals": lambda proof: proof["goal"].__setitem__(0, [0.2, 0.1]),
+    "greater tolerance": lambda proof: proof.update(tolerance=0.05),
+    "greater disk": lambda proof: proof.update(radius=0.6),
+    "twice": lambda proof: _change_laws(proof, lambda row, factor: [row, 2 * factor]),
+    "negative": lambda proof: _change_laws(proof, lambda row, factor: [row, -factor]),
+    "other constraints": lambda proof: _change_laws(proof, lambda row, factor: [0, factor]),
+    "no constraints": lambda proof: _change_laws(proof, lambda row, factor: [row + 6, factor]),
+    "higher": lambda proof: proof.update(lower_bound=1.001 * proof["lower_bound"]),
+}
+
+
+@pytest.mark.parametrize("name", GROWTH_WRONG)
+def test_wrong_laws_of_growth_are_refused(growth_certificate, name):
+    assert check_certificate(growth_certificate.proof)
+    proof = copy.deepcopy(growth_certificate.proof)
+    GROWTH_WRONG[name](proof)
+    assert proof != growth_certificate.proof
     assert not check_certificate(proof)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from math import floor, isfinite, isqrt, lcm
 from typing import Any, NamedTuple
@@ -222,6 +222,40 @@ class _Task:
             self.walls.high[1] - self.walls.low[1],
         )
 
+    @cached_property
+    def growth(self) -> tuple[int, int, list[tuple[int, int]]]:
+        """The laws of growth of a disk up to the goals; see `_Program._add_growth`.
+
+        The first number is the least sum of all adjustments, the second one the least sum of the
+        translations if nothing is known of the first contact. The pairs have numbers s and t: this
+        sum is at least t - s h / 8, where h is the depth at the first contact. All are rounded down.
+        """
+        radius = self.walls.radius
+        start, goal = (_apart(end) for end in (self.start, self.goal))
+        size = max(isqrt(_dot(goal, goal)) - 3 * self.tolerance, 0)
+        # the angle a with sin(a / 2) = |D| / 2 r
+        first, last = (
+            _times_angle(radius, 2 * radius * radius - square, 2 * radius * radius)
+            for square in (_dot(start, start), size * size)
+        )
+        most = min(_root(_dot(start, start)), 2 * radius)
+        above = _times_angle(radius, radius - most, radius)[1]
+        lines = []
+        for slope in _SLOPES:
+            # the straight line that touches r arccos(1 - h / r), or a higher one
+            cosine = isqrt((slope * slope - 64) << (2 * _BITS)) // slope
+            touching = _ratio(
+                radius
+                * (
+                    _angle(cosine, 1)[1]
+                    + (isqrt((slope * slope - 64) << (2 * _BITS)) + 1 - (slope << _BITS)) // 8
+                    + 1
+                ),
+                1 << _BITS,
+            )
+            lines.append((slope, last[0] - max(touching, above - slope * most // 8)))
+        return last[0] - first[1], last[0] - above, lines
+
     def are_opposite(self, first: _Hold, second: _Hold) -> bool:
         """Whether the second of two holds by flat walls always finds both particles on its wall."""
         walls = self.walls
@@ -405,7 +439,14 @@ class _Program:
         self.grown = {
             _CONSTANT: _root((other_x - x) ** 2 + (other_y - y) ** 2) * walls.far + walls.ring
         }
+        # of the laws of growth of a disk: lengths of translations from the first contact on, and of
+        # all adjustments, and r times the depth at the first contact, if it is known
+        self.translations: list[int] = []
+        self.adjustments: list[int] = []
+        self.depth: Mapping[int, int] | None = None
         self._build(pattern)
+        if walls.radius and pattern:
+            self._add_growth()
 
     def _add_vector(self, low: Pair, high: Pair) -> Vector:
         self.bounds.extend(zip(low, high, strict=True))
@@ -477,15 +518,24 @@ class _Program:
             self.norms.append(change)
             return None
         length = self._add_length(change)
+        self.translations.append(length)
         self.grown[length] = self.share + self.slope
         return length
 
     def _add_adjustments(self, change: Vector) -> None:
         """Count adjustments; with the law of growth, remember the sum of their lengths."""
-        if self.slope:
-            self.grown[self._add_length(change)] = self.slope
+        if self.task.runs:
+            self._add_adjustment_length(change)
         else:
             self.norms.append(change)
+
+    def _add_adjustment_length(self, change: Vector) -> int:
+        """Return a variable for the length of adjustments with a sum, in the laws of growth."""
+        length = self._add_length(change)
+        self.adjustments.append(length)
+        if self.slope:
+            self.grown[length] = self.slope
+        return length
 
     def _begin_growth(self, contact: Vector, item: _Hold) -> None:
         """Begin the law of growth with a first contact, from the middle."""
@@ -497,6 +547,7 @@ class _Program:
             for key, number in expression.items():
                 grown[key] = grown.get(key, 0) - number * factor
         self.grown = grown
+        self.depth = dict(grown)
 
     def _bound_growth(self, apart: Vector) -> None:
         """Add the law of growth.
@@ -526,6 +577,57 @@ class _Program:
             least[_CONSTANT] -= 2 * far * far
             most[_CONSTANT] += 2 * far * far
             self.cones.append((most, (*doubled, least), 1))
+
+    def _add_growth(self) -> None:
+        """Add the laws of growth of a disk between its first contact and the goals.
+
+        Let p and o be the places of both particles from the middle, and D = o - p. At a contact with
+        p on the wall, let n = p / r, h = -n . D the depth of the other particle, and cos a = 1 - h /
+        r, which is p . o / r². Both are in the disk, so |D|² <= 2 r h, or 2 r sin(a / 2) >= |D|. Let
+        A = 2 r arcsin(|D| / 2 r). So r a >= A.
+
+        Adjustments: u moves o, and n . u >= 0, so h does not rise. With s the part of D along the
+        wall, D . u <= |s| |u|, and s² = |D|² - h² <= |D|² (1 - |D|² / 4 r²). So |D| rises by at most
+        sqrt(1 - |D|² / 4 r²) |u|, and A by at most |u|. A translation does not change D. The sum of
+        all adjustments is at least A at the goals - A at the start.
+
+        Translations: t leads from one contact to the next. If p is on the wall at both, it turns by
+        an angle d, and |t| = 2 r sin(d / 2). In its frame, (h, s) becomes at most h' = h cos d + |s|
+        sin d <= r (cos d - cos(a + d)), because s² <= 2 r h - h². Let c = |t| / r. If a + c < pi,
+        cos(a + c) - cos(a + d) <= d - c <= c² / 2 = 1 - cos d, because x <= sin x + sin² x up to 90
+        degrees. So 1 - cos a' <= 1 - cos(a + c), and a rises by at most c.
+        If o is on the wall at the next contact, let the axis x point along D. The place of p has x =
+        -r h / |D| before, and o has x' = r h' / |D| after, so t has the part r (h + h') / |D| -
+        |D| >= r (h' - h) / |D| along D, as |D|² <= 2 r h. The other particle's mirror image would
+        touch with this depth, too, after a translation that is not longer; so a rises by at most c.
+        From the first contact, with the angle a1, the sum of the translations is at least A at the
+        goals - r a1. For each s, r a1 is at most a straight line t + s h.
+        """
+        whole, radius = self.task.whole, self.task.walls.radius
+        least, free, lines = self.task.growth
+        self.rows.append(
+            lambda: dict.fromkeys(self.adjustments, whole) | {_CONSTANT: -least * whole}
+        )
+        depth = self.depth
+        if depth is None:
+            self.rows.append(
+                lambda: dict.fromkeys(self.translations, whole) | {_CONSTANT: -free * whole}
+            )
+            return
+
+        def row(slope: int, least: int) -> dict[int, int]:
+            coefficients = dict.fromkeys(self.translations, whole)
+            for key, number in depth.items():
+                # rounded down by less than 1, and a coordinate of a contact is at most r
+                coefficients[key] = coefficients.get(key, 0) + slope * number * whole // (
+                    8 * radius
+                )
+            coefficients[_CONSTANT] = (
+                coefficients.get(_CONSTANT, 0) - least * whole + 2 * radius + 1
+            )
+            return coefficients
+
+        self.rows += [partial(row, *line) for line in lines]
 
     def _most_adjustment(self, hold: _Hold) -> int:
         """Return the greatest sum of the adjustments of a run at a round wall, in plans within the
@@ -601,9 +703,7 @@ class _Program:
             self._add_adjustments(change)
             self.rows.append(lambda: _along(axis, change, -1))
             return None
-        length = self._add_length(change)
-        if self.slope:
-            self.grown[length] = self.slope
+        length = self._add_adjustment_length(change)
 
         def row() -> dict[int, int]:
             return _along(axis, change, -1) | {length: sine}
@@ -736,6 +836,7 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
 _PIECES = 256  # of the least distance, in the law of growth
 _BITS = 240  # of cosines and angles
 _HALVES = 20  # of an angle
+_SLOPES = (8, 9, 12, 16, 24)  # of straight lines above an angle, times 8
 
 
 def _growth(task: _Task) -> Fraction:
@@ -743,9 +844,9 @@ def _growth(task: _Task) -> Fraction:
 
     Let d be the least |D| of a plan, D the vector between the particles. The sum of the adjustments
     is at least as long as a path of D from the start to the goal that stays outside the disk of
-    radius d: two tangents and an arc. From then on, the translations are at least as long as
-    |D at the goal|² / 2 r - d, by the law of growth. Each piece of the interval of d has the path
-    of its lower and the translations of its upper end.
+    radius d: two tangents and an arc. From then on, the depth at the next contact is at most d, so
+    that the translations are at least as long as by the law of growth from there (`_Program._add_growth`).
+    Each piece of the interval of d has the path of its lower and the translations of its upper end.
 
     A goal within the tolerance changes D by less than 3 tolerances.
     """
@@ -760,6 +861,7 @@ def _growth(task: _Task) -> Fraction:
         raise _WrongError("the law of growth is not for a translation")
     scale, low = 1 << _BITS, max(goal - slack, 0)
     turn = _angle(_dot(*ends) * scale, start * goal)[0] if start and goal else 0
+    grown = _times_angle(walls.radius, 2 * walls.radius**2 - low * low, 2 * walls.radius**2)[0]
     most, least = min(start, goal + slack) + 1, None  # no plan has a greater d
     for number in range(_PIECES):
         inner = most * number // _PIECES - slack
@@ -770,7 +872,8 @@ def _growth(task: _Task) -> Fraction:
             if between > 0:
                 tangents = sum(isqrt(end * end - inner * inner) for end in (start, goal))
                 path = max(path, tangents + inner * between // scale - slack)
-        path += max(low * low // (2 * walls.radius) - outer, 0)
+        depth = min(outer, 2 * walls.radius)
+        path += max(grown - _times_angle(walls.radius, walls.radius - depth, walls.radius)[1], 0)
         least = path if least is None else min(least, path)
     assert least is not None
     return Fraction(least, task.whole) * task.unit
@@ -794,6 +897,16 @@ def _angle(numerator: int, denominator: int) -> Pair:
             chord += chord * square // (20 * scale) + 1
         angles.append(chord << _HALVES)
     return angles[0], angles[1]
+
+
+def _times_angle(size: int, numerator: int, denominator: int) -> Pair:
+    """Return a size times the angle with the cosine numerator / denominator, rounded down and up."""
+    low, high = _angle(numerator << _BITS, denominator)
+    return size * low >> _BITS, _ratio(size * high, 1 << _BITS)
+
+
+def _apart(ends: Sequence[Pair]) -> Pair:
+    return ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
 
 
 def _leaves(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
-from math import frexp, inf
+from math import acos, asin, frexp, inf, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -23,6 +24,7 @@ ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
 NARROW = 16  # part of a turn, of arcs that may take turns in a gap
 _RARE = 60  # rows of a program that are tried only if a solution does not meet them
 _OUTSIDE = 1e-7
+_SLOPES = (1, 9 / 8, 3 / 2, 2, 3)  # of the straight lines above an angle, as those of the checker
 _FINE = 2.0**-30  # directions of arcs are multiples of this
 
 
@@ -598,6 +600,35 @@ class Relaxation:
         self._distances[between, particle, goal] = distance
         return distance
 
+    @cached_property
+    def _growth(self) -> tuple[float, float, list[tuple[float, float]]]:
+        """The laws of growth of a disk up to the goals.
+
+        The first number is the least sum of all adjustments, the second one the least sum of the
+        translations if nothing is known of the first contact. The pairs have numbers s and t: this
+        sum is at least t - s h, where h is the depth at the first contact.
+        """
+        radius = self.walls.radius
+        start, goal = (float(np.hypot(*(end[1] - end[0]))) for end in (self.start, self.goal))
+        most = min(start, 2 * radius)  # of the depth
+        first, last = (
+            2 * radius * asin(min(size / (2 * radius), 1.0))
+            for size in (start, max(goal - 3 * self.tolerance, 0.0))
+        )
+        above = radius * acos(max(1 - most / radius, -1.0))
+        lines = [
+            (
+                slope,
+                last
+                - max(
+                    radius * (asin(1 / slope) - slope + sqrt(slope * slope - 1)),
+                    above - slope * most,
+                ),
+            )
+            for slope in _SLOPES
+        ]
+        return last - first, last - above, lines
+
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
         walls = self.walls
@@ -626,6 +657,9 @@ class Relaxation:
             grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / outer
             slope = ring**0.5 / outer
         contacts, gaps = [], []
+        # the sums of all translations from the first contact on, and of all adjustments
+        translations, adjustments = constant(0)[:1], constant(0)[:1]
+        depth: Floats | None = None  # of the other particle at the first contact, if it is known
 
         def add_cone(bound: Floats, *parts: Floats) -> None:
             """Add the condition that an expression is at least the norm of others."""
@@ -646,15 +680,17 @@ class Relaxation:
                 norms.append(change)
                 return change
             length = add_length(change)
+            translations[0] += length[0]
             grown[0] += (1 + slope) * length[0]
             return length
 
         def add_adjustments(change: Floats, *, arc: bool = False) -> Floats:
             """Count the length of adjustments; with a law of growth, remember their sum."""
-            if not arc and not ring:
+            if not arc and not walls.rings:
                 norms.append(change)
                 return change
             length = add_length(change)
+            adjustments[0] += length[0]
             if ring:
                 grown[0] += slope * length[0]
             return length
@@ -752,6 +788,7 @@ class Relaxation:
                         apart = self.start[1] - self.start[0]
                         grown[0] = -sign * apart @ (first - constant(walls.middle)) / outer
                         grown[0, -1] += ring / outer
+                        depth = grown.copy()
             else:
                 positions = [first, first + before] if particle == 0 else [first - before, first]
                 rows += equality(gap, positions)
@@ -778,6 +815,18 @@ class Relaxation:
                 norms.append(goals[particle] - last)
         if gap is not None:
             rows += equality(gap, goals)
+        if walls.radius and pattern:
+            least, angle, lines = self._growth
+            adjustments[0, -1] -= least
+            rows.append(adjustments)
+            if depth is None:
+                translations[0, -1] -= angle
+                rows.append(translations)
+            else:
+                for factor, offset in lines:
+                    row = translations + factor * depth
+                    row[0, -1] -= offset
+                    rows.append(row)
         columns, count = variables.columns, variables.count
         return Program(
             np.stack(norms)[:, :, columns] if norms else np.zeros((0, 2, count + 1)),

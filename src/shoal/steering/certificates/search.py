@@ -308,7 +308,8 @@ def growth_bound(relaxation: Relaxation) -> float:
         between = turn - sum(np.arccos(least / end) for end in far)
         tangent_path = sum(np.sqrt(end**2 - least**2) for end in far) + least * between - slack
         path[around] = np.where(between > 0, np.maximum(tangent_path, straight), straight)
-    path += np.maximum(max(far[1] - slack, 0.0) ** 2 / (2 * radius) - outer, 0)
+    grown = 2 * radius * np.arcsin(min(max(far[1] - slack, 0.0) / (2 * radius), 1.0))
+    path += np.maximum(grown - radius * np.arccos(np.maximum(1 - outer / radius, -1.0)), 0)
     # the checker rounds down
     return float(
         min(path.min() * (1 - 1e-12) * relaxation.scale, relaxation.limit * relaxation.scale)

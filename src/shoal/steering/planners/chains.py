@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import product
+from itertools import islice
 from math import inf
 
 import numpy as np
@@ -526,8 +526,8 @@ def feasible_sides(query: ChainQuery, chain: Chain) -> Chain:
     """
     walls, d = query.walls, query.walls.dimensions
     contacts = chain.contacts(walls)
-    steps = sorted(product((0, -1, 1), repeat=chain.cycles), key=lambda step: sum(map(abs, step)))
-    for step in steps[:_BESIDE]:
+    steps = (step for moved in range(chain.cycles + 1) for step in _steps(chain.cycles, moved))
+    for step in islice(steps, _BESIDE):
         on, unknowns = chain.walls.copy(), chain.unknowns.copy()
         for m in np.flatnonzero(step):
             if on[m] < walls.sides:
@@ -537,6 +537,20 @@ def feasible_sides(query: ChainQuery, chain: Chain) -> Chain:
         if query.optimize(guess, chain.touchers, on, rounds=REFINING[:3]) < inf:
             return replace(chain, walls=on, unknowns=unknowns)
     return chain
+
+
+def _steps(count: int, moved: int) -> Iterator[tuple[int, ...]]:
+    """Yield all tuples of ``count`` numbers -1, 0 and 1, of which ``moved`` are not 0."""
+    if moved > count:
+        return
+    if count == 0:
+        yield ()
+        return
+    for rest in _steps(count - 1, moved):
+        yield (0, *rest)
+    for sign in (-1, 1) if moved else ():
+        for rest in _steps(count - 1, moved - 1):
+            yield (sign, *rest)
 
 
 def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:

@@ -45,8 +45,12 @@ MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
 TRIES = 90  # number of changed chains
-# with more time, for example that of a certificate: on some disks, plans are 2 % shorter
-WIDE_WIDTH, WIDE_TRIES = 16, 400
+# with more time, for example that of a certificate: on some disks, plans are 6 % shorter, because a
+# contact that slides along a round wall is a chain of many contacts
+WIDE_WIDTH, WIDE_TRIES, WIDE_CYCLES = 16, 400, 16
+# contacts of a chain to which contacts between others are added: 20 moves of 24 contacts leave room
+# for as many between them in the 100 moves of a plan
+MOST_SLIDING = 24
 # of them before chains of three cycles: with the clearance, a changed chain of two cycles may give a
 # plan 12 % shorter (test_the_clearance_does_not_make_plans_needlessly_longer, 5 sides)
 EARLY = 30
@@ -70,6 +74,7 @@ class ChainPool:
     query: ChainQuery
     fine: bool = True  # whether changed chains that are nearly the shortest are refined
     width: int = WIDTH
+    most: int = MOST_CYCLES
     chains: list[Chain] = field(default_factory=list)
     _tried: set[tuple[object, ...]] = field(default_factory=set)
     # keep a reference, so that the id is not used again
@@ -159,7 +164,7 @@ class ChainPool:
                 return
             remaining = min(EACH, tries)
             for candidate, least in bound_candidates(
-                self.query, propose_changes(self.query, parent)
+                self.query, propose_changes(self.query, parent, self.most)
             ):
                 if remaining <= 0 or self.query.late:
                     break
@@ -212,9 +217,9 @@ def bound_candidates(
     return list(zip(candidates, bounds.tolist(), strict=True))
 
 
-def propose_changes(query: ChainQuery, chain: Chain) -> list[_Candidate]:
-    """Return chains that may be shorter than ``chain``, sorted by the distance of a particle from
-    the wall of its new contact.
+def propose_changes(query: ChainQuery, chain: Chain, most: int = MOST_CYCLES) -> list[_Candidate]:
+    """Return chains of at most ``most`` cycles that may be shorter than ``chain``, sorted by the
+    distance of a particle from the wall of its new contact.
     """
     d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
@@ -252,7 +257,7 @@ def propose_changes(query: ChainQuery, chain: Chain) -> list[_Candidate]:
         ]
         proposed.append(_Candidate(-1.0, nearest, walls, places, deltas))
     states = states_of(query, chain, np.array(deltas))
-    for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
+    for place in range(chain.cycles + 1 if chain.cycles < most else 0):
         aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
         after = min(place + 1, chain.cycles)
         for toucher in (0, 1):
@@ -372,7 +377,8 @@ def improved_chains(
     wide : bool
         Whether more chains are changed, which takes about four times as long.
     """
-    pool = ChainPool(query, thorough, WIDE_WIDTH if wide else WIDTH)
+    width, most = (WIDE_WIDTH, WIDE_CYCLES) if wide else (WIDTH, MOST_CYCLES)
+    pool = ChainPool(query, thorough, width, most)
     for chain in seeds:
         pool.add_seed(chain)
     from_disk = (
@@ -396,7 +402,7 @@ def improved_chains(
     walls = query.walls
     # by the law of growth, a disk may have no chains of so few cycles; there, greedy may have too many
     for cycles in GROWING if walls.round and walls.dimensions == 2 else ():
-        if pool.best is None or pool.best.cycles > MOST_CYCLES:
+        if pool.best is None or pool.best.cycles > most:
             for chain in chains_of(query, cycles, inf):
                 pool.add(chain)
     few = thorough and walls.dimensions == 2 and not walls.round and walls.sides <= FEW
@@ -412,4 +418,53 @@ def improved_chains(
         for chain in shortest.values()
         if chain.length < 1.01 * pool.chains[0].length
     ]
+    if wide and refined and walls.round and walls.dimensions == 2:
+        refined.append(with_sliding_contacts(query, min(refined, key=lambda chain: chain.length)))
     return sorted(refined, key=lambda chain: chain.length)
+
+
+def with_sliding_contacts(query: ChainQuery, chain: Chain) -> Chain:
+    """Return the chain that results if contacts with a round wall are inserted halfway between two
+    contacts of one particle, one at a time, as long as this shortens the chain.
+    """
+    while chain.cycles < MOST_SLIDING:
+        shortest = chain
+        for candidate in _contacts_between(query, chain):
+            if query.late:
+                return chain
+            touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
+            guess = candidate.guess
+            length = query.optimize(guess, touchers, walls, enough=ROOM, rounds=_ROUGH_ROUND)
+            if length < inf:
+                length = query.optimize(guess, touchers, walls)
+            if length < shortest.length and length < chain.length * (1 - _WORTH):
+                shortest = Chain(touchers, walls, guess, length)
+        if shortest is chain:
+            break
+        chain = shortest
+    return chain
+
+
+def _contacts_between(query: ChainQuery, chain: Chain) -> Iterator[_Candidate]:
+    """Yield copies of a chain at a round wall, each with one more contact between two contacts of one
+    particle.
+    """
+    around = 2 * pi * query.walls.circle[2]
+    along = list(chain.unknowns[: chain.cycles].reshape(-1, 1))
+    deltas = list(chain.differences(query.before, query.after))
+    touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
+    for place in range(1, chain.cycles):
+        if touchers[place - 1] != touchers[place]:
+            continue
+        step = (along[place] - along[place - 1] + around / 2) % around - around / 2
+        for share in (1 / 2, 1 / 3):
+            # the new cycle takes a share of the changes of both its neighbours
+            before, here, after = deltas[place - 1 : place + 2]
+            between = [here + share * (before - here), here + share * (after - here)]
+            yield _Candidate(
+                0.0,
+                _put(touchers, place, touchers[place]),
+                _put(walls, place, walls[place]),
+                _put(along, place, along[place - 1] + step / 2),
+                [*deltas[:place], *between, *deltas[place + 1 :]],
+            )
