@@ -76,10 +76,10 @@ RIG = "rig"
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
-def _check_map(given: Any) -> Any:
-    if isinstance(given, str | GridWorkspace | os.PathLike):
-        return os.fspath(given) if isinstance(given, os.PathLike) else given
-    return GridWorkspace.from_dict(given) if isinstance(given, dict) else GridWorkspace(given)
+def _check_map(value: Any) -> Any:
+    if isinstance(value, str | GridWorkspace | os.PathLike):
+        return os.fspath(value) if isinstance(value, os.PathLike) else value
+    return GridWorkspace.from_dict(value) if isinstance(value, dict) else GridWorkspace(value)
 
 
 def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) -> dict[str, Any]:
@@ -88,18 +88,18 @@ def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) 
     ``find`` returns the registry, and the function that makes the object of a name.
     """
 
-    def check(given: Any) -> Any:
-        if isinstance(given, str) and given == "auto":
-            return given
-        known, make = find()
+    def check(value: Any) -> Any:
+        if isinstance(value, str) and value == "auto":
+            return value
+        registry, make = find()
         # objects in third-party modules are not imported yet
-        if not isinstance(given, str) or given.partition(":")[0] in known or ":" not in given:
-            make(given)
-        return given
+        if not isinstance(value, str) or value.partition(":")[0] in registry or ":" not in value:
+            make(value)
+        return value
 
     return {
         "check": check,
-        "dump": lambda given: name_of(given, find()[0]),
+        "dump": lambda value: name_of(value, find()[0]),
         # the others as registered
         "names": lambda: sorted(find()[0], key=lambda name: name != "best"),
     }
@@ -111,30 +111,30 @@ def _policies() -> tuple[Registry[Any], Callable[[Any], Any]]:
     return POLICIES, make_policy
 
 
-def _name_for_people(given: Any) -> str:
+def _name_for_people(value: Any) -> str:
     return (
-        given
-        if isinstance(given, str)
-        else str(getattr(given, "name", getattr(given, "__name__", "custom")))
+        value
+        if isinstance(value, str)
+        else str(getattr(value, "name", getattr(value, "__name__", "custom")))
     )
 
 
-def _check_cells_of(given: Any, what: str) -> Cells:
+def _check_cells_of(value: Any, what: str) -> Cells:
     try:
-        cells = np.asarray(given)
+        cells = np.asarray(value)
     except ValueError:
         cells = np.zeros(0)
     if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise InvalidInputError(
-            f"{what}: expected cells of 2 or 3 whole numbers each, got {shortened(given)}"
+            f"{what}: expected cells of 2 or 3 whole numbers each, got {shortened(value)}"
         )
     return tuple(tuple(int(number) for number in cell) for cell in cells)
 
 
-def _check_start(given: Any) -> Cells | Inlet:
-    if isinstance(given, str):
-        return Inlet.parse(given)
-    return given if isinstance(given, Inlet) else _check_cells_of(given, "start")
+def _check_start(value: Any) -> Cells | Inlet:
+    if isinstance(value, str):
+        return Inlet.parse(value)
+    return value if isinstance(value, Inlet) else _check_cells_of(value, "start")
 
 
 def _parse_start(text: str) -> Any:
@@ -155,12 +155,12 @@ def _parse_region(text: str) -> Any:
     return _parse_cells(text, " or the file of a map")
 
 
-def _parse_cells(text: str, others: str = "") -> list[list[int]]:
+def _parse_cells(text: str, alternatives: str = "") -> list[list[int]]:
     try:
         return [[int(number) for number in cell.split(",")] for cell in text.split()]
     except ValueError:
         raise ValueError(
-            f"expected row,column pairs such as '0,3 0,4'{others}, got {shortened(text)}"
+            f"expected row,column pairs such as '0,3 0,4'{alternatives}, got {shortened(text)}"
         ) from None
 
 
@@ -169,10 +169,10 @@ def _parse_cell_size(text: str) -> float | tuple[float, ...]:
     return sizes if len(sizes) > 1 else sizes[0]
 
 
-def _check_cell_size(given: Any) -> float | tuple[float, ...]:
-    if isinstance(given, list | tuple) and len(given) in (2, 3):
-        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in given)
-    return check_number(given, what="cell_size", above=0, most=1e6)
+def _check_cell_size(value: Any) -> float | tuple[float, ...]:
+    if isinstance(value, list | tuple) and len(value) in (2, 3):
+        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in value)
+    return check_number(value, what="cell_size", above=0, most=1e6)
 
 
 def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[float, ...] | None:
@@ -194,8 +194,8 @@ def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[
     return sizes
 
 
-def _check_scan_every(given: Any) -> int | str:
-    rule = ScanRule.parse(given)
+def _check_scan_every(value: Any) -> int | str:
+    rule = ScanRule.parse(value)
     return rule.step if rule.kind == "equal" else rule.kind
 
 
@@ -605,23 +605,23 @@ class SwarmProblem(Problem):
         from shoal.swarm.policies import make_policy, with_budget
         from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
-        limits = {"budget": self.budget, "milliseconds": self.time_per_move}
-        given = {name: value for name, value in limits.items() if value is not None}
+        options = {"budget": self.budget, "milliseconds": self.time_per_move}
+        limits = {name: value for name, value in options.items() if value is not None}
         if isinstance(task, Gathering) and isinstance(self.policy, str):
             name = "gather-beam" if self.policy in ("auto", "best") else self.policy
             if self.policy == "auto" and workspace.n_free > MOST_CELLS and self.rule == "merge":
                 name = "pairwise"
-            return with_budget(make_policy(name), **given), False
+            return with_budget(make_policy(name), **limits), False
         if not isinstance(self.policy, str) or self.policy != "auto":
-            return with_budget(make_policy(self.policy), **given), False
+            return with_budget(make_policy(self.policy), **limits), False
         plannable = isinstance(task, Mapping) and self.rule != "tilt" and self.scanning.every_move
-        if plannable and not given and self.map != RIG:
+        if plannable and not limits and self.map != RIG:
             size = (workspace.shape, workspace.n_free, self.particles)
             fitting = fit_planner(*size, noisy=self.noise is not None)
             return fitting or make_policy("closest-frontier"), True
         # only planners have limits
-        best = plannable or (bool(given) and isinstance(task, Mapping))
-        return with_budget(make_policy("best" if best else "closest-frontier"), **given), False
+        best = plannable or (bool(limits) and isinstance(task, Mapping))
+        return with_budget(make_policy("best" if best else "closest-frontier"), **limits), False
 
     @property
     def reading(self) -> dict[str, Any]:

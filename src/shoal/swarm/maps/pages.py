@@ -203,8 +203,8 @@ def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
     file.seek(28)
     bits = int.from_bytes(file.read(2), "little")
     file.seek(place)
-    taken = {"1": 1, "L": 8}.get(image.mode, bits)
-    if bits not in {4, 8} or bits == taken:
+    assumed_bits = {"1": 1, "L": 8}.get(image.mode, bits)
+    if bits not in {4, 8} or bits == assumed_bits:
         return
     greys = [0, 255] if image.mode == "1" else range(16)
     codec, box, offset, args = image.tile[0]  # type: ignore[attr-defined]
@@ -307,12 +307,12 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     image.load()
     if image.mode in {"P", "PA"}:
         palette = _palette_of(image)
-    whole = ImageOps.exif_transpose(image) if _is_turned(image) else image
-    step = max(1, PIECE // max(1, whole.width))
-    for first in range(0, whole.height, step):
-        band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
+    upright = ImageOps.exif_transpose(image) if _is_turned(image) else image
+    step = max(1, PIECE // max(1, upright.width))
+    for first in range(0, upright.height, step):
+        band = upright.crop((0, first, upright.width, min(upright.height, first + step)))
         yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
-            first_row=first, rows=whole.height
+            first_row=first, rows=upright.height
         )
 
 
@@ -410,8 +410,10 @@ def _by_tifffile(path: Path, options: MapOptions) -> Iterator[Picture]:
         spacing = opened.spacing
         if opened.depth == 1 and spacing is not None:
             spacing = (1.0, *spacing[1:])
-        known = None if spacing is None or spacing[0] is None else spacing
-        yield Picture(_tiff_pages(opened), spacing=known, channels_chosen=opened.channels_chosen)
+        complete_spacing = None if spacing is None or spacing[0] is None else spacing
+        yield Picture(
+            _tiff_pages(opened), spacing=complete_spacing, channels_chosen=opened.channels_chosen
+        )
     finally:
         opened.close()
 
@@ -475,7 +477,7 @@ def size_of_picture(path: Path) -> tuple[int, int]:
     """Return the columns and rows of a picture, of which only the header is read."""
     from PIL import Image
 
-    other = InvalidInputError(
+    refusal = InvalidInputError(
         f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
     )
     try:
@@ -488,10 +490,10 @@ def size_of_picture(path: Path) -> tuple[int, int]:
             return image.size
     except Exception:  # Pillow, as tifffile, raises many kinds of exceptions for damaged files
         if not path.suffix.lower().startswith(".tif"):
-            raise other from None
+            raise refusal from None
     try:
         return tiff.size_of(path)
     except MissingExtraError:
         raise
     except Exception:
-        raise other from None
+        raise refusal from None

@@ -116,8 +116,8 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
             )
         check_size(path, *shape[:3])
         size = prod(shape[:3]) * dtype.itemsize
-        whole = prod(shape) * dtype.itemsize
-        check_data(path, whole if path.name.lower().endswith(".gz") else size)
+        total = prod(shape) * dtype.itemsize
+        check_data(path, total if path.name.lower().endswith(".gz") else size)
         times, channels = (*shape[3:], 1, 1)[:2]
         choices = AxisChoices(path, options)
         time = choices.index("frame", [""] * times)
@@ -126,12 +126,13 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         skipped = size * (time + times * channel)
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
         slope, shift = (
-            1.0 if one is None else float(one) for one in (image.dataobj.slope, image.dataobj.inter)
+            1.0 if factor is None else float(factor)
+            for factor in (image.dataobj.slope, image.dataobj.inter)
         )
         begin = int(image.dataobj.offset)
 
         def pieces() -> Iterator[NDArray[Any]]:
-            for values in _streamed(path, begin, skipped, size, whole, dtype):
+            for values in _streamed(path, begin, skipped, size, total, dtype):
                 numbers = values if colour is None else values[colours[colour]]
                 yield numbers if (slope, shift) == (1.0, 0.0) else numbers * slope + shift
 
@@ -143,8 +144,8 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         sides = tuple(float(side) * unit for side in image.header.get_zooms()[:3])
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
-        turned, sides = in_front_of_body(free, sides, image.affine[:3, :3])
-    return turned, _checked_sides(path, sides)
+        oriented, sides = in_front_of_body(free, sides, image.affine[:3, :3])
+    return oriented, _checked_sides(path, sides)
 
 
 def in_front_of_body(
@@ -177,14 +178,14 @@ def in_front_of_body(
         axis_of[space] = axis
         strength[space, :] = strength[:, axis] = -1
     order = [axis_of[1], axis_of[2], axis_of[0]]  # front to back, head to foot, right to left
-    turned = free.transpose(order)
+    oriented = free.transpose(order)
     # The view is towards the back: layers, rows and columns run against the axes of space (front,
     # head, right).
     steps = tuple(
         slice(None, None, -1 if directions[space, axis_of[space]] >= 0 else 1)
         for space in (1, 2, 0)
     )
-    return np.ascontiguousarray(turned[steps]), tuple(sides[axis] for axis in order)
+    return np.ascontiguousarray(oriented[steps]), tuple(sides[axis] for axis in order)
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
@@ -216,38 +217,38 @@ def _nifti_kind(path: Path, nibabel: Any) -> Any:
 
 
 def _streamed(
-    path: Path, begin: int, skipped: int, size: int, whole: int, dtype: np.dtype[Any]
+    path: Path, begin: int, skipped: int, size: int, total: int, dtype: np.dtype[Any]
 ) -> Iterator[NDArray[Any]]:
     """Return the numbers of a volume piece by piece, and read a compressed file to its end, which
     verifies its checksum.
 
     Parameters
     ----------
-    begin, skipped, size, whole : int
+    begin, skipped, size, total : int
         Bytes before the data, bytes of other volumes before the volume, bytes of the volume, and
         bytes of all data.
     """
     packed = path.name.lower().endswith(".gz")
     with gzip.open(path) if packed else path.open("rb") as file:
-        rest = begin + skipped
+        offset = begin + skipped
         if packed:  # seeking in a compressed file would unfold it without a limit
-            while rest and (piece := file.read(min(rest, CHUNK))):
-                rest -= len(piece)
+            while offset and (piece := file.read(min(offset, CHUNK))):
+                offset -= len(piece)
         else:
-            file.seek(rest)
+            file.seek(offset)
         for first in range(0, size, PIECE * dtype.itemsize):
-            wanted = min(PIECE * dtype.itemsize, size - first)
-            piece = file.read(wanted)
-            if len(piece) < wanted:
+            length = min(PIECE * dtype.itemsize, size - first)
+            piece = file.read(length)
+            if len(piece) < length:
                 raise ValueError(f"expected {size} bytes of data, got {first + len(piece)}")
             yield np.frombuffer(piece, dtype=dtype)
         if packed:
-            more, most = skipped + size, whole + CHUNK
+            more, most = skipped + size, total + CHUNK
             while piece := file.read(CHUNK):
                 more += len(piece)
                 if more > most:
                     raise InvalidInputError(
-                        f"{path}: expected {begin + whole} bytes of a volume according to the"
+                        f"{path}: expected {begin + total} bytes of a volume according to the"
                         " header, got more"
                     )
 
@@ -304,10 +305,10 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         lengths, directions = _nrrd_space(header, domain)
         if directions is not None and len(domain) == 3:
             assert lengths is not None
-            turned, lengths = in_front_of_body(free, lengths, directions)
+            oriented, lengths = in_front_of_body(free, lengths, directions)
         else:
-            turned, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
-    return turned, lengths and _checked_sides(path, lengths)
+            oriented, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
+    return oriented, lengths and _checked_sides(path, lengths)
 
 
 def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
@@ -388,8 +389,8 @@ def _nrrd_space(
     factor = (
         (millimetres(str(units[0]).strip('"')) or 1.0) if units is not None and len(units) else 1.0
     )
-    found = header.get("space directions")
-    if found is None:
+    header_vectors = header.get("space directions")
+    if header_vectors is None:
         spacings = header.get("spacings")
         if spacings is None:
             return None, None
@@ -397,7 +398,7 @@ def _nrrd_space(
         return (
             lengths if all(isfinite(length) and length > 0 for length in lengths) else None
         ), None
-    vectors = np.array([np.asarray(found[axis], dtype=np.float64) for axis in domain])
+    vectors = np.array([np.asarray(header_vectors[axis], dtype=np.float64) for axis in domain])
     if not np.isfinite(vectors).all():
         raise ValueError("a direction of an axis is not finite")
     lengths = tuple(float(np.linalg.norm(vector)) * factor for vector in vectors)

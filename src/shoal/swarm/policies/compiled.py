@@ -334,9 +334,9 @@ def check_gathers(policy: Policy, *, gathering: bool) -> None:
     able = getattr(policy, "gathers", None)
     if able is not None and able != gathering:
         name = getattr(policy, "kind", policy.name)
-        wanted = "the task gathering" if able else "a task other than gathering"
+        expected = "the task gathering" if able else "a task other than gathering"
         raise InvalidInputError(
-            f"policy {name}: expected {wanted}, got {'gathering' if gathering else 'another task'}"
+            f"policy {name}: expected {expected}, got {'gathering' if gathering else 'another task'}"
         )
 
 

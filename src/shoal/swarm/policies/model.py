@@ -85,13 +85,13 @@ class Model:
     def rate(self, planes: NDArray[np.float32], last: int) -> NDArray[np.float64]:
         """Return the network's rating of each command; float64, shape (4,)."""
         session = _session(self.file, _version(self.file))
-        told = np.zeros((1, 4), dtype=np.float32)
+        last_command = np.zeros((1, 4), dtype=np.float32)
         if last >= 0:
-            told[0, last] = 1
-        names = {one.name for one in session.get_inputs()}
-        given = {"planes": planes[None], "last": told}
+            last_command[0, last] = 1
+        names = {argument.name for argument in session.get_inputs()}
+        inputs = {"planes": planes[None], "last": last_command}
         try:
-            (ratings, *_) = session.run(None, {name: given[name] for name in names})
+            (ratings, *_) = session.run(None, {name: inputs[name] for name in names})
             ratings = np.array(ratings, dtype=np.float64).ravel()
         except Exception as error:  # the library's own kinds of error
             raise _refused(self.file, describe_error(error)) from None
@@ -125,10 +125,10 @@ def useful_commands(view: View) -> NDArray[np.bool_]:
 
 def _version(file: str) -> tuple[int, int]:
     try:
-        found = os.stat(file)
+        stat = os.stat(file)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"policy model: cannot read {file!r}: {error}") from None
-    return found.st_mtime_ns, found.st_size
+    return stat.st_mtime_ns, stat.st_size
 
 
 @lru_cache(maxsize=8)
@@ -145,14 +145,14 @@ def _session(file: str, version: tuple[int, int]) -> Any:
         )
     except Exception as error:  # the library's own kinds of error
         raise _refused(file, describe_error(error)) from None
-    names = [one.name for one in session.get_inputs()]
+    names = [argument.name for argument in session.get_inputs()]
     if "planes" not in names or not set(names) <= set(INPUTS):
         raise _refused(file, f"the inputs {', '.join(names) or 'none'}")
     return session
 
 
-def _refused(file: str, got: str) -> InvalidInputError:
+def _refused(file: str, reason: str) -> InvalidInputError:
     return InvalidInputError(
         f"policy model: expected a file with an ONNX network of the inputs planes and perhaps"
-        f" last, and one rating for each of four commands, got {file}: {got}"
+        f" last, and one rating for each of four commands, got {file}: {reason}"
     )

@@ -87,10 +87,10 @@ def stage_of(suffix: str, size: str | None, rate: int | None) -> Stage | None:
 
 def with_rest(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
     """Return a clip that shows a picture in ``count`` further frames at its end."""
-    shown: Callable[[Sequence[Any]], Iterator[Frame]] = clip.frames
+    draw_frames: Callable[[Sequence[Any]], Iterator[Frame]] = clip.frames
 
     def frames(moments: Sequence[Any]) -> Iterator[Frame]:
-        yield from shown([moment for moment in moments if moment is not None])
+        yield from draw_frames([moment for moment in moments if moment is not None])
         for moment in moments:
             if moment is None:
                 yield picture

@@ -51,11 +51,11 @@ def check_page(episode: SwarmEpisode) -> None:
     InvalidInputError
     """
     cells = episode.workspace.free.size
-    parts, what = (cells, "cells") if _is_recorded(episode) else (len(episode.start), "particles")
+    parts, unit = (cells, "cells") if _is_recorded(episode) else (len(episode.start), "particles")
     for kind, most, count in (
         ("cells", WIDEST, cells),
         ("moves", LONGEST, episode.moves),
-        (f"{what} times a number of moves", LARGEST, parts * episode.moves),
+        (f"{unit} times a number of moves", LARGEST, parts * episode.moves),
     ):
         if count > most:
             raise InvalidInputError(
@@ -202,35 +202,35 @@ def packed_moments(frames: Iterable[Moment]) -> bytes:
     >>> list(packed_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
     [1, 1, 1, 1, 16, 1, 1, 0]
     """
-    written, before = bytearray(), None
+    data, before = bytearray(), None
     for moment in frames:
         looks = moment.looks.ravel()
         if before is None:
             before = np.full_like(looks, noise.UNKNOWN)
         changed = np.flatnonzero(looks != before)
-        _write(written, np.flatnonzero(moment.particles.ravel()))
-        _write(written, changed, looks[changed])
+        _write(data, np.flatnonzero(moment.particles.ravel()))
+        _write(data, changed, looks[changed])
         before = looks
-        if len(written) > HEAVIEST:
+        if len(data) > HEAVIEST:
             raise InvalidInputError(
                 f"the HTML player: expected at most {HEAVIEST // 10**6} MB of moments with noise,"
                 " got more (use .gif or .mp4)"
             )
-    return bytes(written)
+    return bytes(data)
 
 
 def _write(
-    written: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
+    data: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
 ) -> None:
-    written += bytes(_seven_bits(len(cells)))
+    data += bytes(_seven_bits(len(cells)))
     steps = np.diff(cells, prepend=0).tolist()
     for i, step in enumerate(steps):
         if step < 128:
-            written.append(step)
+            data.append(step)
         else:
-            written += bytes(_seven_bits(step))
+            data += bytes(_seven_bits(step))
         if looks is not None:
-            written.append(looks[i])
+            data.append(looks[i])
 
 
 def _seven_bits(number: int) -> Iterator[int]:

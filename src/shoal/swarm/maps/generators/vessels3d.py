@@ -106,15 +106,15 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
     while waiting:
-        start, wanted = waiting.pop()
-        middle = wanted.mean(axis=0)
-        end = wanted[0] if len(wanted) == 1 else start + REACH * (middle - start)
+        start, supplied = waiting.pop()
+        middle = supplied.mean(axis=0)
+        end = supplied[0] if len(supplied) == 1 else start + REACH * (middle - start)
         starts.append(start)
         ends.append(end)
-        fed.append(len(wanted))
-        if len(wanted) > 1:
-            first = _first_half(wanted, end - start, rng)
-            waiting += [(end, wanted[~first]), (end, wanted[first])]
+        fed.append(len(supplied))
+        if len(supplied) > 1:
+            first = _first_half(supplied, end - start, rng)
+            waiting += [(end, supplied[~first]), (end, supplied[first])]
     return np.array(starts), np.array(ends), np.array(fed, dtype=np.int64)
 
 
@@ -149,16 +149,16 @@ def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
     from scipy.spatial import cKDTree
 
     near = cKDTree(tips).query(tips, k=min(8, len(tips)))
-    chosen: list[tuple[float, int, int]] = []
-    for one, (distances, others) in enumerate(zip(*near, strict=True)):
-        for distance, other in zip(distances.tolist(), others.tolist(), strict=True):
-            if abs(other - one) > 0.1 * len(tips) and one < other:
-                chosen.append((distance, one, other))
+    candidates: list[tuple[float, int, int]] = []
+    for tip, (distances, neighbours) in enumerate(zip(*near, strict=True)):
+        for distance, neighbour in zip(distances.tolist(), neighbours.tolist(), strict=True):
+            if abs(neighbour - tip) > 0.1 * len(tips) and tip < neighbour:
+                candidates.append((distance, tip, neighbour))
                 break
-    chosen.sort()
-    if not chosen:
-        chosen = [(0.0, 0, len(tips) - 1)]
-    pairs = np.array([(one, other) for _, one, other in chosen[:count]])
+    candidates.sort()
+    if not candidates:
+        candidates = [(0.0, 0, len(tips) - 1)]
+    pairs = np.array([(tip, neighbour) for _, tip, neighbour in candidates[:count]])
     return tips[pairs[:, 0]], tips[pairs[:, 1]]
 
 
@@ -196,9 +196,11 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     free = np.zeros(cell.max(axis=0) + margin + 1, dtype=np.bool_)
     free[tuple(cell.T)] = True
     same = branch[1:] == branch[:-1]
-    one, other = cell[:-1][same], cell[1:][same]
-    free[other[:, 0], one[:, 1], one[:, 2]] = True  # the corner cells of a diagonal step
-    free[other[:, 0], other[:, 1], one[:, 2]] = True
+    start_cell, end_cell = cell[:-1][same], cell[1:][same]
+    free[end_cell[:, 0], start_cell[:, 1], start_cell[:, 2]] = (
+        True  # the corner cells of a diagonal step
+    )
+    free[end_cell[:, 0], end_cell[:, 1], start_cell[:, 2]] = True
     _paint_balls(free, at, cell, radius[branch])
     return free
 
@@ -231,10 +233,10 @@ def _trimmed(free: Mask, count: int) -> Mask:
     inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]
     row, layer = padded.shape[2], padded.shape[1] * padded.shape[2]
     offsets = np.array([-1, 1, -row, row, -layer, layer])
-    kept = np.zeros_like(padded)
-    kept.ravel()[
+    trimmed = np.zeros_like(padded)
+    trimmed.ravel()[
         nearest_cells(
             padded.ravel(), offsets, int(np.ravel_multi_index(tuple(inlet), padded.shape)), count
         )
     ] = True
-    return crop(kept)
+    return crop(trimmed)

@@ -47,18 +47,18 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         Number of picture sizes: 1 for vessels up to 10 pixels wide, and one more for each doubling
         of the vessel width.
     """
-    answers = []
+    responses = []
     for level in range(levels):
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
         lines = standardised(_line_strength(small, inside), inside)
         ridges = standardised(_ridge_strength(small), inside)
-        answer = standardised(lines + RIDGE_WEIGHT * ridges, inside)
+        response = standardised(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
-            answer = _enlarged(answer, view.shape, step)
-        answers.append(answer)
-    return _highest(answers)
+            response = _enlarged(response, view.shape, step)
+        responses.append(response)
+    return _highest(responses)
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
@@ -102,8 +102,8 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
         ~view, return_distances=False, return_indices=True
     )
     across = tuple(
-        np.clip(2 * near - here, 0, side - 1)
-        for near, here, side in zip(nearest, np.indices(grey.shape), grey.shape, strict=True)
+        np.clip(2 * near - index, 0, side - 1)
+        for near, index, side in zip(nearest, np.indices(grey.shape), grey.shape, strict=True)
     )
     return np.asarray(np.where(view[across], grey[across], grey[tuple(nearest)]))
 
@@ -461,11 +461,11 @@ class VesselFinder:
         _check_thresholds(low, high)
         first = 0.0
         for levels in self.tried:
-            confidence, way, clearest = self._clearest_at(levels, low, high)
+            confidence, bright, clearest = self._clearest_at(levels, low, high)
             # Vessels wider than usual must have a clear response.
             if confidence >= (LEAST_CONFIDENCE if levels == self.tried[0] else SURE):
                 self._clearest = clearest
-                return Vessels(clearest.mask(low, high, self.shape), confidence, way)
+                return Vessels(clearest.mask(low, high, self.shape), confidence, bright)
             first = confidence if levels == self.tried[0] else first
         raise InvalidInputError(
             "expected a picture with vessels, got no network of lines that stands out "
@@ -493,19 +493,24 @@ class VesselFinder:
         view = self.picture.view
         flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
         if self.bright is not None:
-            ways = [self.bright]
+            polarities = [self.bright]
         else:
             lines = [line[view] for line in lines_through(flat)]
             dark = _mean_of_highest(_highest(-line for line in lines), 0.05)
             ratio = _mean_of_highest(_highest(lines), 0.05) / (dark + 1e-12)
             # an optic disc is also bright
-            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
-        for way in ways:
-            if (levels, way) not in self._filtered:
-                self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
-        found = [(bool(way), self._filtered[levels, way]) for way in ways]
+            polarities = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
+        for bright in polarities:
+            if (levels, bright) not in self._filtered:
+                self._filtered[levels, bright] = _filter(
+                    flat if bright else -flat, self.picture, levels
+                )
+        candidates = [(bool(bright), self._filtered[levels, bright]) for bright in polarities]
         return max(
-            ((_confidence(one.flat, view, one.network(low, high)), way, one) for way, one in found),
+            (
+                (_confidence(filtered.flat, view, filtered.network(low, high)), bright, filtered)
+                for bright, filtered in candidates
+            ),
             key=lambda entry: entry[0],
         )
 
@@ -522,10 +527,10 @@ class _Filtered:
     levels: int
 
     def network(self, low: float, high: float) -> Mask:
-        passed = imaging_module("filters").apply_hysteresis_threshold(
+        mask = imaging_module("filters").apply_hysteresis_threshold(
             self.response, low * self.split, high * self.split
         )
-        return _without_small(passed, SMALLEST_PART * self.levels)
+        return _without_small(mask, SMALLEST_PART * self.levels)
 
     def mask(self, low: float, high: float, shape: tuple[int, ...]) -> Mask:
         return _in_own_pixels(self.network(low, high), self.response, low * self.split, shape)
@@ -587,17 +592,17 @@ def _strength(flat: Grey, view: Mask) -> float:
 
 def _mean_of_highest(values: Grey, share: float) -> float:
     """Return the mean of the highest values, which are the fraction ``share`` of all."""
-    kept = max(1, int(share * values.size))
-    return float(np.partition(values, -kept)[-kept:].mean())
+    count = max(1, int(share * values.size))
+    return float(np.partition(values, -count)[-count:].mean())
 
 
-def _without_small(found: Mask, least: float) -> Mask:
+def _without_small(mask: Mask, least: float) -> Mask:
     """Remove connected parts with fewer than ``least`` pixels. If all parts are smaller, keep the
     largest parts.
     """
     from scipy import ndimage
 
-    parts, _ = ndimage.label(found, np.ones((3, 3)))
+    parts, _ = ndimage.label(mask, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     return np.asarray(sizes[parts] >= max(1, min(least, int(sizes.max()))))
@@ -644,7 +649,9 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
     from scipy import ndimage
 
     parts, _ = ndimage.label(network, np.ones((3, 3)))
-    sides = [[one.stop - one.start for one in part] for part in ndimage.find_objects(parts)]
+    sides = [
+        [extent.stop - extent.start for extent in slices] for slices in ndimage.find_objects(parts)
+    ]
     return float(np.hypot(*np.array(sides).T)[parts[middle] - 1].mean() / max(network.shape))
 
 
@@ -659,8 +666,8 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
 
     smooth = ndimage.gaussian_filter(network.astype(np.float64), 1)
     rows, across, columns = (
-        part[middle]
-        for part in imaging_module("feature").structure_tensor(smooth, sigma=3, order="rc")
+        component[middle]
+        for component in imaging_module("feature").structure_tensor(smooth, sigma=3, order="rc")
     )
     angle = np.arctan2(2 * across, rows - columns) / 2  # across the vessel
     reach = (ndimage.distance_transform_edt(network)[middle] + 2.5) * np.array(
@@ -668,8 +675,8 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
     )
     flat = ndimage.gaussian_filter(flat, 1)
     sides = [
-        ndimage.map_coordinates(flat, np.nonzero(middle) + way * reach, order=1, mode="nearest")
-        for way in (1, -1)
+        ndimage.map_coordinates(flat, np.nonzero(middle) + side * reach, order=1, mode="nearest")
+        for side in (1, -1)
     ]
     more, less = flat[middle] - np.minimum(*sides), flat[middle] - np.maximum(*sides)
     return float(np.mean(less > more / 2)), float(np.abs(np.exp(4j * angle).mean()))

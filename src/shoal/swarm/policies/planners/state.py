@@ -106,10 +106,10 @@ def planner_of(
         chances=np.zeros(prediction.FINE),
         **extents,
     )
-    given = dict(zip(OPTIONS.names or (), options, strict=False))
-    if "beam_width" in given:
-        given["beam_width"] = min(int(given["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
-    learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
+    values = dict(zip(OPTIONS.names or (), options, strict=False))
+    if "beam_width" in values:
+        values["beam_width"] = min(int(values["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
+    learned = mapping and layout.ndim == 2 and values.get("learned", 0) > 0
     memory = new_record(plan_search.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
@@ -118,7 +118,7 @@ def planner_of(
     )  # a known map has no prediction errors
     return plan_search.Planner(
         memory=memory,
-        options=new_record(OPTIONS, **given),
+        options=new_record(OPTIONS, **values),
         scene=forward_model.Scene(
             ground=foreseen.open,
             tried=boards(),
@@ -133,7 +133,7 @@ def planner_of(
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
-        beam=beam_of(size, int(given.get("beam_width", 0)), int(given.get("beam_depth", 0))),
+        beam=beam_of(size, int(values.get("beam_width", 0)), int(values.get("beam_depth", 0))),
         prior=new_prior(layout, learned=learned),
         prediction=foreseen,
         learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
