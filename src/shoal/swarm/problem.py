@@ -82,7 +82,9 @@ def _check_map(value: Any) -> Any:
     return GridWorkspace.from_dict(value) if isinstance(value, dict) else GridWorkspace(value)
 
 
-def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) -> dict[str, Any]:
+def _registry_field(
+    find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]],
+) -> dict[str, Any]:
     """Return how a field checks, dumps and lists the values that a registry names.
 
     ``find`` returns the registry, and the function that makes the object of a name.
@@ -255,7 +257,7 @@ class SwarmProblem(Problem):
     task: Any = option(
         "mapping",
         help="Task: {names} or MODULE:ATTRIBUTE.",
-        **_registered(lambda: (TASKS, make_task)),
+        **_registry_field(lambda: (TASKS, make_task)),
     )
     subset: float | None = option(
         None,
@@ -291,7 +293,7 @@ class SwarmProblem(Problem):
     placement: Any = option(
         "uniform",
         help="Placement of the particles: {names} or MODULE:ATTRIBUTE.",
-        **_registered(lambda: (PLACEMENTS, make_placement)),
+        **_registry_field(lambda: (PLACEMENTS, make_placement)),
     )
     start: Cells | Inlet | None = option(
         None,
@@ -322,7 +324,7 @@ class SwarmProblem(Problem):
             " a smaller budget, for gather-beam in a gathering (for pairwise on maps of more than"
             " 6000 cells), and for closest-frontier in all other cases."
         ),
-        **_registered(_policies),
+        **_registry_field(_policies),
     )
     budget: float | None = option(
         None,
@@ -720,9 +722,9 @@ class SwarmSetup:
     @property
     def policy_name(self) -> str:
         """Name of the policy for output that people read."""
-        from shoal.swarm.policies import shown_name
+        from shoal.swarm.policies import display_name
 
-        return shown_name(self.policy, self.problem.policy)
+        return display_name(self.policy, self.problem.policy)
 
     def draw_start(self, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
         """Return the start cells (int64, shape (n, ndim)), and the mask of the target cells, or

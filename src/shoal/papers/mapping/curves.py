@@ -266,7 +266,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             for seed in seeds[policy]
         ]
         groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
-        lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
+        lines += [[policy, k, *_thin(curve)] for k, curve in enumerate(groups[policy])]
     rows = summarise(store, sweep.name, "moves")
     random, elect, closest = (_estimates(rows, policy=policy)[0] for policy in POLICIES)
     unlike = _unlike(settings)
@@ -320,7 +320,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
 
 
-def _thinned(curve: Any, most: int = 200) -> tuple[int, str]:
+def _thin(curve: Any, most: int = 200) -> tuple[int, str]:
     every = max(1, len(curve) // most)
     return every, " ".join(map(str, curve[::every].tolist()))
 

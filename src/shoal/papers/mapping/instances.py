@@ -193,7 +193,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 # Figs. 3 and 4
 
 
-def _scaled(
+def _measures_by(
     store: Store, sweep: Sweep, axis: str
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
     """Return, for a sweep without random numbers, the values of ``axis``, the values of each
@@ -223,7 +223,7 @@ def _fig3_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    n, results, table = _scaled(store, sweeps[0], "n")
+    n, results, table = _measures_by(store, sweeps[0], "n")
     # the last n is twice the previous one
     powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in results.items()}
     claims = (
@@ -282,7 +282,7 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    k, results, table = _scaled(store, sweeps[0], "k")
+    k, results, table = _measures_by(store, sweeps[0], "k")
     shares = [
         results[f"greedy{suffix}"] / results[f"depth_first{suffix}"] for suffix in ("", "_mapping")
     ]

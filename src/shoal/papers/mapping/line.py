@@ -32,7 +32,7 @@ def _line_sweep(name: str, particles: int, settings: Settings) -> list[Sweep]:
     return [Sweep(name=name, problem=problem, trials=settings.of(100, 20), seed=settings.seed)]
 
 
-def _sampled(line: Line, settings: Settings) -> LineSample:
+def _draw_sample(line: Line, settings: Settings) -> LineSample:
     return sample(line, PLACED // (5 if settings.quick else 1), seed=settings.seed)
 
 
@@ -78,7 +78,7 @@ def _tables(
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 10)
-    sample = _sampled(line, settings)
+    sample = _draw_sample(line, settings)
     first, largest = float(line.first_distribution.mean), float(line.largest_gap_distribution.mean)
     claims = (
         _against("mean gap before the first particle", 90.94, first, sample.first, digits=2),
@@ -107,7 +107,7 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 100)
-    sample = _sampled(line, settings)
+    sample = _draw_sample(line, settings)
     boundary = float(line.boundary.exact)
     full = float(line.coverage.exact)
     printed = float(line.coverage.printed)

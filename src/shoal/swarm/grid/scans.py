@@ -437,14 +437,14 @@ class Recorder:
     @property
     def trace(self) -> Trace:
         """The trace of all commands recorded so far."""
-        return _recorded("".join(self._letters), self._rows, self._scanned)
+        return _trace_of("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
         """Return a trace of the last run, which had ``moves`` commands."""
-        return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
+        return _trace_of(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 
-def _recorded(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
+def _trace_of(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
     columns = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return Trace(
         commands=encode(letters, ndim=3),

@@ -98,7 +98,9 @@ class MapFormat:
     sized: bool = False
 
 
-def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOptions], Cells]:
+def _without_spacing(
+    read: Callable[[Path, MapOptions], Mask],
+) -> Callable[[Path, MapOptions], Cells]:
     return lambda path, options: (read(path, options), None)
 
 
@@ -110,11 +112,11 @@ def _picture_format(suffix: str) -> MapFormat:
 
 FORMATS: dict[str, MapFormat] = {
     **{suffix: _picture_format(suffix) for suffix in PICTURES},
-    ".txt": MapFormat(_unsized(read_rows), encode_rows, kind=KINDS["table"]),
-    ".map": MapFormat(_unsized(read_movingai), encode_movingai, kind=KINDS["letters"]),
-    ".csv": MapFormat(_unsized(read_csv), encode_csv, kind=KINDS["table"]),
-    ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3), KINDS["array"]),
-    ".mat": MapFormat(_unsized(read_matlab), kind=KINDS["table"]),
+    ".txt": MapFormat(_without_spacing(read_rows), encode_rows, kind=KINDS["table"]),
+    ".map": MapFormat(_without_spacing(read_movingai), encode_movingai, kind=KINDS["letters"]),
+    ".csv": MapFormat(_without_spacing(read_csv), encode_csv, kind=KINDS["table"]),
+    ".npy": MapFormat(_without_spacing(read_npy), encode_npy, (2, 3), KINDS["array"]),
+    ".mat": MapFormat(_without_spacing(read_matlab), kind=KINDS["table"]),
     **{
         suffix: MapFormat(
             read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"], sized=True
@@ -180,14 +182,14 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
             free, spacing = FORMATS[suffix].read(source, settings)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    return named_after(
+    return name_workspace(
         source,
         join_diagonals(np.asarray(free) != 0) if settings.join_diagonals else free,
         spacing=spacing,
     )
 
 
-def named_after(
+def name_workspace(
     path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None
 ) -> GridWorkspace:
     """Return a workspace whose name is the file name without the suffix. Error messages contain the
@@ -344,7 +346,7 @@ def open_map(
         check_used(KINDS["photograph"], values, where=text)
         mapped = vessel_map(path, **values)
         tell_once(mapped.notice(str(path)))
-        return named_after(path, mapped.free)
+        return name_workspace(path, mapped.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
     # the reader of the file checks the other options
     beside = "width", *(["vessels"] if is_picture else [])

@@ -311,7 +311,7 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     step = max(1, PIECE // max(1, upright.width))
     for first in range(0, upright.height, step):
         band = upright.crop((0, first, upright.width, min(upright.height, first + step)))
-        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
+        yield _decode(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
             first_row=first, rows=upright.height
         )
 
@@ -323,7 +323,7 @@ def _is_turned(image: Image) -> bool:
     return image.format != "TIFF" and image.getexif().get(ORIENTATION, 1) != 1
 
 
-def _decoded(
+def _decode(
     band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool
 ) -> Page:
     """Return the numbers of a band of a page."""
@@ -386,7 +386,7 @@ def _palette_of(image: Image) -> NDArray[np.uint8]:
     return palette
 
 
-def _turned(numbers: NDArray[Any], orientation: int) -> NDArray[Any]:
+def _orient(numbers: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Return an array of pixels as its EXIF orientation says that the picture is seen."""
     if orientation >= 5:
         numbers = numbers.swapaxes(0, 1)
@@ -426,7 +426,7 @@ def _tiff_pages(opened: tiff.Tiff) -> Iterator[Page]:
         white = float(2**opened.bits - 1)
     names = _tiff_names(opened)
     for page in opened.pages():
-        numbers = _turned(
+        numbers = _orient(
             page[..., 0] if page.ndim == 3 and page.shape[-1] == 1 else page, opened.orientation
         )
         flat = numbers.ndim == 2

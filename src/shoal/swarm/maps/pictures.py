@@ -312,12 +312,12 @@ class _Source:
                     if not band.first_row:
                         count, number = count + 1, number + 1
                         name = str(file) if self.folder else f"{file}: page {number}"
-                        size = self._checked(file, band, name, count, number, size)
+                        size = self._check_page(file, band, name, count, number, size)
                     by_axis = self.options.channel is None or picture.channels_chosen
                     yield name, band if by_axis else _one_channel(band, self.options.channel, file)
                 self.spacing = picture.spacing
 
-    def _checked(
+    def _check_page(
         self,
         file: Path,
         band: Page,
@@ -484,7 +484,7 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
         return colours[..., 0]
     raise InvalidInputError(
         f"{name}: {option}: expected one number for each pixel, got the channels"
-        f" {_listed(page.names)} (choose one by --channel)"
+        f" {_channel_list(page.names)} (choose one by --channel)"
     )
 
 
@@ -567,7 +567,7 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
         )
     else:
         raise InvalidInputError(
-            f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose"
+            f"expected a grey or a colour picture, got the channels {_channel_list(page.names)} (choose"
             " one by --channel)"
         )
     if not page.white_is_zero:
@@ -594,7 +594,7 @@ def _lightness_of_mask(numbers: NDArray[Any], lightest: Any) -> NDArray[Any]:
     )
 
 
-def _listed(names: list[str]) -> str:
+def _channel_list(names: list[str]) -> str:
     """Return the names of channels as a text; a channel without a name has its number."""
     return ", ".join(
         name or str(number) for number, name in enumerate(names[:SHOWN], start=1)

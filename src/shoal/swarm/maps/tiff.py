@@ -200,7 +200,7 @@ class Tiff:
         array = None
         if not by_page:
             check_data(self.path, int(np.prod(series.shape, dtype=np.int64)) * self.dtype.itemsize)
-            array = self._decoded(series)
+            array = self._decode(series)
             order = [axes.index(axis) for axis in (*outer, *within)]
             array = array.transpose(order).reshape(
                 count, *(array.shape[axes.index(axis)] for axis in within)
@@ -214,19 +214,19 @@ class Tiff:
                 if source is None:
                     raise ValueError(f"page {int(number) + 1} is missing")
                 check_data(self.path, int(source.size) * self.dtype.itemsize)
-                page = self._decoded(source)
+                page = self._decode(source)
                 page = page.reshape([series.shape[axes.index(axis)] for axis in within])
             if "S" in within and within[0] == "S":
                 page = np.moveaxis(page, 0, -1)
             yield page
 
-    def _decoded(self, source: Any) -> NDArray[Any]:
+    def _decode(self, source: Any) -> NDArray[Any]:
         try:
             return np.asarray(source.asarray())
         except (ValueError, ImportError, NotImplementedError) as error:
             if "imagecodecs" not in str(error):
                 raise
-            if (page := self._unpacked(source)) is not None or (
+            if (page := self._unpack(source)) is not None or (
                 page := self._by_pillow(source)
             ) is not None:
                 return page
@@ -236,7 +236,7 @@ class Tiff:
                 " the file without compression)"
             ) from None
 
-    def _unpacked(self, source: Any) -> NDArray[Any] | None:
+    def _unpack(self, source: Any) -> NDArray[Any] | None:
         """Return a page of whole numbers of few or odd bits, which follow each other without a gap
         inside a row.
 

@@ -63,12 +63,12 @@ def free_by_number(
                     f" {extremes.low} and {extremes.high}{_cell_of(pieces, extremes.high)} (choose the level"
                     " from which cells are free, or the label of free cells)"
                 )
-        free.add(_inverted(np.asarray(cells), nan, options))
+        free.add(_free_of(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
     if options.label is not None and free.free == (free.size if options.invert else 0):
         raise InvalidInputError(
             f"{where}: expected cells of label {shortened(options.label)}, got none"
-            f" ({_there(pieces)})"
+            f" ({_label_list(pieces)})"
         )
     return free
 
@@ -135,7 +135,7 @@ def free_by_brightness(
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         extremes.add(piece if nan is None else piece[~nan])
-        free.add(_inverted(np.asarray(piece >= least), nan, options))
+        free.add(_free_of(np.asarray(piece >= least), nan, options))
         sample = piece[tuple(slice(None, None, max(1, side // 256)) for side in piece.shape)]
         middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
         looked_at += sample.size
@@ -207,7 +207,7 @@ def _of_pieces(
 ) -> Bands:
     free = Bands(packed=packed)
     for piece in pieces():
-        free.add(_inverted(np.asarray(test(piece)), _not_a_number(piece, pieces, where), options))
+        free.add(_free_of(np.asarray(test(piece)), _not_a_number(piece, pieces, where), options))
     return free
 
 
@@ -272,7 +272,7 @@ def in_pieces(array: Numbers) -> Iterator[Numbers]:
         yield array[first : first + step]
 
 
-def _inverted(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
+def _free_of(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
     """Exchange free cells and obstacles if ``invert`` is set. What has no number is an obstacle in
     both cases.
     """
@@ -315,7 +315,7 @@ def _largest(pieces: Pieces, where: str) -> float:
     return max(float(extremes.high or 0), 1e-30)
 
 
-def _there(pieces: Pieces) -> str:
+def _label_list(pieces: Pieces) -> str:
     """Return a text that lists the first numbers of a file."""
     labels: set[Any] = set()
     for piece in pieces():

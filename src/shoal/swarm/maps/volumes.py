@@ -132,7 +132,7 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         begin = int(image.dataobj.offset)
 
         def pieces() -> Iterator[NDArray[Any]]:
-            for values in _streamed(path, begin, skipped, size, total, dtype):
+            for values in _stream(path, begin, skipped, size, total, dtype):
                 numbers = values if colour is None else values[colours[colour]]
                 yield numbers if (slope, shift) == (1.0, 0.0) else numbers * slope + shift
 
@@ -145,7 +145,7 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
         oriented, sides = in_front_of_body(free, sides, image.affine[:3, :3])
-    return oriented, _checked_sides(path, sides)
+    return oriented, _check_sides(path, sides)
 
 
 def in_front_of_body(
@@ -216,7 +216,7 @@ def _nifti_kind(path: Path, nibabel: Any) -> Any:
     )
 
 
-def _streamed(
+def _stream(
     path: Path, begin: int, skipped: int, size: int, total: int, dtype: np.dtype[Any]
 ) -> Iterator[NDArray[Any]]:
     """Return the numbers of a volume piece by piece, and read a compressed file to its end, which
@@ -308,7 +308,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             oriented, lengths = in_front_of_body(free, lengths, directions)
         else:
             oriented, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
-    return oriented, lengths and _checked_sides(path, lengths)
+    return oriented, lengths and _check_sides(path, lengths)
 
 
 def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
@@ -577,7 +577,7 @@ def _dicom_cells(
         sides = None if within is None or distance is None else (distance, *within)
     if directions is not None and sides is not None:
         free, sides = in_front_of_body(free, sides, directions)
-    return free, sides and _checked_sides(where, sides)
+    return free, sides and _check_sides(where, sides)
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
@@ -665,7 +665,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _checked_sides(path: Path, sides: tuple[float, ...]) -> tuple[float, ...]:
+def _check_sides(path: Path, sides: tuple[float, ...]) -> tuple[float, ...]:
     if not all(isfinite(side) and side > 0 for side in sides):
         raise InvalidInputError(f"{path}: expected voxels with sides above 0, got {sides}")
     return sides

@@ -94,9 +94,9 @@ class Model:
             (ratings, *_) = session.run(None, {name: inputs[name] for name in names})
             ratings = np.array(ratings, dtype=np.float64).ravel()
         except Exception as error:  # the library's own kinds of error
-            raise _refused(self.file, describe_error(error)) from None
+            raise _refusal(self.file, describe_error(error)) from None
         if ratings.shape != (4,) or not np.isfinite(ratings).all():
-            raise _refused(self.file, f"ratings {ratings.tolist()!r:.60}")
+            raise _refusal(self.file, f"ratings {ratings.tolist()!r:.60}")
         return ratings
 
 
@@ -144,14 +144,14 @@ def _session(file: str, version: tuple[int, int]) -> Any:
             file, sess_options=options, providers=["CPUExecutionProvider"]
         )
     except Exception as error:  # the library's own kinds of error
-        raise _refused(file, describe_error(error)) from None
+        raise _refusal(file, describe_error(error)) from None
     names = [argument.name for argument in session.get_inputs()]
     if "planes" not in names or not set(names) <= set(INPUTS):
-        raise _refused(file, f"the inputs {', '.join(names) or 'none'}")
+        raise _refusal(file, f"the inputs {', '.join(names) or 'none'}")
     return session
 
 
-def _refused(file: str, reason: str) -> InvalidInputError:
+def _refusal(file: str, reason: str) -> InvalidInputError:
     return InvalidInputError(
         f"policy model: expected a file with an ONNX network of the inputs planes and perhaps"
         f" last, and one rating for each of four commands, got {file}: {reason}"

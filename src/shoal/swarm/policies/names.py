@@ -51,7 +51,7 @@ def make_policy(policy: str | Policy) -> Policy:
     return instance
 
 
-def shown_name(policy: Policy, specification: str | Policy) -> str:
+def display_name(policy: Policy, specification: str | Policy) -> str:
     """Return the name of a policy for output that people read.
 
     If ``specification`` is a text "module:attribute:options", the name ends with the options.

@@ -113,7 +113,7 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> dict[str, Any]:
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)
-        return _assembled(arrays, trust=trust)
+        return _assemble(arrays, trust=trust)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     except (InvalidInputError, UnknownNameError) as error:
@@ -194,7 +194,7 @@ def _header(raw: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any]:
+def _assemble(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any]:
     header = _header(arrays["header"])
     workspace = _workspace(header["map"], arrays["free"])
     fields = header["problem"]

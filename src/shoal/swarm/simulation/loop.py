@@ -203,7 +203,7 @@ class ReplannedRuns:
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next command, in a run of length 1. If no commands are left, return None."""
-        planned = self._planned(view)
+        planned = self._plan(view)
         if planned is not None or self.lookout is None or self.noisy.finished:
             return planned
         # the policy begins anew where the particles then are
@@ -211,7 +211,7 @@ class ReplannedRuns:
         code = self.lookout.next()
         return None if code is None else (LETTERS[code], 1)
 
-    def _planned(self, view: View) -> tuple[str, int] | None:
+    def _plan(self, view: View) -> tuple[str, int] | None:
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None

@@ -58,14 +58,14 @@ def least_corridor_ratio(cells: int) -> Fraction:
     lowest, highest = 0, len(ratios) - 1
     while lowest < highest:
         middle = (lowest + highest) // 2
-        if _is_kept(ratios[middle], cells):
+        if _is_achievable(ratios[middle], cells):
             highest = middle
         else:
             lowest = middle + 1
     return ratios[lowest]
 
 
-def _is_kept(ratio: Fraction, cells: int) -> bool:
+def _is_achievable(ratio: Fraction, cells: int) -> bool:
     """Return whether a policy exists that keeps a ratio in every corridor.
 
     A state is the explored cells and the side of the particle. The least number of moves to reach

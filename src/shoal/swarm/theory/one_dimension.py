@@ -221,7 +221,7 @@ class CoverageCounts:
         """
         if g < extra:
             return 0
-        return _truncated(
+        return _truncate(
             lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1
         )
 
@@ -237,7 +237,7 @@ class CoverageCounts:
         )
 
     def _all_below(self, g: int) -> int:
-        return _truncated(
+        return _truncate(
             lambda total: self._bounded(self.with_ends, total, g + 1), self.empty, g - 2
         )
 
@@ -296,7 +296,7 @@ def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int
     return total + sum(placements - counts.printed(g, extra) for g in range(empty + 1 + extra))
 
 
-def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
+def _truncate(coefficient: Callable[[int], int], total: int, most: int) -> int:
     """Return the coefficient of x^total in the product of a power series F and the sum of (t+1) x^t
     for t from 0 to ``most``.
 

@@ -202,7 +202,7 @@ def _search(
     and None if the search needs more than ``most_states`` states.
     """
     commands, words = len(letters), graph.tried.shape[2]
-    prices = _tabulated(graph, lists)
+    prices = _tabulate(graph, lists)
     progress, buffer = np.array([1, 1, 0, -1]), np.zeros(words, dtype=np.uint64)
     states = _states(min(1 << 14, most_states + commands), words)
     full = (1 << cells) - 1
@@ -231,7 +231,7 @@ def _search(
     return len(plan), plan, count
 
 
-def _tabulated(graph: Graph, lists: NDArray[np.int64]) -> Prices:
+def _tabulate(graph: Graph, lists: NDArray[np.int64]) -> Prices:
     """Return the prices with their tables."""
     places, commands = graph.ahead.shape
     words, bits = graph.tried.shape[2], int(lists.max(initial=1)).bit_length()

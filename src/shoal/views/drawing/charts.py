@@ -93,7 +93,7 @@ def printed(width: float | None, font_size: float | None) -> Iterator[None]:
 
 
 @contextmanager
-def with_room(kind: str) -> Iterator[list[Figure]]:
+def check_layout(kind: str) -> Iterator[list[Figure]]:
     """Draw a figure of a ``with`` block, and refuse it if it is for print and what it shows has no
     room in it.
 

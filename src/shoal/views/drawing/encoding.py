@@ -54,7 +54,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
+def report_frames(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
     """Yield the frames of a film, and call ``on_frame`` after each frame to report the progress."""
     for number, frame in enumerate(frames, start=1):
         yield frame
@@ -91,7 +91,10 @@ class Clip(Generic[At]):
 
 def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
     """Write a film as GIF, or as MP4 with H.264."""
-    frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
+    frames, moments = (
+        report_frames(clip.frames(clip.moments), len(clip.moments), on_frame),
+        clip.moments,
+    )
     if gif:
         palette = clip.palette
         if palette is None:
@@ -122,14 +125,14 @@ def palette_of(frames: list[Frame]) -> bytes:
     # grows slowly with its area.
     sample = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
     entries = (
-        Pillow.fromarray(_unpacked(sample)[None])
+        Pillow.fromarray(_unpack(sample)[None])
         .quantize(256, method=Pillow.Quantize.MEDIANCUT)
         .getpalette()
         or []
     )
     palette = np.zeros((0, 3), np.int64)
     for colour in np.concatenate(
-        [_unpacked(colours[order[:_KEPT]]), np.array(entries, np.uint8).reshape(-1, 3)]
+        [_unpack(colours[order[:_KEPT]]), np.array(entries, np.uint8).reshape(-1, 3)]
     ).astype(np.int64):
         if len(palette) < 255 and (
             not len(palette) or np.abs(palette - colour).max(axis=1).min() >= _APART
@@ -138,7 +141,7 @@ def palette_of(frames: list[Frame]) -> bytes:
     return palette.astype(np.uint8).tobytes()
 
 
-def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
+def _unpack(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
 
 

@@ -58,7 +58,7 @@ class Stage:
     def with_card(self, clip: Clip[Any], episode: Episode, title: str) -> Clip[Any]:
         """Return a clip that ends with a card, which says in one sentence what happened."""
         card = end_card(self, episode, title)
-        return with_rest(clip, card, round(_CARD * self.rate))
+        return append_still(clip, card, round(_CARD * self.rate))
 
 
 def stage_of(suffix: str, size: str | None, rate: int | None) -> Stage | None:
@@ -85,7 +85,7 @@ def stage_of(suffix: str, size: str | None, rate: int | None) -> Stage | None:
     return Stage(size, rate or RATES[0])
 
 
-def with_rest(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
+def append_still(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
     """Return a clip that shows a picture in ``count`` further frames at its end."""
     draw_frames: Callable[[Sequence[Any]], Iterator[Frame]] = clip.frames
 

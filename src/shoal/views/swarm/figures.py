@@ -38,7 +38,7 @@ from shoal.views.swarm.colours import (
     legend_of,
     palette_of_cells,
 )
-from shoal.views.swarm.volume import CORNER, Fit, Slices, room_of_names, sheet_width
+from shoal.views.swarm.volume import CORNER, Fit, Slices, caption_boxes, sheet_width
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
     axes.set_axis_off()
     if workspace.ndim == 3:
         _name_slices(
-            axes, slices, *room_of_names(codes.shape, SIDE, workspace.spacing, line), points
+            axes, slices, *caption_boxes(codes.shape, SIDE, workspace.spacing, line), points
         )
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"

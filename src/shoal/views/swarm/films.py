@@ -24,7 +24,7 @@ from shoal.views.swarm.colours import (
     rgb_of,
 )
 from shoal.views.swarm.photograph import PhotographBelow
-from shoal.views.swarm.presentation import presented_clip
+from shoal.views.swarm.presentation import presentation_clip
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
@@ -42,9 +42,9 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
     episode skips moves. With a stage, it is one for presentations.
     """
     if stage is not None:
-        return presented_clip(episode, stage)
+        return presentation_clip(episode, stage)
     volume = episode.workspace.ndim == 3
-    move_numbers = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
+    move_numbers = frame_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
         frames=lambda moves: pictures_with_legend(
             episode, moves, film_frames(episode, np.asarray(moves))
@@ -59,13 +59,13 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
     )
 
 
-def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
+def frame_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     """Return the numbers of moves after which a film has a frame: at most ``at_most`` numbers, from
     0 to ``moves``.
 
     Examples
     --------
-    >>> shown_moves(10, 4).tolist()
+    >>> frame_moves(10, 4).tolist()
     [0, 3, 7, 10]
     """
     return np.unique(

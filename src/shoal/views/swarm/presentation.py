@@ -39,7 +39,7 @@ _LINE = "#dfe3e8"
 _ARROWS = {"l": "\u2190", "r": "\u2192", "u": "\u2191", "d": "\u2193"}
 
 
-def presented_clip(episode: SwarmEpisode, stage: Stage) -> Clip[float]:
+def presentation_clip(episode: SwarmEpisode, stage: Stage) -> Clip[float]:
     """Return the film of a swarm on a plane map for presentations.
 
     Raises

@@ -209,7 +209,7 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     figure, (left, right) = new_panels(7.6, 4.2, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
-        costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
+        costs = [schedule.cost(distance) for distance in chart_distances(schedule, max_distance)]
         # quotients of exact integers, which may be too large for a float
         at = [log10(cost.distance + 1) for cost in costs]
         left.plot(
@@ -251,7 +251,7 @@ def _float(ratio: Fraction) -> float:
     return float(min(ratio, Fraction(10**100)))
 
 
-def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
+def chart_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
     """Return the distances, in cells, at which a chart shows the ratios of a scan schedule.
 
     For a schedule of up to 40 scans, the result contains the distances just before and just after

@@ -179,7 +179,7 @@ def _colonise(
         if not visible.any():
             return points, parents
         growing, pulls = np.unique(nearest[visible], return_counts=True)
-        growing = _uncrowded(
+        growing = _thin_out(
             points[growing], growing, pulls + 1000 * (growing >= fresh), 0.5 * spacing
         )
         pulling = visible & np.isin(nearest, growing)
@@ -193,7 +193,7 @@ def _colonise(
         points, parents = np.concatenate([points, new]), np.concatenate([parents, growing])
 
 
-def _uncrowded(places: Points, nodes: Indices, rank: Indices, clearance: float) -> Indices:
+def _thin_out(places: Points, nodes: Indices, rank: Indices, clearance: float) -> Indices:
     """For every two nodes that are at most ``clearance`` cells apart, drop the node of lower rank.
     Return the remaining nodes.
 

@@ -75,7 +75,7 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
         bridges = _bridges(end[fed == 1], max(1, round(loops * tips)))
         start, end = np.concatenate([start, bridges[0]]), np.concatenate([end, bridges[1]])
         fed = np.concatenate([fed, np.ones(len(bridges[0]), dtype=np.int64)])
-    return _trimmed(_fitted(start, end, murray_radius(fed), count), count)
+    return _trim(_fit_to_count(start, end, murray_radius(fed), count), count)
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -162,13 +162,13 @@ def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
     return tips[pairs[:, 0]], tips[pairs[:, 1]]
 
 
-def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
+def _fit_to_count(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
     """Return a map of the vessel tree at the scale that gives ``count`` free cells or slightly
     more.
     """
     scale, low, high, best = 2.0 * float(np.cbrt(count)), 0.0, np.inf, None
     for attempt in range(30):
-        free = _drawn(start * scale, end * scale, radius)
+        free = _draw_branches(start * scale, end * scale, radius)
         excess = int(np.count_nonzero(free)) - count
         if excess >= 0:
             best, high = free, scale
@@ -183,7 +183,7 @@ def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int)
     return best
 
 
-def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
+def _draw_branches(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     """Return the cells that the branches cover. The cells of each branch are 6-connected."""
     steps = np.maximum(1, np.ceil(2 * np.linalg.norm(end - start, axis=1)).astype(np.int64))
     branch = np.repeat(np.arange(len(start)), steps + 1)
@@ -224,7 +224,7 @@ def _paint_balls(
             free[tuple(place[inside].T)] = True
 
 
-def _trimmed(free: Mask, count: int) -> Mask:
+def _trim(free: Mask, count: int) -> Mask:
     """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border
     layers of obstacles.
     """

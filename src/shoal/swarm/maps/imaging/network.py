@@ -148,7 +148,7 @@ def centre_lines(mask: Mask) -> CentreLines:
         np.ravel_multi_index(tuple(at.T), vessels.shape)
     ]
     segments = [_segment(chain, node_of, at, area) for chain in chains]
-    return _joined(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
+    return _join_junctions(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
 
 
 def _links(skeleton: Mask, at: Indices) -> Links:
@@ -218,7 +218,7 @@ def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
     return chain[:-1] if len(chain) - 1 < SPUR * depth[chain[-1]] else []
 
 
-def _joined(
+def _join_junctions(
     segments: list[Segment], node_of: dict[int, int], at: Indices, depth: Points, skeleton: Mask
 ) -> CentreLines:
     """Return the centre lines after joining all connected junctions with overlapping discs."""

@@ -52,11 +52,11 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
-        lines = standardised(_line_strength(small, inside), inside)
-        ridges = standardised(_ridge_strength(small), inside)
-        response = standardised(lines + RIDGE_WEIGHT * ridges, inside)
+        lines = standardise(_line_strength(small, inside), inside)
+        ridges = standardise(_ridge_strength(small), inside)
+        response = standardise(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
-            response = _enlarged(response, view.shape, step)
+            response = _enlarge(response, view.shape, step)
         responses.append(response)
     return _highest(responses)
 
@@ -69,18 +69,18 @@ def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
     mirror images of pixels inside the field of view replace the pixels outside the field of view.
     """
     reach = int(3 * deviation)
-    grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
+    grey = np.pad(_mirror(grey, view), reach, mode="symmetric")
     step = max(1, int(deviation / 5))
     coarse = scipy.ndimage.median_filter(
         scipy.ndimage.uniform_filter(grey, step)[::step, ::step], int(3 * deviation / step)
     )
-    ground = _enlarged(coarse, grey.shape, step)
+    ground = _enlarge(coarse, grey.shape, step)
     return np.asarray(
         (grey - scipy.ndimage.gaussian_filter(ground, deviation / 4))[reach:-reach, reach:-reach]
     )
 
 
-def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
+def _enlarge(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
     places = (
         np.minimum(np.arange(n) / step, m - 1) for n, m in zip(shape, coarse.shape, strict=True)
     )
@@ -89,13 +89,13 @@ def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
     )
 
 
-def standardised(values: Grey, view: Mask) -> Grey:
+def standardise(values: Grey, view: Mask) -> Grey:
     """Scale the pixel values to mean 0 and standard deviation 1 over the field of view."""
     inside = values[view]
     return np.asarray((values - inside.mean()) / (inside.std() + 1e-12))
 
 
-def _mirrored(grey: Grey, view: Mask) -> Grey:
+def _mirror(grey: Grey, view: Mask) -> Grey:
     if view.all():
         return grey
     nearest = scipy.ndimage.distance_transform_edt(
@@ -123,9 +123,9 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
             half = (length - 1) / 2
             sums = sums + scipy.ndimage.convolve(grey, _points(np.array([-half, half]), angle))
             np.maximum(highest, sums / length, out=highest)
-    total = standardised(grey, view)
+    total = standardise(grey, view)
     for highest in strongest:
-        total = total + standardised(highest - around, view)
+        total = total + standardise(highest - around, view)
     return total / (len(strongest) + 1)
 
 
@@ -258,7 +258,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
     return _at_size_of_filters(grey, _field_of_view(light))
 
 
-def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
+def resize(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
     """Return a picture scaled to another size. Smooth the picture before reducing its size."""
     from PIL import Image
 
@@ -276,7 +276,7 @@ def _from_0_to_1(values: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray((values - darkest) / (brightest - darkest), dtype=np.float32)
 
 
-def _scaled(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
+def _scaled_shape(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
     return tuple(max(SMALLEST_SIDE, round(side * factor)) for side in shape)
 
 
@@ -286,7 +286,7 @@ def _field_of_view(light: NDArray[np.float32]) -> Mask:
     """
     from scipy import ndimage
 
-    small = resized(light, _scaled(light.shape, min(1.0, SIDE / max(light.shape))))
+    small = resize(light, _scaled_shape(light.shape, min(1.0, SIDE / max(light.shape))))
     rim = max(1, max(small.shape) // 60)
     for plain in (small < SURROUND, small > 1 - SURROUND):
         parts = ndimage.label(np.pad(plain, 1, constant_values=True))[0]
@@ -305,15 +305,15 @@ def _at_size_of_filters(grey: NDArray[np.float32], view: Mask) -> Photograph:
     from scipy import ndimage
 
     if view.all():
-        small = resized(grey, _scaled(grey.shape, min(1.0, SIDE / max(grey.shape))))
+        small = resize(grey, _scaled_shape(grey.shape, min(1.0, SIDE / max(grey.shape))))
         view = np.ones(small.shape, dtype=np.bool_)
         return Photograph(small, view, view)
     extent = max(int(np.ptp(np.flatnonzero(view.any(axis=axis)))) + 1 for axis in (0, 1))
     factor = FIELD / (extent * max(grey.shape) / max(view.shape))
     if abs(np.log(factor)) < CLOSE:
         factor = 1.0
-    small = resized(grey, _scaled(grey.shape, factor))
-    inside = np.pad(resized(view, small.shape) > 0.5, 1)
+    small = resize(grey, _scaled_shape(grey.shape, factor))
+    inside = np.pad(resize(view, small.shape) > 0.5, 1)
     depth = ndimage.distance_transform_edt(inside)[1:-1, 1:-1]
     return Photograph(small, depth > RIM, depth > RIM - MIRRORED)
 
@@ -692,5 +692,5 @@ def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, 
     from scipy import ndimage
 
     near = ndimage.binary_dilation(network, np.ones((3, 3)))
-    mask = resized(np.where(near, response, np.minimum(response, low)), shape) > low
+    mask = resize(np.where(near, response, np.minimum(response, low)), shape) > low
     return _without_small(mask, SMALLEST_PART * mask.size / network.size)
