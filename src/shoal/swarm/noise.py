@@ -724,7 +724,7 @@ def truth_of(
     """
     noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
     inner_of(noisy.truth, workspace.shape)[...] = workspace.free
-    inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
+    inner_of(noisy.occupied, workspace.shape)[tuple(start.T)] = True
     return noisy
 
 
@@ -859,7 +859,7 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
     logit[guard] = NEVER
     return kernels.NoisyState(
         truth=np.zeros(size, dtype=np.bool_),
-        there=np.zeros(size, dtype=np.bool_),
+        occupied=np.zeros(size, dtype=np.bool_),
         seen=np.zeros(size, dtype=np.bool_),
         logit=logit.ravel(),
         inside=np.zeros(size),
@@ -931,7 +931,7 @@ class NoisyWorld:
 
     def enter(self, cell: tuple[int, ...]) -> bool:
         """Let a particle come in at a free cell, and return whether there was room for it."""
-        occupied = inner_of(self.state.there, self.shape)
+        occupied = inner_of(self.state.occupied, self.shape)
         if occupied[cell]:
             return False
         occupied[cell] = True

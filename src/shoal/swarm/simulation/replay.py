@@ -290,7 +290,9 @@ class NoisyReplay(_BeliefReplay):
             yield belief, self._particles(belief)
 
     def _particles(self, belief: NoisyBelief) -> NDArray[np.bool_]:
-        return np.array(inner_of(belief.state.there, self.workspace.shape, rim=1), dtype=np.bool_)
+        return np.array(
+            inner_of(belief.state.occupied, self.workspace.shape, rim=1), dtype=np.bool_
+        )
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:

@@ -50,7 +50,7 @@ def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
         used=np.zeros(SPAN * SPAN, dtype=np.int64),
         sums=np.zeros(len(weights()["first_bias"]), dtype=np.int16),
         marks=np.zeros(size, dtype=np.uint64),
-        told=np.zeros(size, dtype=np.uint8),
+        outputs=np.zeros(size, dtype=np.uint8),
         bias=np.zeros(1),
         width=width,
     )

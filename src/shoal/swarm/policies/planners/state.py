@@ -71,7 +71,7 @@ def new_prior(layout: GridLayout, *, learned: bool = False) -> prediction.Occupa
     return prediction.OccupancyPrior(
         tallies=np.zeros((prediction.TALLIES, 2), dtype=np.int64),
         weights=np.array([0.5, 0.5] if learned else [1.0, 0.0]),
-        told=np.full(prediction.EXPERTS, 0.5),
+        forecasts=np.full(prediction.EXPERTS, 0.5),
         before=empty_boards(layout, 1)[0],
         rows=layout.rows,
         width=layout.words[1],
@@ -102,7 +102,7 @@ def planner_of(
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
-        told=np.zeros(64 * size),
+        learned_chances=np.zeros(64 * size),
         chances=np.zeros(prediction.FINE),
         **extents,
     )
