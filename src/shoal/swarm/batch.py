@@ -348,10 +348,10 @@ class WorldBatch:
         )
         ended = self.terminated | self.truncated
         if np.count_nonzero(ended):  # quicker than any()
-            who = worlds[(ended & (self.moves > 0))[worlds]]
-            if len(who):
+            ended_worlds = worlds[(ended & (self.moves > 0))[worlds]]
+            if len(ended_worlds):
                 raise InvalidInputError(
-                    f"step: expected worlds whose episodes are running, got world {who[0]}, whose"
+                    f"step: expected worlds whose episodes are running, got world {ended_worlds[0]}, whose"
                     " episode has ended (reset the world or leave it out with where)"
                 )
         if isinstance(repeat, int) and repeat == 1:
@@ -756,10 +756,10 @@ def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """
     if out is None:
         return np.empty(shape, dtype=np.uint8)
-    good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
-    if not good or not out.flags.c_contiguous or not out.flags.writeable:
+    valid = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
+    if not valid or not out.flags.c_contiguous or not out.flags.writeable:
         description = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else shortened(out)
-        if good:
+        if valid:
             description += (
                 ", which is not contiguous"
                 if not out.flags.c_contiguous
@@ -811,10 +811,10 @@ def check_numbers(
     elif len(worlds) < count:
         numbers = numbers[worlds]
     if len(worlds) and not least <= numbers.min() <= numbers.max() < below:
-        bad = int(np.argmax((numbers < least) | (numbers >= below)))
+        index = int(np.argmax((numbers < least) | (numbers >= below)))
         expected = f"{least} to {below - 1}" if below < LARGEST else f"{least} or more"
         raise InvalidInputError(
-            f"{what}: expected {expected}, got {numbers[bad]} for world {worlds[bad]}"
+            f"{what}: expected {expected}, got {numbers[index]} for world {worlds[index]}"
         )
     return numbers
 

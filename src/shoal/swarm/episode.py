@@ -259,14 +259,14 @@ class SwarmEpisode(WithTrace, Episode):
     @cached_property
     def replay(self) -> Replay:
         """The replay of the episode, computed from its stored commands and scans."""
-        problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
+        problem, model = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
             goal, shape = self.goal or Goal(make_task("mapping")), self.workspace.shape
             stored = self.observations, self.truth
-            return ObservedReplay(shape, *about, self.trace, *stored, goal, self.rule, self.placed)
+            return ObservedReplay(shape, *model, self.trace, *stored, goal, self.rule, self.placed)
         if problem.noise is not None:
             return NoisyReplay(
-                self.workspace, self.start, *about, self.seed, self.trial, self.trace
+                self.workspace, self.start, *model, self.seed, self.trial, self.trace
             )
         return ExactReplay(
             GridWorld(self.workspace, self.rule),

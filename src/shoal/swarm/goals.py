@@ -83,8 +83,8 @@ class NoisyVisits(NoisyBelief):
         rule: str = "block",
     ) -> None:
         prior = prior_of(known, confidence, mapping=False)
-        about: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
-        super().__init__(known.shape, seen, noise, confidence, **about)
+        settings: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
+        super().__init__(known.shape, seen, noise, confidence, **settings)
         self.task = task
         self.visited = self._surely_seen(seen)
         self._held = self.visited
@@ -244,5 +244,5 @@ class Goal:
                 f"noise: expected the task mapping or a task on a known map, got {self.task.name}"
             )
         prior = None if self.known is None else prior_of(self.known, confidence, mapping=True)
-        about: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
-        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **about)
+        settings: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
+        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **settings)

@@ -252,7 +252,7 @@ class SwarmProblem(Problem):
         argument=True,
         metavar="MAP",
         check=_check_map,
-        dump=lambda given: given if isinstance(given, str) else given.to_dict(),
+        dump=lambda value: value if isinstance(value, str) else value.to_dict(),
     )
     task: Any = option(
         "mapping",
@@ -273,8 +273,8 @@ class SwarmProblem(Problem):
         ),
         metavar="CELLS",
         parse=_parse_cells,
-        check=lambda given: _check_cells_of(given, "target"),
-        dump=lambda given: [list(cell) for cell in given],
+        check=lambda value: _check_cells_of(value, "target"),
+        dump=lambda value: [list(cell) for cell in value],
     )
     region: Cells | None = option(
         None,
@@ -286,8 +286,8 @@ class SwarmProblem(Problem):
         ),
         metavar="CELLS",
         parse=_parse_region,
-        check=lambda given: _check_cells_of(given, "region"),
-        dump=lambda given: [list(cell) for cell in given],
+        check=lambda value: _check_cells_of(value, "region"),
+        dump=lambda value: [list(cell) for cell in value],
     )
     particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
@@ -305,8 +305,8 @@ class SwarmProblem(Problem):
         metavar="CELLS",
         parse=_parse_start,
         check=_check_start,
-        dump=lambda given: (
-            str(given) if isinstance(given, Inlet) else [list(cell) for cell in given]
+        dump=lambda value: (
+            str(value) if isinstance(value, Inlet) else [list(cell) for cell in value]
         ),
     )
     rule: str = option(
@@ -453,7 +453,7 @@ class SwarmProblem(Problem):
         metavar="MM",
         parse=_parse_cell_size,
         check=_check_cell_size,
-        dump=lambda given: list(given) if isinstance(given, tuple) else given,
+        dump=lambda value: list(value) if isinstance(value, tuple) else value,
     )
     move_seconds: float | None = option(
         None, help="Time that the apparatus takes for a move.", unit="s", least=0, most=1e6

@@ -174,9 +174,9 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         setup.workspace
     )
     watch = Stopwatch()
-    piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
-    moves = SHARE * piloted.moves
-    if piloted.status is Status.INTERRUPTED:
+    pilot_episode = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
+    moves = SHARE * pilot_episode.moves
+    if pilot_episode.status is Status.INTERRUPTED:
         moves = max(
             moves,
             expected_moves(

@@ -107,13 +107,13 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a fie
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     explored: dict[tuple[int, ...], bool] = {cell: True}
-    searches = looked = moves = 0
+    searches = expanded = moves = 0
     while True:
         before: dict[tuple[int, ...], tuple[int, ...]] = {cell: cell}
         queue, pair = deque([cell]), None
         while queue and pair is None:
             current = queue.popleft()
-            looked += 1
+            expanded += 1
             for step in STEPS:
                 neighbour = (current[0] + step[0], current[1] + step[1])
                 if neighbour not in explored:
@@ -125,7 +125,7 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a fie
         if pair is None:
             return {
                 "searches": searches,
-                "cells_looked_at": looked,
+                "cells_looked_at": expanded,
                 "free_cells": int(free.sum()),
                 "moves": moves,
             }
@@ -374,18 +374,18 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         )
     claims, curves = [], []
     for kind, trials in records.items():
-        m, looked, _ = np.array(trials, dtype=np.float64).T
+        m, expanded, _ = np.array(trials, dtype=np.float64).T
         claims.append(
             claim(
                 f"{kind}: exponent of m in the cells looked at",
                 "2 at most",
-                exponent(m, looked),
+                exponent(m, expanded),
                 within=(0, 2),
                 why="O(m²)",
             )
         )
         sizes = np.unique(m)
-        of_size = [looked[m == size] for size in sizes]
+        of_size = [expanded[m == size] for size in sizes]
         mean = np.array([values.mean() for values in of_size])
         curves.append(
             Curve(

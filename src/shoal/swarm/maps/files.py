@@ -344,9 +344,9 @@ def open_map(
         return GridWorkspace(generate_cached(text), name=text)
     if vessels:
         check_used(KINDS["photograph"], values, where=text)
-        mapped = vessel_map(path, **values)
-        tell_once(mapped.notice(str(path)))
-        return name_workspace(path, mapped.free)
+        vessel_network = vessel_map(path, **values)
+        tell_once(vessel_network.notice(str(path)))
+        return name_workspace(path, vessel_network.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
     # the reader of the file checks the other options
     beside = "width", *(["vessels"] if is_picture else [])

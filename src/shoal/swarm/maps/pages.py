@@ -274,8 +274,10 @@ def _check_pixels(
     wide = {"1": 1, "L": 1, "P": 1, "I;16": 2}.get(image.mode, 4)
     # A turned picture is in memory twice, and for the ground of transparent pixels a picture is
     # read twice at the same time.
-    twice = image.has_transparency_data or _is_turned(image)
-    check_data(path, pixels * wide * (1 + twice), most=LARGEST_PICTURE if most is None else most)
+    second_copy = image.has_transparency_data or _is_turned(image)
+    check_data(
+        path, pixels * wide * (1 + second_copy), most=LARGEST_PICTURE if most is None else most
+    )
 
 
 def _check_tiles(path: Path, image: Image) -> None:

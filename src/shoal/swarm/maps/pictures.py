@@ -212,10 +212,15 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
         best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
     if workspace.spacing is not None and PICTURES[suffix] == "TIFF":
         *between, height, width = workspace.spacing
-        about = ["ImageJ=1.54", f"images={len(layers)}", f"slices={len(layers)}", "unit=mm"]
-        about += [f"spacing={distance!r}" for distance in between]
+        metadata = ["ImageJ=1.54", f"images={len(layers)}", f"slices={len(layers)}", "unit=mm"]
+        metadata += [f"spacing={distance!r}" for distance in between]
         # TIFF: ImageDescription, XResolution and YResolution in pixels a unit, ResolutionUnit none
-        best["tiffinfo"] = {270: "\n".join([*about, ""]), 282: 1 / width, 283: 1 / height, 296: 1}
+        best["tiffinfo"] = {
+            270: "\n".join([*metadata, ""]),
+            282: 1 / width,
+            283: 1 / height,
+            296: 1,
+        }
     buffer = io.BytesIO()
     first.save(buffer, format=PICTURES[suffix], **best)
     return buffer.getvalue()
@@ -607,7 +612,5 @@ def _grey_of(colours: NDArray[Any]) -> NDArray[Any]:
     """
     if colours.shape[-1] == 1:
         return colours[..., 0]
-    weighted = colours[..., :3].astype(np.float32) @ np.array(LUMA, dtype=np.float32)
-    return np.asarray(
-        np.rint(weighted).astype(colours.dtype) if colours.dtype.kind in "ui" else weighted
-    )
+    luma = colours[..., :3].astype(np.float32) @ np.array(LUMA, dtype=np.float32)
+    return np.asarray(np.rint(luma).astype(colours.dtype) if colours.dtype.kind in "ui" else luma)

@@ -147,8 +147,8 @@ def _cells(path: Path, rows: Sequence[str], first_line: int, *, free: str, block
     table[[ord(letter) for letter in free]] = True
     cells = np.zeros((len(rows), width), dtype=np.bool_)
     for number, row in enumerate(rows):
-        good = pattern.match(row)
-        end = good.end() if good else 0
+        match = pattern.match(row)
+        end = match.end() if match else 0
         if end < len(row):
             raise InvalidInputError(
                 f"{path}, line {first_line + number}, column {end + 1}: expected one of"
@@ -224,16 +224,16 @@ def _numbers(
                 f" {len(line)}"
             )
         mark = "," if "," in line else ";" if ";" in line else ""
-        separated = line.split(mark) if mark else line.split()
+        fields = line.split(mark) if mark else line.split()
         try:  # Python takes 1_0 for 10, which is a slip in a table
-            numbers = None if "_" in line else np.array(separated, dtype=np.float64)
+            numbers = None if "_" in line else np.array(fields, dtype=np.float64)
         except ValueError:
             numbers = None
     else:
         numbers = digits
     if numbers is not None and (options.by_number or _is_mask(numbers, free_numbers)):
         return numbers
-    words = list(line) if single else separated if digits is None else re.split("[ \t,;]", line)
+    words = list(line) if single else fields if digits is None else re.split("[ \t,;]", line)
     for column, word in enumerate(words, start=1):
         if not _is_number(word) or not (
             options.by_number or _is_mask(np.array([float(word)]), free_numbers)

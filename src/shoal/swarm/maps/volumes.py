@@ -284,14 +284,14 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             raise ValueError(f"expected {header.get('dimension')} sizes, got {len(sides)}")
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
-        picked: dict[int, int] = {}
+        selection: dict[int, int] = {}
         choices = AxisChoices(path, options)
         for axis, (side, kind) in enumerate(zip(sides, kinds, strict=True)):
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
             name = "frame" if kind in {"time", "list"} else "channel"
-            picked[axis] = choices.index(name, [""] * side)
+            selection[axis] = choices.index(name, [""] * side)
         choices.check_used()
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
             raise InvalidInputError(
@@ -300,7 +300,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             )
         check_size(path, *(sides[axis] for axis in domain))
         data = _nrrd_data(path, header, begin, prod(sides)).reshape(sides, order="F")
-        data = data[tuple(picked.get(axis, slice(None)) for axis in range(len(sides)))]
+        data = data[tuple(selection.get(axis, slice(None)) for axis in range(len(sides)))]
         free = free_in_array(data.T, options, where=str(path)).T
         lengths, directions = _nrrd_space(header, domain)
         if directions is not None and len(domain) == 3:

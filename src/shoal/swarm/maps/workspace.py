@@ -140,9 +140,9 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     if array.dtype.kind not in "biuf":
         raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        cell = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InvalidInputError(
-            f"workspace: expected finite numbers, got {array[bad]} at cell {bad}"
+            f"workspace: expected finite numbers, got {array[cell]} at cell {cell}"
         )
     if array.size == 0:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")

@@ -181,9 +181,9 @@ def lower_bound(
         goal = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         required = goal & ~particles & (distances < FAR)
     n = len(cells)
-    about = free, offsets, required, particles, n
-    commands = fewest_commands(*about, slides=rule == "tilt")
-    pairs = fewest_for_pairs(*about, rule=rule)
+    instance = free, offsets, required, particles, n
+    commands = fewest_commands(*instance, slides=rule == "tilt")
+    pairs = fewest_for_pairs(*instance, rule=rule)
     if rule == "tilt":  # one command classifies up to a whole line of cells a particle
         most = n * longest_run(free, offsets)
         return LowerBound(-(-int(np.count_nonzero(required)) // most), 0, 0, commands, pairs)
@@ -210,7 +210,7 @@ def lower_bound(
         pairs=pairs,
     )
     if flow:
-        return replace(least, flow=fewest_by_flow(*about, rule=rule, least=least.moves))
+        return replace(least, flow=fewest_by_flow(*instance, rule=rule, least=least.moves))
     return least
 
 
@@ -234,8 +234,8 @@ def _gathering_bound(
     from shoal.swarm.theory.gathering import count_bound, distance_bound, pair_bound
 
     region = _region_of(targets)
-    about = free, offsets, region, particles
-    count, pairs = count_bound(*about, rule), pair_bound(*about, n, rule)
+    instance = free, offsets, region, particles
+    count, pairs = count_bound(*instance, rule), pair_bound(*instance, n, rule)
     if rule == "tilt":
         return LowerBound(count, 0, 0, 0, pairs)
     axes = commands = 0
@@ -246,7 +246,7 @@ def _gathering_bound(
             costs, before, stack = (np.zeros(free.size, dtype=np.int64) for _ in range(3))
             sides = back, forth, costs, before, stack
             axes += int(fewest_both_ways(free, offsets, outside, region, *sides))
-    return LowerBound(count, distance_bound(*about, rule), axes, commands, pairs)
+    return LowerBound(count, distance_bound(*instance, rule), axes, commands, pairs)
 
 
 def _region_of(targets: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
@@ -339,8 +339,8 @@ def optimum(
         from shoal.swarm.theory.gathering import search_gathering
 
         region = _region_of(targets)
-        about = free, offsets, region, particles, len(cells), letters_of(workspace.ndim)
-        return Optimum(*search_gathering(world, *about, most_states))
+        instance = free, offsets, region, particles, len(cells), letters_of(workspace.ndim)
+        return Optimum(*search_gathering(world, *instance, most_states))
     if task == "mapping":
         remaining = world.reached_by(particles) & ~particles
     else:

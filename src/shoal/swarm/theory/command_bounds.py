@@ -219,7 +219,7 @@ def fewest_by_flow(
         matrix = coo_array(
             (table[2], (table[0].astype(int), table[1].astype(int))), shape=(len(rows), size)
         ).tocsr()
-        solved = milp(
+        solution = milp(
             np.zeros(size),
             integrality=integrality,
             bounds=Bounds(lower, upper),
@@ -228,7 +228,7 @@ def fewest_by_flow(
             ),
             options={"node_limit": most_nodes},
         )
-        if solved.status != 2:  # anything but a proof that there is no solution
+        if solution.status != 2:  # anything but a proof that there is no solution
             return bound
         bound += 1
     return bound

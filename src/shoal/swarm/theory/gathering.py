@@ -132,8 +132,8 @@ def _can_assign(allowed: NDArray[np.bool_]) -> bool:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 
-    matched = maximum_bipartite_matching(csr_array(allowed.astype(np.int8)), perm_type="column")
-    return bool((matched >= 0).all())
+    matching = maximum_bipartite_matching(csr_array(allowed.astype(np.int8)), perm_type="column")
+    return bool((matching >= 0).all())
 
 
 def search_gathering(

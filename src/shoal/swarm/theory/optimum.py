@@ -159,8 +159,8 @@ def dual_prices(graph: Graph, cells: int) -> NDArray[np.int64]:
     for place, remaining in _samples(graph, cells):
         worth = np.zeros(table.shape[1])
         worth[:cells], worth[cells + place] = np.where(remaining, -1, 0), -1
-        solved = linprog(worth, A_ub=table, b_ub=least, bounds=limits, method="highs")
-        if solved.status == 0 and (prices := solved.x[:cells] * remaining).max(initial=0) > 0:
+        solution = linprog(worth, A_ub=table, b_ub=least, bounds=limits, method="highs")
+        if solution.status == 0 and (prices := solution.x[:cells] * remaining).max(initial=0) > 0:
             lists.append(np.rint(DEAREST * prices / prices.max()).astype(np.int64))
     return np.array(lists).reshape(-1, cells)
 

@@ -114,9 +114,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
             axes, slices, *caption_boxes(codes.shape, SIDE, workspace.spacing, line), points
         )
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
-    looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
+    scan_note = "" if episode.trace.scanned.all() else f" and {scans} scans"
     note = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
-    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{note}", in_print="")
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{scan_note}{note}", in_print="")
     _legend(
         figure,
         axes,

@@ -70,12 +70,12 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
 
 def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask:
     tips = max(2, count // CELLS_A_TIP)
-    start, end, fed = grow_tree(_spread(tips, rng), rng)
+    start, end, tip_counts = grow_tree(_spread(tips, rng), rng)
     if loops:
-        bridges = _bridges(end[fed == 1], max(1, round(loops * tips)))
+        bridges = _bridges(end[tip_counts == 1], max(1, round(loops * tips)))
         start, end = np.concatenate([start, bridges[0]]), np.concatenate([end, bridges[1]])
-        fed = np.concatenate([fed, np.ones(len(bridges[0]), dtype=np.int64)])
-    return _trim(_fit_to_count(start, end, murray_radius(fed), count), count)
+        tip_counts = np.concatenate([tip_counts, np.ones(len(bridges[0]), dtype=np.int64)])
+    return _trim(_fit_to_count(start, end, murray_radius(tip_counts), count), count)
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -102,7 +102,7 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
     The trunk comes first.
     """
-    starts, ends, fed = [], [], []
+    starts, ends, tip_counts = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
     while waiting:
@@ -111,11 +111,11 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
         end = supplied[0] if len(supplied) == 1 else start + REACH * (middle - start)
         starts.append(start)
         ends.append(end)
-        fed.append(len(supplied))
+        tip_counts.append(len(supplied))
         if len(supplied) > 1:
             first = _first_half(supplied, end - start, rng)
             waiting += [(end, supplied[~first]), (end, supplied[first])]
-    return np.array(starts), np.array(ends), np.array(fed, dtype=np.int64)
+    return np.array(starts), np.array(ends), np.array(tip_counts, dtype=np.int64)
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -95,7 +95,7 @@ def planner_of(
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
-    foreseen = prediction.OccupancyPrediction(
+    predicted_map = prediction.OccupancyPrediction(
         open=boards(),
         known=boards(),
         inner=layout.pack(np.pad(np.ones(layout.shape, dtype=np.bool_), 1)).ravel(),
@@ -120,7 +120,7 @@ def planner_of(
         memory=memory,
         options=new_record(OPTIONS, **values),
         scene=forward_model.Scene(
-            ground=foreseen.open,
+            ground=predicted_map.open,
             tried=boards(),
             moving=boards(),
             rule=RULE_CODES[rule],
@@ -135,8 +135,8 @@ def planner_of(
         trial=np.zeros(longest, dtype=np.int8),
         beam=beam_of(size, int(values.get("beam_width", 0)), int(values.get("beam_depth", 0))),
         prior=new_prior(layout, learned=learned),
-        prediction=foreseen,
-        learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
+        prediction=predicted_map,
+        learned=learned_prior_of(predicted_map.inner, layout.words[1], used=learned),
     )
 
 
