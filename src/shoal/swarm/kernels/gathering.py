@@ -61,8 +61,8 @@ def follow(field, rule, region, plan, at, trace, memory):
 
 
 @in_place_kernel
-def stragglers(occupied, region, ungathered):
-    """Write to ``ungathered`` the cells with particles that are not gathered yet: outside the region, or
+def stragglers(occupied, region, remaining):
+    """Write to ``remaining`` the cells with particles that are not gathered yet: outside the region, or
     without a region all but the first. Return their number.
     """
     count, first = 0, region.shape[0] == 0
@@ -73,7 +73,7 @@ def stragglers(occupied, region, ungathered):
         elif first and word != ZERO:
             word &= word - ONE
             first = False
-        ungathered[i] = word
+        remaining[i] = word
         count += popcount(word)
     return count
 
