@@ -257,9 +257,9 @@ class Gathering:
             component = int(np.argmax(capacity < needed))
             cell = tuple(start[labels[tuple(start.T)] == component][0].tolist())
             raise InvalidInputError(
-                f"region: expected at least {needed[component]} of its cells in the connected part of"
-                f" {workspace.name} with the particle at {cell}, for the {parts[component]} particles"
-                f" there under rule {rule}, got {capacity[component]}"
+                f"region: expected at least {needed[component]} of its cells in the connected part"
+                f" of {workspace.name} with the particle at {cell}, for the {parts[component]}"
+                f" particles there under rule {rule}, got {capacity[component]}"
             )
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
@@ -334,7 +334,8 @@ def make_task(task: str | Task) -> Task:
     instance = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(instance, Task):
         raise InvalidInputError(
-            f"task: expected an object with name, choose_targets, begin and update, got {instance!r}"
+            "task: expected an object with name, choose_targets, begin and update, got"
+            f" {instance!r}"
         )
     return instance
 

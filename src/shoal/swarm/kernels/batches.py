@@ -52,8 +52,8 @@ def word_of(worlds, world, word, plane):
 
 @in_place_kernel
 def write_planes(worlds, selection, planes, out, first, last):
-    """Write planes of the worlds ``selection[first:last]`` to ``out``, uint8, shape (worlds, planes,
-    layers x rows, columns).
+    """Write planes of the worlds ``selection[first:last]`` to ``out``, uint8, shape (worlds,
+    planes, layers x rows, columns).
     """
     rows, columns = out.shape[2], out.shape[3]
     full_words = columns // 64

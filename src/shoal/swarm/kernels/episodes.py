@@ -338,9 +338,9 @@ def notice_sweep(policy_state, travelled, classified):
 def end_run(field, policy_state, scan_planner, recorded_scan):
     """Return whether a scan follows a run of equal commands.
 
-    In a replay of given scans, the result is ``recorded_scan``. An adaptive policy does not scan after a
-    run that has classified no cell. With a scan rule that is neither adaptive nor given, a scan
-    follows each run.
+    In a replay of given scans, the result is ``recorded_scan``. An adaptive policy does not scan
+    after a run that has classified no cell. With a scan rule that is neither adaptive nor given, a
+    scan follows each run.
     """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:

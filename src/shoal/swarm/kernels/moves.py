@@ -365,7 +365,7 @@ def start_right(free, particles, moving, rule):
 
 @in_place_kernel
 def held_above(particles, free):
-    """Return the particles of the word ``particles`` that can move to the right, towards higher bits.
+    """Return those of the ``particles`` of a word that can move right, towards higher bits.
 
     ``free`` contains the cells whose next cell is free. A run of adjacent particles can move if
     ``free`` contains its highest cell.

@@ -161,7 +161,7 @@ def row_range(words, width, first, last):
 def common_columns(board_a, board_b, columns):
     """Add to ``columns``, a row of words, the columns in which two boards have a common cell.
 
-    The arguments ``board_a`` and ``board_b`` are two whole boards, or equal ranges of rows of two boards.
+    ``board_a`` and ``board_b`` are two whole boards, or equal ranges of rows of two boards.
     """
     width = columns.shape[0]
     # a row is too short for vector instructions, so the outer loop is over the words of a row

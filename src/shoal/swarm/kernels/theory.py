@@ -17,7 +17,7 @@ def fewest_both_ways(free, offsets, required, particles, back, forth, costs, bef
 
     Commands other than ``back`` and ``forth`` cost nothing. The function tries each number i in
     turn. If the path to a required cell has at most i commands ``back``, the path needs a certain
-    number of commands ``forth``. The number j is the maximum of this number over all required cells.
+    number of commands ``forth``. The number j is its maximum over all required cells.
     """
     best = FAR
     for cell in range(costs.shape[0]):

@@ -572,8 +572,8 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
         )
     else:
         raise InvalidInputError(
-            f"expected a grey or a colour picture, got the channels {_channel_list(page.names)} (choose"
-            " one by --channel)"
+            "expected a grey or a colour picture, got the channels"
+            f" {_channel_list(page.names)} (choose one by --channel)"
         )
     if not page.white_is_zero:
         return grey

@@ -174,7 +174,8 @@ def check_channel(channel: Any) -> int | str | None:
     )
     if isinstance(number, str):
         raise InvalidInputError(
-            f"channel: expected the name of a channel or its number from 1, got {shortened(channel)}"
+            "channel: expected the name of a channel or its number from 1, got"
+            f" {shortened(channel)}"
         )
     return check_integer(number, what="channel", least=1)
 
@@ -290,7 +291,8 @@ class MapOptions(Problem):
         if len(decided) > 1:
             (first, value), (second, second_value) = decided[:2]
             raise InvalidInputError(
-                f"{first}: expected a {first} or a {second}, got both: {value:g} and {second_value:g}"
+                f"{first}: expected a {first} or a {second}, got both: {value:g} and"
+                f" {second_value:g}"
             )
 
     @property

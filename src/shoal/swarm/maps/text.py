@@ -263,8 +263,8 @@ def _single_digits(line: str) -> NDArray[np.uint8] | None:
 
 
 def _is_mask(numbers: NDArray[Any], free_numbers: set[float]) -> bool:
-    """Return whether all numbers other than 0 and NaN are the number in ``free_numbers``, to which the
-    first such number is added.
+    """Return whether all numbers other than 0 and NaN are the number in ``free_numbers``, to which
+    the first such number is added.
     """
     free = numbers[(numbers != 0) & ~np.isnan(numbers)]
     if free.size and not free_numbers and (free == free[0]).all():

@@ -336,7 +336,8 @@ def check_gathers(policy: Policy, *, gathering: bool) -> None:
         name = getattr(policy, "kind", policy.name)
         expected = "the task gathering" if able else "a task other than gathering"
         raise InvalidInputError(
-            f"policy {name}: expected {expected}, got {'gathering' if gathering else 'another task'}"
+            f"policy {name}: expected {expected}, got"
+            f" {'gathering' if gathering else 'another task'}"
         )
 
 

@@ -26,8 +26,8 @@ def fewest_commands(
 
     Let v be the numbers of commands of each direction in a plan, in any order, and R(v) all cells
     with a path from a particle that has at most v steps of each direction. Let F(v) be the largest
-    number of required cells that a plan with these commands can classify. With e_i for one command i
-    and n for the number of particles::
+    number of required cells that a plan with these commands can classify. With e_i for one command
+    i and n for the number of particles::
 
         R(v) = R(v - e_i) and the cells beside R(v - e_i) in direction i, for all i
         F(v) <= max over i of F(v - e_i) + min(n, required cells beside R(v - e_i) in direction i)

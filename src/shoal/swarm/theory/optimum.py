@@ -25,8 +25,8 @@ DUALS, MOST_PLACES_OF_DUALS, DEAREST = 40, 2000, 12
 def search_optimum(
     world: SmallWorld, particles: int, remaining: int, mapping: bool, letters: str, most_states: int
 ) -> tuple[int, str, int]:
-    """Return the fewest commands that classify the cells ``remaining``, a plan with them, and the number
-    of states that the search has found.
+    """Return the fewest commands that classify the cells ``remaining``, a plan with them, and the
+    number of states that the search has found.
 
     An A* search over places (sets of cells that hold particles) and the cells that are left. Its
     estimate comes from prices. Give each cell a price. If k commands classify the cells that are
