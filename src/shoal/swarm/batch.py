@@ -351,8 +351,9 @@ class WorldBatch:
             ended_worlds = worlds[(ended & (self.moves > 0))[worlds]]
             if len(ended_worlds):
                 raise InvalidInputError(
-                    f"step: expected worlds whose episodes are running, got world {ended_worlds[0]},"
-                    " whose episode has ended (reset the world or leave it out with where)"
+                    f"step: expected worlds whose episodes are running, got world"
+                    f" {ended_worlds[0]}, whose episode has ended (reset the world or leave it out"
+                    " with where)"
                 )
         if isinstance(repeat, int) and repeat == 1:
             times = self._once[: len(worlds)]

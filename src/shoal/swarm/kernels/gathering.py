@@ -62,8 +62,8 @@ def follow(field, rule, region, plan, at, trace, memory):
 
 @in_place_kernel
 def stragglers(occupied, region, remaining):
-    """Write to ``remaining`` the cells with particles that are not gathered yet: outside the region,
-    or without a region all but the first. Return their number.
+    """Write to ``remaining`` the cells with particles that are not gathered yet: outside the
+    region, or without a region all but the first. Return their number.
     """
     count, first = 0, region.shape[0] == 0
     for i in range(occupied.shape[0]):

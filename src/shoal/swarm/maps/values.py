@@ -60,8 +60,8 @@ def free_by_number(
             if extremes.low != extremes.high:
                 raise InvalidInputError(
                     f"{where}: expected 0 for obstacles and one other number for free cells, got"
-                    f" {extremes.low} and {extremes.high}{_cell_of(pieces, extremes.high)} (choose the"
-                    " level from which cells are free, or the label of free cells)"
+                    f" {extremes.low} and {extremes.high}{_cell_of(pieces, extremes.high)} (choose"
+                    " the level from which cells are free, or the label of free cells)"
                 )
         free.add(_free_of(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
