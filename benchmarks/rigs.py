@@ -50,9 +50,9 @@ class LosingRig(NoisyRig):
         super()._move(command)
         self._sent += 1
         if self._sent == self._at or (self._every and self._sent % self._every == 0):
-            there = np.flatnonzero(self._noisy.state.there)
+            there = np.flatnonzero(self._noisy.state.occupied)
             if len(there):
-                self._noisy.state.there[self._luck.choice(there)] = False
+                self._noisy.state.occupied[self._luck.choice(there)] = False
 
 
 LIES: dict[str, Callable[[int, str], str]] = {

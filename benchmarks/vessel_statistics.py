@@ -27,7 +27,7 @@ from shoal.swarm.maps.imaging import (
     map_of_vessels,
     vessel_statistics,
 )
-from shoal.swarm.maps.imaging.segmentation import read_photograph, resized
+from shoal.swarm.maps.imaging.segmentation import read_photograph, resize
 
 COUNTS = (1000, 5000, 20_000)
 PUBLISHED = {
@@ -44,7 +44,7 @@ def photograph() -> tuple[Mask, Mask]:
     """Return the vessels of scikit-image's photograph of a retina, and its field of view."""
     picture = data.retina()  # type: ignore[no-untyped-call]
     mask = find_vessels(picture).mask
-    return mask, resized(read_photograph(picture).view, mask.shape) > 0.5
+    return mask, resize(read_photograph(picture).view, mask.shape) > 0.5
 
 
 def columns(

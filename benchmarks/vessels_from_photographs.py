@@ -27,7 +27,7 @@ from shoal.swarm.maps.imaging.segmentation import (
     THICKEST,
     levels_of,
     read_photograph,
-    resized,
+    resize,
     vessel_response,
     without_ground,
     without_opposite,
@@ -262,7 +262,7 @@ def photograph_response(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     picture = read_photograph(image)
     levels = levels_of(picture, THICKEST[picture.has_surround])
     flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
-    return resized(
+    return resize(
         vessel_response(without_opposite(-flat, picture.view), picture.view, levels),
         image.shape[:2],
     )

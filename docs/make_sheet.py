@@ -24,7 +24,7 @@ from shoal.swarm.maps.imaging.samples import retina
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
 from shoal.views import search, steering, swarm
-from shoal.views.drawing.charts import printed, with_room
+from shoal.views.drawing.charts import check_layout, printed
 from shoal.views.drawing.stage import Stage
 from shoal.views.search.tour import tour_figure
 from shoal.views.swarm.theory import gap_distributions, schedule_ratios
@@ -120,7 +120,7 @@ def theory() -> Iterator[Figure]:
 
 def in_print(draw: Callable[[], Figure]) -> Figure:
     """Return a figure that is no episode's, for print; one that does not fit is refused."""
-    with printed(WIDTH, None), with_room("of the theory") as figures:
+    with printed(WIDTH, None), check_layout("of the theory") as figures:
         figures.append(draw())
     return figures[0]
 

@@ -17,7 +17,7 @@ def course_of(planner, plan):
     room = 2 * len(plan) + 64
     course = anneal.AnnealedPlan(
         *(np.zeros(room, dtype=np.int8) for _ in range(3)),
-        kept=np.zeros((room // EVERY + 1, *planner.root.shape), dtype=np.uint64),
+        checkpoints=np.zeros((room // EVERY + 1, *planner.root.shape), dtype=np.uint64),
         every=EVERY,
     )
     course.plan[: len(plan)] = plan
@@ -66,14 +66,14 @@ def test_states_are_kept_on_the_way(shape):
     _, planner, _, _, _, rng = scene_of(shape, 3, "coverage")
     plan = rng.integers(0, 2 * len(shape), 30)
     course = course_of(planner, plan)
-    forward_model.copy_state(planner.root, course.kept[0])
+    forward_model.copy_state(planner.root, course.checkpoints[0])
     anneal.keep_states(planner, course, np.int64(0), np.int64(len(plan)))
     course.plan[17:30] = plan[17:30] = rng.integers(0, 2 * len(shape), 13)
     anneal.keep_states(planner, course, np.int64(17), np.int64(len(plan)))
     forward_model.copy_state(planner.root, planner.state)
     for move, one in enumerate(plan):
         if move % EVERY == 0:
-            assert (course.kept[move // EVERY] == planner.state).all()
+            assert (course.checkpoints[move // EVERY] == planner.state).all()
         forward_model.advance(planner.scene, planner.state, np.int64(one))
 
 

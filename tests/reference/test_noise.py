@@ -57,7 +57,7 @@ def test_moves_looks_and_belief(seed):
         before = copy.copy(particles)
         particles = plain.move(free, particles, step, about.slip, same_luck)
         travelled = kernels.move_noisy(noisy, encode(command, ndim=layout.ndim)[0], luck)
-        assert tuples(np.argwhere(inner_of(noisy.there, shape))) == particles
+        assert tuples(np.argwhere(inner_of(noisy.occupied, shape))) == particles
         assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(
             sum(cell) for cell in before
         ) * sum(step)

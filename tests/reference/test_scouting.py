@@ -176,10 +176,12 @@ def test_tried_and_shift():
     for scene, _ in scenes(81):
         view, field = scene.view, scene.field
         for command in view.directions:
-            assert adaptive_scans.tried(field, field.occupied, command) == tried(
+            assert adaptive_scans.count_tried(field, field.occupied, command) == tried(
                 view, view.particles, command
             )
-            once = adaptive_scans.predicted(field, scene.lookahead.shifted, scene.lookahead.counts)
+            once = adaptive_scans.known_field(
+                field, scene.lookahead.shifted, scene.lookahead.counts
+            )
             once.occupied[:] = field.occupied
             expected = list(shifts(view, view.particles, command, scene.rule, 1))
             assert adaptive_scans.shift(

@@ -81,9 +81,9 @@ def play_adversary(
     """
     cells = check_integer(cells, what="cells", least=1, most=100_000)
     check_integer(max_moves, what="max_moves", least=1)
-    watched = _run_corridor(policy, cells, cells, seed, max_moves)
+    long_corridor = _run_corridor(policy, cells, cells, seed, max_moves)
     games = []
-    for left, right in _chosen_ends(_steps(watched), cells):
+    for left, right in _chosen_ends(_steps(long_corridor), cells):
         episode = _run_corridor(policy, left, right, seed, max_moves)
         moves = len(_steps(episode))
         games.append(CorridorGame(episode.policy, left, right, moves, str(episode.status)))
@@ -113,7 +113,7 @@ def _chosen_ends(steps: Iterable[int], cells: int) -> list[tuple[int, int]]:
     to touch it.
     """
     place, low, high = 0, 0, 0
-    promised: list[tuple[Fraction, tuple[int, int]]] = []
+    candidates: list[tuple[Fraction, tuple[int, int]]] = []
     for count, step in enumerate(steps, start=1):
         place += step
         if place in (low - 1, high + 1):
@@ -122,6 +122,6 @@ def _chosen_ends(steps: Iterable[int], cells: int) -> list[tuple[int, int]]:
             if max(left, right) > cells:
                 break
             least = 2 * min(left, right) + max(left, right) + 2
-            promised.append((Fraction(count + 1 + left + right + 1, least), (left, right)))
-    promised.sort(reverse=True)
-    return [ends for _, ends in promised[:3]] or [(1, 1)]
+            candidates.append((Fraction(count + 1 + left + right + 1, least), (left, right)))
+    candidates.sort(reverse=True)
+    return [ends for _, ends in candidates[:3]] or [(1, 1)]

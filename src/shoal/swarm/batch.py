@@ -272,23 +272,23 @@ class WorldBatch:
         InvalidInputError
             Raised if an argument is invalid. A call that raises an error changes no world.
         """
-        chosen = self._chosen(where)
-        if not chosen.size:
+        worlds = self._chosen(where)
+        if not worlds.size:
             return
-        rngs = world_generators(seed, chosen, len(self), self._rngs)
+        rngs = world_generators(seed, worlds, len(self), self._rngs)
         seeds = [own if own is not None else int(rng.integers(SEEDS)) for own, rng in rngs]
         if maps is None:
             numbers = [int(rng.integers(len(self.problems))) for _, rng in rngs]
         else:
             numbers = check_numbers(
-                maps, chosen, len(self), what="maps", least=0, below=len(self.problems)
+                maps, worlds, len(self), what="maps", least=0, below=len(self.problems)
             ).tolist()
         starts = [
             self._setups[number].draw_start(trial_rng(own))
             for number, own in zip(numbers, seeds, strict=True)
         ]
         if self._compiled:
-            swarms: list[Any] = [None] * len(chosen)
+            swarms: list[Any] = [None] * len(worlds)
             boards = self._first_boards(numbers, starts)
         else:
             swarms = [
@@ -297,17 +297,17 @@ class WorldBatch:
             ]
         if not self._rngs:
             self._rngs = [rng for _, rng in rngs]
-        self.maps[chosen], self.seeds[chosen] = numbers, seeds
-        self._steps.limits[chosen] = [self.problems[number].max_moves for number in numbers]
-        for world, swarm, (_, rng) in zip(chosen.tolist(), swarms, rngs, strict=True):
+        self.maps[worlds], self.seeds[worlds] = numbers, seeds
+        self._steps.limits[worlds] = [self.problems[number].max_moves for number in numbers]
+        for world, swarm, (_, rng) in zip(worlds.tolist(), swarms, rngs, strict=True):
             self._swarms[world], self._rngs[world] = swarm, rng
         if self._compiled:
-            self._share(begin_worlds, chosen, self._steps, boards, scratch=self._scratch)
+            self._share(begin_worlds, worlds, self._steps, boards, scratch=self._scratch)
             return
         for column in self._steps[1:5]:
-            column[chosen] = 0
-        self._steps.commands[chosen] = -1
-        self._show(chosen)
+            column[worlds] = 0
+        self._steps.commands[worlds] = -1
+        self._show(worlds)
 
     def step(
         self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None
@@ -341,35 +341,36 @@ class WorldBatch:
             invalid, or if the episode of a selected world has ended. A call that raises an error
             changes no world.
         """
-        steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
-        given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
+        steps, worlds, ndim = self._steps, self._chosen(where), self.layout.ndim
+        numbers = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
         codes = check_numbers(
-            given, chosen, len(self), what="commands", least=0, below=2 * ndim, single=False
+            numbers, worlds, len(self), what="commands", least=0, below=2 * ndim, single=False
         )
         ended = self.terminated | self.truncated
         if np.count_nonzero(ended):  # quicker than any()
-            who = chosen[(ended & (self.moves > 0))[chosen]]
-            if len(who):
+            ended_worlds = worlds[(ended & (self.moves > 0))[worlds]]
+            if len(ended_worlds):
                 raise InvalidInputError(
-                    f"step: expected worlds whose episodes are running, got world {who[0]}, whose"
-                    " episode has ended (reset the world or leave it out with where)"
+                    f"step: expected worlds whose episodes are running, got world"
+                    f" {ended_worlds[0]}, whose episode has ended (reset the world or leave it out"
+                    " with where)"
                 )
         if isinstance(repeat, int) and repeat == 1:
-            times = self._once[: len(chosen)]
+            times = self._once[: len(worlds)]
         else:
-            times = check_numbers(repeat, chosen, len(self), what="repeat", least=1).astype(
+            times = check_numbers(repeat, worlds, len(self), what="repeat", least=1).astype(
                 np.int64
             )
-            times = np.minimum(times, np.maximum(steps.limits[chosen] - steps.moves[chosen], 1))
-        if chosen is self._all:
+            times = np.minimum(times, np.maximum(steps.limits[worlds] - steps.moves[worlds], 1))
+        if worlds is self._all:
             steps.commands[:] = codes
         else:
             steps.commands[:], steps.classified[:], steps.travelled[:] = -1, 0, 0
-            steps.commands[chosen] = codes
+            steps.commands[worlds] = codes
         if self._compiled:
-            self._share(step_worlds, chosen, steps, times, scratch=self._scratch)
+            self._share(step_worlds, worlds, steps, times, scratch=self._scratch)
         else:
-            self._carry_out(chosen, times)
+            self._carry_out(worlds, times)
         return Trace(*steps[:4], steps.commands >= 0)
 
     @property
@@ -390,9 +391,9 @@ class WorldBatch:
         board = self._padded.board(self._worlds.occupied[world], int(self.maps[world]))
         counts = None
         if self._worlds.counts.size:
-            whole = self._worlds.counts[world].reshape(self.layout.layers, self.layout.rows, -1)
+            padded = self._worlds.counts[world].reshape(self.layout.layers, self.layout.rows, -1)
             counts = (
-                whole[: board.layout.layers, : board.layout.rows, : board.layout.columns]
+                padded[: board.layout.layers, : board.layout.rows, : board.layout.columns]
                 .reshape(board.layout.window)
                 .copy()
             )
@@ -431,12 +432,12 @@ class WorldBatch:
             includes a rim of one cell, because the particles must also classify rim cells.
         """
         codes = _codes_of(names)
-        chosen = self._chosen(where)
-        filled = check_out(out, (len(chosen), len(names), *self.layout.window))
+        worlds = self._chosen(where)
+        filled = check_out(out, (len(worlds), len(names), *self.layout.window))
         lines = filled.reshape(
-            len(chosen), len(names), self.layout.layers * self.layout.rows, self.layout.columns
+            len(worlds), len(names), self.layout.layers * self.layout.rows, self.layout.columns
         )
-        self._share(kernels.write_planes, chosen, codes, lines, boards=16 * len(names))
+        self._share(kernels.write_planes, worlds, codes, lines, boards=16 * len(names))
         return filled
 
     def windows(
@@ -467,13 +468,13 @@ class WorldBatch:
         ndarray of uint8, shape (worlds, planes, side, side), or (worlds, planes, side, side, side)
         in 3-D
         """
-        chosen, ndim, codes = self._chosen(where), self.layout.ndim, _codes_of(names)
-        filled = np.empty((len(chosen), len(names), *[side] * ndim), dtype=np.uint8)
-        cells = filled.reshape(len(chosen), len(names), -1)
-        middles = np.zeros((len(chosen), 3), dtype=np.int64)
+        worlds, ndim, codes = self._chosen(where), self.layout.ndim, _codes_of(names)
+        filled = np.empty((len(worlds), len(names), *[side] * ndim), dtype=np.uint8)
+        cells = filled.reshape(len(worlds), len(names), -1)
+        middles = np.zeros((len(worlds), 3), dtype=np.int64)
         middles[:, 3 - ndim :] = centers
         share = side**ndim / self._padded.words
-        self._share(kernels.write_windows, chosen, codes, middles, side, cells, boards=share)
+        self._share(kernels.write_windows, worlds, codes, middles, side, cells, boards=share)
         return filled
 
     def measures(self, *, where: ArrayLike | None = None, commands: bool = True) -> Measures:
@@ -481,11 +482,11 @@ class WorldBatch:
 
         If ``commands`` is false, the sums for each command are left out.
         """
-        chosen, ndim = self._chosen(where), self.layout.ndim
+        worlds, ndim = self._chosen(where), self.layout.ndim
         count = 2 * ndim if commands else 0
-        shapes = ((len(chosen), count, 2), (len(chosen), 3, 2), (len(chosen), 3))
+        shapes = ((len(worlds), count, 2), (len(worlds), 3, 2), (len(worlds), 3))
         probes, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
-        self._share(kernels.measure_worlds, chosen, probes, axes, totals, boards=4)
+        self._share(kernels.measure_worlds, worlds, probes, axes, totals, boards=4)
         return Measures(
             probes[:, :, kernels.PROBING],
             probes[:, :, kernels.MOVING],
@@ -509,9 +510,9 @@ class WorldBatch:
         ndarray of int64, shape (worlds, ndim)
             Indices, into the planes, of the last cell of each shortest path.
         """
-        chosen = self._chosen(where)
-        nearest = np.zeros((len(chosen), 5), dtype=np.int64)
-        self._share(kernels.find_nearest, chosen, nearest, boards=16, scratch=self._searches)
+        worlds = self._chosen(where)
+        nearest = np.zeros((len(worlds), 5), dtype=np.int64)
+        self._share(kernels.find_nearest, worlds, nearest, boards=16, scratch=self._searches)
         return nearest[:, 0], nearest[:, 1], nearest[:, 5 - self.layout.ndim :]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
@@ -525,10 +526,10 @@ class WorldBatch:
         have an effect if the next cell of any particle is not a known obstacle. In an episode with
         noise, every command may have an effect.
         """
-        chosen = self._chosen(where)
-        masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)
+        worlds = self._chosen(where)
+        masks = np.ones((len(worlds), len(letters_of(self.layout.ndim))), dtype=np.int8)
         if not self._noisy:
-            self._share(kernels.mark_commands, chosen, masks)
+            self._share(kernels.mark_commands, worlds, masks)
         return masks
 
     def _chosen(self, where: ArrayLike | None) -> NDArray[np.int64]:
@@ -541,23 +542,23 @@ class WorldBatch:
         targets = np.zeros((0, 0), dtype=np.uint64)
         if not self._worlds.mapping:
             targets = np.zeros((len(starts), self._padded.words), dtype=np.uint64)
-            for row, number, (start, wanted) in zip(targets, numbers, starts, strict=True):
+            for row, number, (start, target_cells) in zip(targets, numbers, starts, strict=True):
                 place = self._setups[number].workspace
-                check_reachable(place, start, wanted)
+                check_reachable(place, start, target_cells)
                 row[:] = (
                     self._padded.free[number]
-                    if wanted is place.free
-                    else self._padded.of_mask(wanted)
+                    if target_cells is place.free
+                    else self._padded.of_mask(target_cells)
                 )
         ends = np.cumsum([len(start) for start in cells], dtype=np.int64)
         return Starts(np.concatenate(cells), ends, targets)
 
-    def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
+    def _carry_out(self, worlds: NDArray[np.int64], times: NDArray[np.int64]) -> None:
         """Send commands to worlds that the kernels do not support, one world after the other."""
 
         def work(_: int, first: int, last: int) -> None:
             for world, steps in zip(
-                chosen[first:last].tolist(), times[first:last].tolist(), strict=True
+                worlds[first:last].tolist(), times[first:last].tolist(), strict=True
             ):
                 rows, _scanned = self._swarms[world].carry_out(
                     LETTERS[self._steps.commands[world]], steps, scan=True
@@ -566,28 +567,28 @@ class WorldBatch:
                 self._steps.classified[world] = columns[0].sum()
                 self._steps.travelled[world] = columns[2].sum()
                 self._steps.moves[world] += steps
-            self._show(chosen[first:last])
+            self._show(worlds[first:last])
 
-        share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
+        share_out(work, len(worlds), words=64 * self._padded.words, threads=self.threads)
 
-    def _show(self, chosen: NDArray[np.int64]) -> None:
+    def _show(self, worlds: NDArray[np.int64]) -> None:
         """For worlds that the kernels do not support, copy the boards and the status to the arrays
         of the batch.
         """
         steps = self._steps
-        for world in chosen.tolist():
+        for world in worlds.tolist():
             swarm = self._swarms[world]
             belief = swarm.belief
             boards = (swarm.state.occupied, belief.open, belief.known, belief.frontier)
             for name, board in zip(Boards._fields, boards, strict=True):
                 self._padded.padded(board, getattr(self._worlds, name)[world])
             if swarm.state.counts is not None:
-                layout, whole = swarm.state.occupied.layout, self._worlds.counts[world]
-                whole[:] = 0
-                part = whole.reshape(self.layout.layers, self.layout.rows, -1)[
+                layout, padded = swarm.state.occupied.layout, self._worlds.counts[world]
+                padded[:] = 0
+                window = padded.reshape(self.layout.layers, self.layout.rows, -1)[
                     : layout.layers, : layout.rows, : layout.columns
                 ]
-                part[...] = swarm.state.counts.reshape(part.shape)
+                window[...] = swarm.state.counts.reshape(window.shape)
             steps.frontier[world] = len(swarm.belief.frontier)
             steps.complete[world] = bool(swarm.finished)
             steps.terminated[world] = steps.complete[world] or (
@@ -600,7 +601,7 @@ class WorldBatch:
     def _share(
         self,
         kernel: Any,
-        chosen: NDArray[np.int64],
+        worlds: NDArray[np.int64],
         *arguments: Any,
         boards: float = 1,
         scratch: Sequence[tuple[Any, ...]] | None = None,
@@ -613,10 +614,10 @@ class WorldBatch:
 
         def work(thread: int, first: int, last: int) -> None:
             own = () if scratch is None else scratch[thread]
-            kernel(self._worlds, chosen, *own, *arguments, first, last)
+            kernel(self._worlds, worlds, *own, *arguments, first, last)
 
         words = int(boards * self._padded.words)
-        share_out(work, len(chosen), words=words, threads=self.threads)
+        share_out(work, len(worlds), words=words, threads=self.threads)
 
     @cached_property
     def _searches(self) -> list[tuple[Any, ...]]:
@@ -655,8 +656,8 @@ class PaddedMaps:
         """Return a view of the part of a flat padded board that the window of a smaller
         map covers.
         """
-        whole = flat.reshape(self.layout.layers, self.layout.rows, self.layout.words[1])
-        return whole[: layout.layers, : layout.rows, : layout.words[1]]
+        board = flat.reshape(self.layout.layers, self.layout.rows, self.layout.words[1])
+        return board[: layout.layers, : layout.rows, : layout.words[1]]
 
     def padded(self, board: Board, out: Words | None = None) -> Words:
         """Copy the board of one map into ``out``, a flat board of the common shape."""
@@ -681,10 +682,10 @@ class PaddedMaps:
 
         The rows of a 3-D board are numbered over all layers.
         """
-        moved = cells + 1
-        if moved.shape[1] == 3:
-            return np.stack([moved[:, 0] * self.layout.rows + moved[:, 1], moved[:, 2]], axis=1)
-        return moved
+        padded = cells + 1
+        if padded.shape[1] == 3:
+            return np.stack([padded[:, 0] * self.layout.rows + padded[:, 1], padded[:, 2]], axis=1)
+        return padded
 
     def of_mask(self, mask: NDArray[np.bool_]) -> Words:
         """Convert a mask of a map's cells to a flat board of the common shape."""
@@ -719,16 +720,17 @@ def share_out(
     if parts == 1:
         work(0, 0, count)
         return
-    ends = [count * part // parts for part in range(parts + 1)]
-    others = [
-        _pool(threads).submit(work, part, ends[part], ends[part + 1]) for part in range(parts - 1)
+    ends = [count * index // parts for index in range(parts + 1)]
+    futures = [
+        _pool(threads).submit(work, index, ends[index], ends[index + 1])
+        for index in range(parts - 1)
     ]
     try:
         work(parts - 1, ends[parts - 1], count)
     finally:
-        wait(others)
-    for other in others:
-        other.result()
+        wait(futures)
+    for future in futures:
+        future.result()
 
 
 def check_problems(problems: list[SwarmProblem]) -> None:
@@ -755,16 +757,18 @@ def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """
     if out is None:
         return np.empty(shape, dtype=np.uint8)
-    good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
-    if not good or not out.flags.c_contiguous or not out.flags.writeable:
-        got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else shortened(out)
-        if good:
-            got += (
+    valid = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
+    if not valid or not out.flags.c_contiguous or not out.flags.writeable:
+        description = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else shortened(out)
+        if valid:
+            description += (
                 ", which is not contiguous"
                 if not out.flags.c_contiguous
                 else ", which cannot be written to"
             )
-        raise InvalidInputError(f"out: expected a C-contiguous array of uint8 {shape}, got {got}")
+        raise InvalidInputError(
+            f"out: expected a C-contiguous array of uint8 {shape}, got {description}"
+        )
     filled: NDArray[np.uint8] = out
     return filled
 
@@ -780,8 +784,8 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
 
 
 def check_numbers(
-    given: Any,
-    chosen: NDArray[np.int64],
+    values: Any,
+    worlds: NDArray[np.int64],
     count: int,
     *,
     what: str,
@@ -792,10 +796,10 @@ def check_numbers(
     """Return one whole number for each selected world. If ``single`` is true, one number may stand
     for all worlds.
 
-    ``chosen`` contains the indices of the selected worlds. The check ignores the numbers of worlds
+    ``worlds`` contains the indices of the selected worlds. The check ignores the numbers of worlds
     that are not selected.
     """
-    numbers = np.asarray(given)
+    numbers = np.asarray(values)
     if numbers.dtype.kind not in "iu" or not (
         (single and numbers.ndim == 0) or numbers.shape == (count,)
     ):
@@ -804,14 +808,14 @@ def check_numbers(
             f" {numbers.shape}"
         )
     if numbers.ndim == 0:
-        numbers = np.full(len(chosen), numbers)
-    elif len(chosen) < count:
-        numbers = numbers[chosen]
-    if len(chosen) and not least <= numbers.min() <= numbers.max() < below:
-        bad = int(np.argmax((numbers < least) | (numbers >= below)))
+        numbers = np.full(len(worlds), numbers)
+    elif len(worlds) < count:
+        numbers = numbers[worlds]
+    if len(worlds) and not least <= numbers.min() <= numbers.max() < below:
+        index = int(np.argmax((numbers < least) | (numbers >= below)))
         expected = f"{least} to {below - 1}" if below < LARGEST else f"{least} or more"
         raise InvalidInputError(
-            f"{what}: expected {expected}, got {numbers[bad]} for world {chosen[bad]}"
+            f"{what}: expected {expected}, got {numbers[index]} for world {worlds[index]}"
         )
     return numbers
 

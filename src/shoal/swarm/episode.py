@@ -165,18 +165,18 @@ class SwarmEpisode(WithTrace, Episode):
     @property
     def reason(self) -> str:
         """One sentence that explains the status of the episode."""
-        left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
+        frontier = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         gathers = self.task == "gathering"
         cells = "cells with particles to gather" if gathers else "frontier cells"
-        rest = "" if self else f"; {left} {cells} left"
-        done = REASONS[self.status]
+        supplement = "" if self else f"; {frontier} {cells} left"
+        sentence = REASONS[self.status]
         if self and gathers:
-            done = "all particles are gathered"
+            sentence = "all particles are gathered"
         if self and self.unreachable:
-            done = "every cell that particles can reach is classified"
+            sentence = "every cell that particles can reach is classified"
         if self.unreachable:
-            rest += f"; no particle can reach {self.out_of_reach}"
-        return f"{done}{rest}"
+            supplement += f"; no particle can reach {self.out_of_reach}"
+        return f"{sentence}{supplement}"
 
     @property
     def out_of_reach(self) -> str:
@@ -192,8 +192,8 @@ class SwarmEpisode(WithTrace, Episode):
         """Number of free cells that no path of free cells connects to a start cell. In a coverage
         and in a gathering, the number is 0.
         """
-        known = self.targets is not None or self.task == "gathering"
-        if known or self.observations is not None:
+        map_known = self.targets is not None or self.task == "gathering"
+        if map_known or self.observations is not None:
             return 0
         parts = self.workspace.components
         began = np.vstack([self.start, *(cells for _, _, cells in self.placed)])
@@ -259,16 +259,14 @@ class SwarmEpisode(WithTrace, Episode):
     @cached_property
     def replay(self) -> Replay:
         """The replay of the episode, computed from its stored commands and scans."""
-        problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
+        problem, model = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
             goal, shape = self.goal or Goal(make_task("mapping")), self.workspace.shape
-            seen = self.observations, self.truth
-            return ObservedReplay(
-                shape, *about, self.trace, seen[0], seen[1], goal, self.rule, self.placed
-            )
+            stored = self.observations, self.truth
+            return ObservedReplay(shape, *model, self.trace, *stored, goal, self.rule, self.placed)
         if problem.noise is not None:
             return NoisyReplay(
-                self.workspace, self.start, *about, self.seed, self.trial, self.trace
+                self.workspace, self.start, *model, self.seed, self.trial, self.trace
             )
         return ExactReplay(
             GridWorld(self.workspace, self.rule),
@@ -339,9 +337,11 @@ class SwarmEpisode(WithTrace, Episode):
             )
         if end.trace.moves != self.moves:
             return Verification(False, f"commands: {self.moves} stored, {end.trace.moves} replayed")
-        wrong = self.trace.difference(end.trace) or self.replay.wrong_scan(self.problem.scanning)
-        if wrong is not None:
-            return Verification(False, wrong)
+        difference = self.trace.difference(end.trace) or self.replay.wrong_scan(
+            self.problem.scanning
+        )
+        if difference is not None:
+            return Verification(False, difference)
         if self.observations is not None:
             return Verification(True, f"{self.scans} scans processed again: the same belief")
         if self.problem.noise is not None:

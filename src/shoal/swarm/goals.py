@@ -24,7 +24,7 @@ TRIES = 2  # times that it is tried again
 CHECKED = 0.9  # probability that a cell of the known map is right, if the task is to map
 
 
-def prior_of(known: GridWorkspace, confidence: float, *, mapping: bool) -> NDArray[np.float64]:
+def prior_of(workspace: GridWorkspace, confidence: float, *, mapping: bool) -> NDArray[np.float64]:
     """Return the log-odds that each cell is free before the first scan (float64), for the cells of
     a known map and of a rim that is one cell wide.
 
@@ -39,7 +39,7 @@ def prior_of(known: GridWorkspace, confidence: float, *, mapping: bool) -> NDArr
     """
     likely = float(np.log(CHECKED / (1 - CHECKED)))
     odds = min(likely, bound_of(confidence) / 2) if mapping else kernels.SURE
-    return np.where(np.pad(known.free, 1), odds, -odds)
+    return np.where(np.pad(workspace.free, 1), odds, -odds)
 
 
 class NoisyVisits(NoisyBelief):
@@ -83,8 +83,8 @@ class NoisyVisits(NoisyBelief):
         rule: str = "block",
     ) -> None:
         prior = prior_of(known, confidence, mapping=False)
-        about: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
-        super().__init__(known.shape, seen, noise, confidence, **about)
+        settings: dict[str, Any] = {"loss": loss, "prior": prior, "rule": rule}
+        super().__init__(known.shape, seen, noise, confidence, **settings)
         self.task = task
         self.visited = self._surely_seen(seen)
         self._held = self.visited
@@ -94,12 +94,12 @@ class NoisyVisits(NoisyBelief):
         self._known_free = world.free
         # a task asks where the particles are: where the first scan shows them, surely or not
         state = SwarmState(seen & world.free)
-        begun = task.begin(world, state, targets)
+        belief = task.begin(world, state, targets)
         # but a cell is visited only if a particle is surely in it
         unsure = (state.occupied - self.visited) & (
-            begun.frontier if targets is None else Board.of_mask(targets)
+            belief.frontier if targets is None else Board.of_mask(targets)
         )
-        self._goal = Belief(begun.open, begun.known, begun.frontier | unsure)
+        self._goal = Belief(belief.open, belief.known, belief.frontier | unsure)
 
     def update(self, command: str, seen: Board) -> int:
         """Update the belief after one command and one scan. Return the number of cells visited for
@@ -131,10 +131,10 @@ class NoisyVisits(NoisyBelief):
         self._held = self._surely_seen(seen)
 
     def _visit(self, command: str, seen: Board) -> int:
-        held, left = self._surely_seen(seen), len(self._goal.frontier)
-        self._goal = self.task.update(self._goal, command, self._held, held)
-        self._held, self.visited = held, self.visited | held
-        return left - len(self._goal.frontier)
+        occupied, remaining = self._surely_seen(seen), len(self._goal.frontier)
+        self._goal = self.task.update(self._goal, command, self._held, occupied)
+        self._held, self.visited = occupied, self.visited | occupied
+        return remaining - len(self._goal.frontier)
 
     def _surely_seen(self, seen: Board) -> Board:
         sure = inner_of(self.state.inside >= self.confidence, self.layout.shape, rim=1)
@@ -145,11 +145,11 @@ class NoisyVisits(NoisyBelief):
         """The known map as scans have changed it, and the target cells that no particle has visited
         and that are no walls.
         """
-        found = super().belief
+        belief = super().belief
         # what scans leave open is as the known map has it
-        doubted = self._known_free - found.known
+        doubted = self._known_free - belief.known
         return Belief(
-            found.open | doubted, found.known | doubted, self._goal.frontier - found.obstacles
+            belief.open | doubted, belief.known | doubted, self._goal.frontier - belief.obstacles
         )
 
     @property
@@ -177,9 +177,9 @@ class NoisyVisits(NoisyBelief):
     @property
     def hopeless(self) -> bool:
         """Whether the target cells that are left turned out to be walls."""
-        left = map(tuple, self.unvisited.cells.tolist())
-        tried = (len(self._closed.get(cell, ())) > TRIES for cell in left)
-        return bool(self.unvisited) and not self.belief.frontier and all(tried)
+        cells = map(tuple, self.unvisited.cells.tolist())
+        closed_often = (len(self._closed.get(cell, ())) > TRIES for cell in cells)
+        return bool(self.unvisited) and not self.belief.frontier and all(closed_often)
 
     @property
     def progress(self) -> int:
@@ -244,5 +244,5 @@ class Goal:
                 f"noise: expected the task mapping or a task on a known map, got {self.task.name}"
             )
         prior = None if self.known is None else prior_of(self.known, confidence, mapping=True)
-        about: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
-        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **about)
+        settings: dict[str, Any] = {"loss": LOSS, "prior": prior, "rule": rule}
+        return NoisyBelief(seen.layout.shape, seen, noise, confidence, **settings)

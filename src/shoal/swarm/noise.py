@@ -277,15 +277,19 @@ class NoisyBelief:
 
         The belief stays as it is before the command. ``before`` is empty for the first command.
         """
-        found, kept = np.zeros(5), self.state.inside.copy()
+        likelihoods, occupancy = np.zeros(5), self.state.inside.copy()
         self._show(seen)
         self.state.inside[:] *= 1 - self.loss
         codes = [encode(letter, ndim=self.layout.ndim)[0] for letter in command + before]
         kernels.weigh_deeds(
-            self.state, codes[0], codes[1] if before else np.int8(-1), np.empty_like(kept), found
+            self.state,
+            codes[0],
+            codes[1] if before else np.int8(-1),
+            np.empty_like(occupancy),
+            likelihoods,
         )
-        self.state.inside[:] = kept
-        return found
+        self.state.inside[:] = occupancy
+        return likelihoods
 
     def weigh_scan(self, command: str, seen: Board) -> float:
         """Return the log-likelihood of a scan after a command, or after no command (""). The belief
@@ -307,9 +311,9 @@ class NoisyBelief:
         stray = np.minimum(share * beside + kernels.CLUTTER, 0.5)
         free = 1 / (1 + np.exp(-state.logit))
         before = np.where(state.seen, np.maximum(state.inside, kernels.LOST * free), state.inside)
-        here = before * np.where(state.seen, hit + (1 - hit) * stray, (1 - hit) * (1 - stray))
-        none = (1 - before) * np.where(state.seen, stray, 1 - stray)
-        state.inside[:] = here / (here + none)
+        present = before * np.where(state.seen, hit + (1 - hit) * stray, (1 - hit) * (1 - stray))
+        absent = (1 - before) * np.where(state.seen, stray, 1 - stray)
+        state.inside[:] = present / (present + absent)
         state.inside[state.inside < kernels.FAINT] = 0
 
     def assume_number(self, number: int) -> None:
@@ -321,8 +325,8 @@ class NoisyBelief:
         share = (1 - noise.miss) * noise.misplace / len(state.offsets)
         free = 1 / (1 + np.exp(-state.logit))
         density = min(0.9, number / max(1.0, float(free.sum())))
-        shown = np.where(state.seen, hit / max(share, kernels.UNKNOWN), 1 - hit)
-        odds = free * density / (1 - density) * shown
+        likelihood_ratio = np.where(state.seen, hit / max(share, kernels.UNKNOWN), 1 - hit)
+        odds = free * density / (1 - density) * likelihood_ratio
         state.inside[:] = odds / (1 + odds)
         state.inside[free < 1 - self.confidence] = 0
 
@@ -474,11 +478,11 @@ class NoisyBelief:
 
         belief, logit = self.belief, self.logit
         reached = Board(self.layout, self.layout.pack(belief.open.mask & self._reachable))
-        lost = belief.open - reached
-        between = (belief.obstacles & reached.dilated() & lost.dilated()).mask
+        unreachable = belief.open - reached
+        between = (belief.obstacles & reached.dilated() & unreachable.dilated()).mask
         if not between.any():
             return Board.empty(self.layout)
-        parts, count = ndimage.label(lost.mask)
+        parts, count = ndimage.label(unreachable.mask)
         surest = np.append(-np.inf, ndimage.maximum(logit, parts, np.arange(1, count + 1)))
         if self.loss > 0:  # a particle may have started there and disappeared
             surest[parts[self._first.mask]] = -np.inf
@@ -501,9 +505,9 @@ class NoisyBelief:
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
-        known = len(belief.known)
-        larger = np.minimum(1 + behind / known, UNLIKELY ** (-1 / max(1, len(self._first))))
-        share = np.minimum(self._share_behind * larger, (1 + behind) / (known + behind))
+        classified = len(belief.known)
+        larger = np.minimum(1 + behind / classified, UNLIKELY ** (-1 / max(1, len(self._first))))
+        share = np.minimum(self._share_behind * larger, (1 + behind) / (classified + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
         return Board(
             self.layout,
@@ -602,9 +606,9 @@ class Lookout:
         noisy, belief = self.noisy, self.noisy.belief
         if noisy.hopeless:
             return None
-        known, path = noisy.progress, ""
-        if known > self._known:  # looking for the particles was worth it
-            self._known, self._weak, self._sent, self._budget = known, known, 0, PATIENCE
+        progress, path = noisy.progress, ""
+        if progress > self._known:  # looking for the particles was worth it
+            self._known, self._weak, self._sent, self._budget = progress, progress, 0, PATIENCE
         if noisy.closed:
             weak = noisy.weak_walls
             if len(weak) < self._weak:
@@ -691,9 +695,9 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     share = np.where(gained >= 0, gained / (bound - start), gained / (bound + start))
     inner = LEVELS - 1  # shades of unclassified cells
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
-    known = belief.belief
-    free, obstacles = known.open.mask, known.obstacles.mask
-    _shade(looks, known)
+    classified = belief.belief
+    free, obstacles = classified.open.mask, classified.obstacles.mask
+    _shade(looks, classified)
     if truth is not None:
         looks[free & ~truth] = FALSE_FREE
         looks[obstacles & truth] = FALSE_OBSTACLE
@@ -707,9 +711,9 @@ def exact_looks(known: Belief) -> NDArray[np.uint8]:
     return looks
 
 
-def _shade(looks: NDArray[np.uint8], known: Belief) -> None:
-    looks[known.open.mask], looks[known.obstacles.mask] = FREE, OBSTACLE
-    looks[known.frontier.mask] += FRONTIER
+def _shade(looks: NDArray[np.uint8], belief: Belief) -> None:
+    looks[belief.open.mask], looks[belief.obstacles.mask] = FREE, OBSTACLE
+    looks[belief.frontier.mask] += FRONTIER
 
 
 def truth_of(
@@ -720,7 +724,7 @@ def truth_of(
     """
     noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
     inner_of(noisy.truth, workspace.shape)[...] = workspace.free
-    inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
+    inner_of(noisy.occupied, workspace.shape)[tuple(start.T)] = True
     return noisy
 
 
@@ -737,17 +741,17 @@ def noisy_belief(
     """
     noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
     kernels.look(noisy, rng)
-    seen = Board(
+    detections = Board(
         layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_))
     )
-    return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)
+    return NoisyBelief(layout.shape, detections, about, confidence, noisy=noisy)
 
 
 def largest_beside(values: NDArray[Any]) -> NDArray[Any]:
     """Return for each cell the largest value of its neighbours. The neighbour of a cell on the
     border is the cell on the opposite border.
     """
-    beside = [np.roll(values, way, axis) for axis in range(values.ndim) for way in (-1, 1)]
+    beside = [np.roll(values, step, axis) for axis in range(values.ndim) for step in (-1, 1)]
     return np.asarray(np.maximum.reduce(beside))
 
 
@@ -784,34 +788,34 @@ def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
     index = np.full(free.layout.window, -1, dtype=np.int64)
     mask = free.mask
     index[mask] = np.arange(len(free))
-    beside = [np.roll(index, way, axis)[mask] for axis in range(index.ndim) for way in (-1, 1)]
+    beside = [np.roll(index, step, axis)[mask] for axis in range(index.ndim) for step in (-1, 1)]
     neighbours = np.stack(
         beside, axis=1
     ).tolist()  # a board never reaches around its rim: both sides would have to be free
     starts = [i for i in index[(roots & free).mask].tolist() if i >= 0]
     count = len(neighbours)
-    found, low, size, behind = [0] * count, [0] * count, [1] * count, [0] * count
+    discovery, low, size, behind = [0] * count, [0] * count, [1] * count, [0] * count
     outside = set(starts)
     time = 1  # all roots are found at time 1, as if one cell outside the map joined them
     for first in [*starts, *range(count)]:
-        if found[first]:
+        if discovery[first]:
             continue
         time += 1
-        found[first] = time
+        discovery[first] = time
         low[first] = 1 if first in outside else time
         stack = [(first, -1, iter(neighbours[first]))]
         while stack:
-            cell, parent, rest = stack[-1]
-            for other in rest:
-                if other < 0 or other == parent:
+            cell, parent, unexplored = stack[-1]
+            for neighbour in unexplored:
+                if neighbour < 0 or neighbour == parent:
                     continue
-                if found[other]:
-                    low[cell] = min(low[cell], found[other])
+                if discovery[neighbour]:
+                    low[cell] = min(low[cell], discovery[neighbour])
                     continue
                 time += 1
-                found[other] = time
-                low[other] = 1 if other in outside else time
-                stack.append((other, cell, iter(neighbours[other])))
+                discovery[neighbour] = time
+                low[neighbour] = 1 if neighbour in outside else time
+                stack.append((neighbour, cell, iter(neighbours[neighbour])))
                 break
             else:
                 stack.pop()
@@ -819,7 +823,7 @@ def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
                     before = stack[-1][0]
                     size[before] += size[cell]
                     low[before] = min(low[before], low[cell])
-                    if low[cell] >= found[before]:
+                    if low[cell] >= discovery[before]:
                         behind[before] += size[cell]
     sizes = np.array(behind, dtype=np.int64)
     sizes[starts] = 0
@@ -855,7 +859,7 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
     logit[guard] = NEVER
     return kernels.NoisyState(
         truth=np.zeros(size, dtype=np.bool_),
-        there=np.zeros(size, dtype=np.bool_),
+        occupied=np.zeros(size, dtype=np.bool_),
         seen=np.zeros(size, dtype=np.bool_),
         logit=logit.ravel(),
         inside=np.zeros(size),
@@ -882,8 +886,8 @@ def inner_of(
     """Return the part of a kernel's array that covers the workspace and a margin of
     ``rim`` cells.
     """
-    cut = PAD - rim
-    return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
+    margin = PAD - rim
+    return flat.reshape(padded_shape(shape))[(slice(margin, -margin or None),) * len(shape)]
 
 
 def guard_of(layout: GridLayout) -> kernels.ProgressGuard:
@@ -927,10 +931,10 @@ class NoisyWorld:
 
     def enter(self, cell: tuple[int, ...]) -> bool:
         """Let a particle come in at a free cell, and return whether there was room for it."""
-        there = inner_of(self.state.there, self.shape)
-        if there[cell]:
+        occupied = inner_of(self.state.occupied, self.shape)
+        if occupied[cell]:
             return False
-        there[cell] = True
+        occupied[cell] = True
         return True
 
     def scan(self) -> NDArray[np.int64]:

@@ -76,30 +76,32 @@ RIG = "rig"
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
-def _check_map(given: Any) -> Any:
-    if isinstance(given, str | GridWorkspace | os.PathLike):
-        return os.fspath(given) if isinstance(given, os.PathLike) else given
-    return GridWorkspace.from_dict(given) if isinstance(given, dict) else GridWorkspace(given)
+def _check_map(value: Any) -> Any:
+    if isinstance(value, str | GridWorkspace | os.PathLike):
+        return os.fspath(value) if isinstance(value, os.PathLike) else value
+    return GridWorkspace.from_dict(value) if isinstance(value, dict) else GridWorkspace(value)
 
 
-def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) -> dict[str, Any]:
+def _registry_field(
+    find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]],
+) -> dict[str, Any]:
     """Return how a field checks, dumps and lists the values that a registry names.
 
     ``find`` returns the registry, and the function that makes the object of a name.
     """
 
-    def check(given: Any) -> Any:
-        if isinstance(given, str) and given == "auto":
-            return given
-        known, make = find()
+    def check(value: Any) -> Any:
+        if isinstance(value, str) and value == "auto":
+            return value
+        registry, make = find()
         # objects in third-party modules are not imported yet
-        if not isinstance(given, str) or given.partition(":")[0] in known or ":" not in given:
-            make(given)
-        return given
+        if not isinstance(value, str) or value.partition(":")[0] in registry or ":" not in value:
+            make(value)
+        return value
 
     return {
         "check": check,
-        "dump": lambda given: name_of(given, find()[0]),
+        "dump": lambda value: name_of(value, find()[0]),
         # the others as registered
         "names": lambda: sorted(find()[0], key=lambda name: name != "best"),
     }
@@ -111,30 +113,30 @@ def _policies() -> tuple[Registry[Any], Callable[[Any], Any]]:
     return POLICIES, make_policy
 
 
-def _name_for_people(given: Any) -> str:
+def _name_for_people(value: Any) -> str:
     return (
-        given
-        if isinstance(given, str)
-        else str(getattr(given, "name", getattr(given, "__name__", "custom")))
+        value
+        if isinstance(value, str)
+        else str(getattr(value, "name", getattr(value, "__name__", "custom")))
     )
 
 
-def _check_cells_of(given: Any, what: str) -> Cells:
+def _check_cells_of(value: Any, what: str) -> Cells:
     try:
-        cells = np.asarray(given)
+        cells = np.asarray(value)
     except ValueError:
         cells = np.zeros(0)
     if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise InvalidInputError(
-            f"{what}: expected cells of 2 or 3 whole numbers each, got {shortened(given)}"
+            f"{what}: expected cells of 2 or 3 whole numbers each, got {shortened(value)}"
         )
     return tuple(tuple(int(number) for number in cell) for cell in cells)
 
 
-def _check_start(given: Any) -> Cells | Inlet:
-    if isinstance(given, str):
-        return Inlet.parse(given)
-    return given if isinstance(given, Inlet) else _check_cells_of(given, "start")
+def _check_start(value: Any) -> Cells | Inlet:
+    if isinstance(value, str):
+        return Inlet.parse(value)
+    return value if isinstance(value, Inlet) else _check_cells_of(value, "start")
 
 
 def _parse_start(text: str) -> Any:
@@ -155,12 +157,12 @@ def _parse_region(text: str) -> Any:
     return _parse_cells(text, " or the file of a map")
 
 
-def _parse_cells(text: str, others: str = "") -> list[list[int]]:
+def _parse_cells(text: str, alternatives: str = "") -> list[list[int]]:
     try:
         return [[int(number) for number in cell.split(",")] for cell in text.split()]
     except ValueError:
         raise ValueError(
-            f"expected row,column pairs such as '0,3 0,4'{others}, got {shortened(text)}"
+            f"expected row,column pairs such as '0,3 0,4'{alternatives}, got {shortened(text)}"
         ) from None
 
 
@@ -169,10 +171,10 @@ def _parse_cell_size(text: str) -> float | tuple[float, ...]:
     return sizes if len(sizes) > 1 else sizes[0]
 
 
-def _check_cell_size(given: Any) -> float | tuple[float, ...]:
-    if isinstance(given, list | tuple) and len(given) in (2, 3):
-        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in given)
-    return check_number(given, what="cell_size", above=0, most=1e6)
+def _check_cell_size(value: Any) -> float | tuple[float, ...]:
+    if isinstance(value, list | tuple) and len(value) in (2, 3):
+        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in value)
+    return check_number(value, what="cell_size", above=0, most=1e6)
 
 
 def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[float, ...] | None:
@@ -194,8 +196,8 @@ def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[
     return sizes
 
 
-def _check_scan_every(given: Any) -> int | str:
-    rule = ScanRule.parse(given)
+def _check_scan_every(value: Any) -> int | str:
+    rule = ScanRule.parse(value)
     return rule.step if rule.kind == "equal" else rule.kind
 
 
@@ -250,12 +252,12 @@ class SwarmProblem(Problem):
         argument=True,
         metavar="MAP",
         check=_check_map,
-        dump=lambda given: given if isinstance(given, str) else given.to_dict(),
+        dump=lambda value: value if isinstance(value, str) else value.to_dict(),
     )
     task: Any = option(
         "mapping",
         help="Task: {names} or MODULE:ATTRIBUTE.",
-        **_registered(lambda: (TASKS, make_task)),
+        **_registry_field(lambda: (TASKS, make_task)),
     )
     subset: float | None = option(
         None,
@@ -271,8 +273,8 @@ class SwarmProblem(Problem):
         ),
         metavar="CELLS",
         parse=_parse_cells,
-        check=lambda given: _check_cells_of(given, "target"),
-        dump=lambda given: [list(cell) for cell in given],
+        check=lambda value: _check_cells_of(value, "target"),
+        dump=lambda value: [list(cell) for cell in value],
     )
     region: Cells | None = option(
         None,
@@ -284,14 +286,14 @@ class SwarmProblem(Problem):
         ),
         metavar="CELLS",
         parse=_parse_region,
-        check=lambda given: _check_cells_of(given, "region"),
-        dump=lambda given: [list(cell) for cell in given],
+        check=lambda value: _check_cells_of(value, "region"),
+        dump=lambda value: [list(cell) for cell in value],
     )
     particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
         "uniform",
         help="Placement of the particles: {names} or MODULE:ATTRIBUTE.",
-        **_registered(lambda: (PLACEMENTS, make_placement)),
+        **_registry_field(lambda: (PLACEMENTS, make_placement)),
     )
     start: Cells | Inlet | None = option(
         None,
@@ -303,8 +305,8 @@ class SwarmProblem(Problem):
         metavar="CELLS",
         parse=_parse_start,
         check=_check_start,
-        dump=lambda given: (
-            str(given) if isinstance(given, Inlet) else [list(cell) for cell in given]
+        dump=lambda value: (
+            str(value) if isinstance(value, Inlet) else [list(cell) for cell in value]
         ),
     )
     rule: str = option(
@@ -322,7 +324,7 @@ class SwarmProblem(Problem):
             " a smaller budget, for gather-beam in a gathering (for pairwise on maps of more than"
             " 6000 cells), and for closest-frontier in all other cases."
         ),
-        **_registered(_policies),
+        **_registry_field(_policies),
     )
     budget: float | None = option(
         None,
@@ -451,7 +453,7 @@ class SwarmProblem(Problem):
         metavar="MM",
         parse=_parse_cell_size,
         check=_check_cell_size,
-        dump=lambda given: list(given) if isinstance(given, tuple) else given,
+        dump=lambda value: list(value) if isinstance(value, tuple) else value,
     )
     move_seconds: float | None = option(
         None, help="Time that the apparatus takes for a move.", unit="s", least=0, most=1e6
@@ -605,23 +607,23 @@ class SwarmProblem(Problem):
         from shoal.swarm.policies import make_policy, with_budget
         from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
-        limits = {"budget": self.budget, "milliseconds": self.time_per_move}
-        given = {name: value for name, value in limits.items() if value is not None}
+        options = {"budget": self.budget, "milliseconds": self.time_per_move}
+        limits = {name: value for name, value in options.items() if value is not None}
         if isinstance(task, Gathering) and isinstance(self.policy, str):
             name = "gather-beam" if self.policy in ("auto", "best") else self.policy
             if self.policy == "auto" and workspace.n_free > MOST_CELLS and self.rule == "merge":
                 name = "pairwise"
-            return with_budget(make_policy(name), **given), False
+            return with_budget(make_policy(name), **limits), False
         if not isinstance(self.policy, str) or self.policy != "auto":
-            return with_budget(make_policy(self.policy), **given), False
+            return with_budget(make_policy(self.policy), **limits), False
         plannable = isinstance(task, Mapping) and self.rule != "tilt" and self.scanning.every_move
-        if plannable and not given and self.map != RIG:
+        if plannable and not limits and self.map != RIG:
             size = (workspace.shape, workspace.n_free, self.particles)
             fitting = fit_planner(*size, noisy=self.noise is not None)
             return fitting or make_policy("closest-frontier"), True
         # only planners have limits
-        best = plannable or (bool(given) and isinstance(task, Mapping))
-        return with_budget(make_policy("best" if best else "closest-frontier"), **given), False
+        best = plannable or (bool(limits) and isinstance(task, Mapping))
+        return with_budget(make_policy("best" if best else "closest-frontier"), **limits), False
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -720,9 +722,9 @@ class SwarmSetup:
     @property
     def policy_name(self) -> str:
         """Name of the policy for output that people read."""
-        from shoal.swarm.policies import shown_name
+        from shoal.swarm.policies import display_name
 
-        return shown_name(self.policy, self.problem.policy)
+        return display_name(self.policy, self.problem.policy)
 
     def draw_start(self, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
         """Return the start cells (int64, shape (n, ndim)), and the mask of the target cells, or

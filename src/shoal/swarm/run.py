@@ -100,9 +100,9 @@ def run(
     start, targets = setup.draw_start(rng)
     swarm = begin_swarm(setup, start, targets, seed, trial)
     first, watch = len(swarm.belief.frontier), Stopwatch()
-    done = swarm.belief.complete and swarm.finished
+    complete = swarm.belief.complete and swarm.finished
     region = None if targets is None else Board.of_mask(targets)
-    game = None if stepwise or done else _game(setup, swarm, region, rng)
+    game = None if stepwise or complete else _game(setup, swarm, region, rng)
     if game is not None:
         trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
     else:
@@ -174,9 +174,9 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         setup.workspace
     )
     watch = Stopwatch()
-    piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
-    moves = SHARE * piloted.moves
-    if piloted.status is Status.INTERRUPTED:
+    pilot_episode = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
+    moves = SHARE * pilot_episode.moves
+    if pilot_episode.status is Status.INTERRUPTED:
         moves = max(
             moves,
             expected_moves(
@@ -188,11 +188,11 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         return Duration(moves, moves * policy.milliseconds / 1000)
     load_kernels(problem)
     watch = Stopwatch()
-    begun = run(problem, seed=seed, trial=trial, stop=lambda: watch.seconds > MEASURED)
-    if begun.status is not Status.INTERRUPTED:
-        return Duration(begun.moves, begun.seconds)
-    moves = max(moves, begun.moves)
-    return Duration(moves, begun.seconds_per_move * moves)
+    episode = run(problem, seed=seed, trial=trial, stop=lambda: watch.seconds > MEASURED)
+    if episode.status is not Status.INTERRUPTED:
+        return Duration(episode.moves, episode.seconds)
+    moves = max(moves, episode.moves)
+    return Duration(moves, episode.seconds_per_move * moves)
 
 
 def _game(

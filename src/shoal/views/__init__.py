@@ -18,7 +18,7 @@ from shoal.core.files import atomic
 from shoal.core.version import versions
 from shoal.parts import PARTS
 from shoal.views import search, steering, swarm
-from shoal.views.drawing.charts import printed, save_figure, with_room
+from shoal.views.drawing.charts import check_layout, printed, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,7 +83,7 @@ def figure(
     ]
     for name in options:
         check_choice(name, what=f"option of the figure {kind}", choices=known)
-    with printed(width, font_size), with_room(kind) as figures:
+    with printed(width, font_size), check_layout(kind) as figures:
         figures.append(draw(episode, **options))
     return figures[0]
 

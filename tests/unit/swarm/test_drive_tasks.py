@@ -114,7 +114,7 @@ def test_tasks_on_a_known_map_with_noise(task, stated, tmp_path):
 
 
 def there(rig, workspace):
-    flat = rig._noisy.state.there.reshape([size + 6 for size in workspace.shape])
+    flat = rig._noisy.state.occupied.reshape([size + 6 for size in workspace.shape])
     return flat[3:-3, 3:-3]
 
 

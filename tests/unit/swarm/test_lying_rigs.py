@@ -275,8 +275,8 @@ def test_the_number_of_particles_is_counted_under_noise():
 
     def lose_one(letter):
         if len(liar.sent) == 60:
-            there = np.flatnonzero(rig._noisy.state.there)
-            rig._noisy.state.there[there[7]] = False
+            there = np.flatnonzero(rig._noisy.state.occupied)
+            rig._noisy.state.occupied[there[7]] = False
         return letter
 
     liar = Lying(rig, command=lose_one)
@@ -298,9 +298,9 @@ class Losing(NoisyRig):
     def send(self, command):
         super().send(command)
         self.sent += 1
-        there = np.flatnonzero(self._noisy.state.there)
+        there = np.flatnonzero(self._noisy.state.occupied)
         if len(there) and (self.sent == self.at or (self.every and self.sent % self.every == 0)):
-            self._noisy.state.there[self.luck.choice(there)] = False
+            self._noisy.state.occupied[self.luck.choice(there)] = False
 
 
 @pytest.mark.parametrize("loss", [{"at": 20}, {"every": 10}], ids=str)
@@ -318,7 +318,7 @@ def test_losses_under_noise_keep_what_the_confidence_promises(loss):
             wrong += sum(driven.compared(workspace).values())
             known += len(driven.belief.known)
             said += any(alarm.kind == "number" for alarm in driven.alarms)
-            if not rig._noisy.state.there.any():
+            if not rig._noisy.state.occupied.any():
                 assert driven.status != "complete"
                 assert driven.trust.level == "limited"
     assert wrong <= 0.01 * known
@@ -896,7 +896,7 @@ def test_a_particle_that_comes_in_is_said():
 
     def let_in(letter):
         if len(liar.sent) == 40:
-            there, truth = rig._noisy.state.there, rig._noisy.state.truth
+            there, truth = rig._noisy.state.occupied, rig._noisy.state.truth
             there[np.flatnonzero(truth & ~there)[0]] = True
         return letter
 

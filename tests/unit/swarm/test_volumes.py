@@ -30,10 +30,10 @@ from shoal.views.swarm.page import page_data
 from shoal.views.swarm.volume import (
     Fit,
     Slices,
+    rotated_view,
     sheet,
     sheet_width,
     slice_pictures,
-    turned_view,
 )
 
 nibabel = pytest.importorskip("nibabel")  # an extra
@@ -364,16 +364,16 @@ def test_a_view_from_the_front_shows_the_nearest_cell():
     free = np.zeros((3, 3, 3), bool)
     free[0, 0, 0] = free[2, 2, 2] = True
     codes = workspace_codes(GridWorkspace(free))
-    picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=100, fit=whole(codes, 0.0))
+    picture = rotated_view(codes, azimuth=0.0, elevation=0.0, side=100, fit=whole(codes, 0.0))
     near, blue = int(VOLUME.rgb[FREE, 2]), picture[..., 2]  # on white
     assert blue[:45, :45].min() == near  # row 0, column 0, and nearest
     assert blue[55:, 55:].min() == int(0.6 * near)  # far away
-    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0))
+    behind = rotated_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0))
     assert behind[:45, 55:, 2].min() < behind[55:, :45, 2].min() == near
     hidden = np.zeros((3, 3, 3), bool)
     hidden[:, 1, 1] = True  # one behind the other: only the first is seen
     codes = workspace_codes(GridWorkspace(hidden))
-    picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=60, fit=whole(codes, 0.0))
+    picture = rotated_view(codes, azimuth=0.0, elevation=0.0, side=60, fit=whole(codes, 0.0))
     assert set(np.unique(picture[..., 2])) == {near, 255}
 
 
@@ -404,7 +404,7 @@ def test_a_fitted_view_shows_all_from_every_side_as_large_as_it_can(spacing):
     codes, fit = workspace_codes(workspace), Fit.of(workspace)
     largest = 0
     for azimuth in np.linspace(0, 2 * np.pi, 9):
-        picture = turned_view(codes, azimuth=azimuth, side=300, spacing=spacing, fit=fit)
+        picture = rotated_view(codes, azimuth=azimuth, side=300, spacing=spacing, fit=fit)
         lit = np.argwhere(picture.min(axis=2) < 255)  # not the background
         assert lit.min() > 0
         assert lit.max() < 299
@@ -436,9 +436,9 @@ def test_particles_inside_a_wide_vessel_shine_through_its_wall():
     codes = np.zeros((11, 11, 11), dtype=np.uint8)
     codes[1:-1, 1:-1, 1:-1] = 2  # free
     fit = Fit.of(GridWorkspace(np.ones((9, 9, 9), dtype=np.bool_)))
-    without = turned_view(codes, azimuth=0.6, side=120, fit=fit)
+    without = rotated_view(codes, azimuth=0.6, side=120, fit=fit)
     codes[5, 5, 5] = PLAIN.particle
-    within = turned_view(codes, azimuth=0.6, side=120, fit=fit)
+    within = rotated_view(codes, azimuth=0.6, side=120, fit=fit)
     changed = (without != within).any(axis=2)
     assert 20 < changed.sum() < 2000
     red, green, blue = within[changed].mean(axis=0)

@@ -22,7 +22,7 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.swarm import films, page
 from shoal.views.swarm.colours import LEGEND
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.films import CAPTION, film_frames, pictures_with_legend, shown_moves
+from shoal.views.swarm.films import CAPTION, film_frames, frame_moves, pictures_with_legend
 from shoal.views.swarm.page import player_page
 
 
@@ -218,9 +218,9 @@ def test_mp4_can_be_decoded(episode, tmp_path):
 
 
 def test_long_films_show_first_and_last(episode):
-    assert shown_moves(10_000, 400)[[0, -1]].tolist() == [0, 10_000]
-    assert len(shown_moves(10_000, 400)) == 400
-    frames = list(film_frames(episode, shown_moves(episode.moves, 3)))
+    assert frame_moves(10_000, 400)[[0, -1]].tolist() == [0, 10_000]
+    assert len(frame_moves(10_000, 400)) == 400
+    frames = list(film_frames(episode, frame_moves(episode.moves, 3)))
     np.testing.assert_array_equal(frames[0], picture_of(*next(iter(episode.frames()))))
     np.testing.assert_array_equal(frames[-1], picture_of(*episode.final()))
 

@@ -78,12 +78,12 @@ def _on_complex(
 
     All other axes of the sweep are paired: along these axes, the k-th trials have equal seeds.
     """
-    chosen = settings.complex
-    problem = {**GREEDY, "map": chosen, **(fixed or {})}
-    axes = axes | {"particles": counts_of(open_map(chosen).n_free)}
+    map_name = settings.complex
+    problem = {**GREEDY, "map": map_name, **(fixed or {})}
+    axes = axes | {"particles": counts_of(open_map(map_name).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
     return Sweep(
-        name=f"{name}.{_slug(chosen)}",
+        name=f"{name}.{_slug(map_name)}",
         problem=problem,
         axes=axes,
         trials=trials,
@@ -115,7 +115,7 @@ def _unlike(settings: Settings) -> str:
 
 
 def _complex_claims(
-    label: str, rows: list[Row], known: Published, settings: Settings
+    label: str, rows: list[Row], reference: Published, settings: Settings
 ) -> list[Claim]:
     """Return the claims for numbers that paper M prints for its complex map.
 
@@ -124,7 +124,7 @@ def _complex_claims(
     """
     curve, unlike = curve_of(label, rows, "particles"), _unlike(settings)
     claims = []
-    for n, mean in zip(known.x.tolist(), known.mean.tolist(), strict=True):
+    for n, mean in zip(reference.x.tolist(), reference.mean.tolist(), strict=True):
         if curve.x.min() <= n <= curve.x.max():
             ours, low, high = (
                 near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high)
@@ -145,9 +145,13 @@ def _complex_claims(
 
 def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
     """Return the estimates of all rows with the given axis values, by number of particles."""
-    kept = [row for row in rows if all(row.values[name] == value for name, value in values.items())]
+    selection = [
+        row for row in rows if all(row.values[name] == value for name, value in values.items())
+    ]
     return {
-        row.values.get("particles", 0): row.estimate for row in kept if row.estimate is not None
+        row.values.get("particles", 0): row.estimate
+        for row in selection
+        if row.estimate is not None
     }
 
 
@@ -161,30 +165,35 @@ def _fig7_sweeps(settings: Settings) -> list[Sweep]:
         name="m-fig7.published-maps", problem=GREEDY, axes=axes, trials=trials, seed=settings.seed
     )
     line = {"kind": "line", "cells": 5000, "placements": 20}
-    one = Sweep(
+    line_sweep = Sweep(
         name="m-fig7.one-dimension",
         problem=line,
         axes={"particles": counts_of(5000)},
         trials=trials,
         seed=settings.seed,
     )
-    return [published, _on_complex("m-fig7", settings), one]
+    return [published, _on_complex("m-fig7", settings), line_sweep]
 
 
 def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    maps, other, one = (
+    maps, complex_rows, line_rows = (
         summarise(store, sweep.name, measure)
         for sweep, measure in zip(sweeps, ("moves", "moves", "coverage"), strict=True)
     )
-    known = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
-    curves = [curve_of(f"complex: {settings.complex}", other, "particles", published=known)]
+    reference = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
+    curves = [
+        curve_of(f"complex: {settings.complex}", complex_rows, "particles", published=reference)
+    ]
     curves += [
         curve_of(label, maps, "particles", published=published_curve(file), map=name)
         for name, (label, file) in MAPS.items()
     ]
     curves.append(
         curve_of(
-            "one dimension, 5000 cells", one, "particles", published=published_curve(LINE_FILE)
+            "one dimension, 5000 cells",
+            line_rows,
+            "particles",
+            published=published_curve(LINE_FILE),
         )
     )
     claims = [
@@ -201,14 +210,14 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     claims.append(
         curve_claim(
             "one dimension, full coverage",
-            one,
+            line_rows,
             published_curve(LINE_FILE),
             trials=2000,
             margin=0.01,
             why="nothing is left open",
         )
     )
-    claims += _complex_claims("complex", other, known, settings)
+    claims += _complex_claims("complex", complex_rows, reference, settings)
     sentence = (
         "The published curve of one dimension lies above ours, as it takes gaps as differences of"
         " positions; the curve of the H-tree is of ten trials a point. Complex:"
@@ -217,24 +226,24 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     labels = Labels(
         "Mapping by closest-frontier", "particles", "mean moves", note=_note_of(settings)
     )
-    shown = (
+    tables = (
         compared(curves),
-        table_of("complex map", other, shown=False),
+        table_of("complex map", complex_rows, shown=False),
         table_of("published maps", maps, shown=False),
     )
-    return Outcome(mean_curves(curves, labels), tuple(claims), sentence, shown)
+    return Outcome(mean_curves(curves, labels), tuple(claims), sentence, tables)
 
 
 # Figs. 8 to 11: the complex map
 
 
 def _fig8_sweeps(settings: Settings) -> list[Sweep]:
-    chosen = settings.complex
-    particles = max(1, open_map(chosen).n_free // 5)
+    map_name = settings.complex
+    particles = max(1, open_map(map_name).n_free // 5)
     return [
         Sweep(
-            name=f"m-fig8.{_slug(chosen)}",
-            problem=GREEDY | {"map": chosen, "particles": particles},
+            name=f"m-fig8.{_slug(map_name)}",
+            problem=GREEDY | {"map": map_name, "particles": particles},
             axes={"policy": [*POLICIES]},
             trials=settings.of(100, 20),
             seed=settings.seed,
@@ -257,7 +266,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             for seed in seeds[policy]
         ]
         groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
-        lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
+        lines += [[policy, k, *_thin(curve)] for k, curve in enumerate(groups[policy])]
     rows = summarise(store, sweep.name, "moves")
     random, elect, closest = (_estimates(rows, policy=policy)[0] for policy in POLICIES)
     unlike = _unlike(settings)
@@ -311,18 +320,19 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
 
 
-def _thinned(curve: Any, most: int = 200) -> tuple[int, str]:
+def _thin(curve: Any, most: int = 200) -> tuple[int, str]:
     every = max(1, len(curve) // most)
     return every, " ".join(map(str, curve[::every].tolist()))
 
 
 def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = summarise(store, sweeps[0].name, "moves")
-    known = {
+    references = {
         name: published_curve(POINTS, points=True, task="mapping", policy=name) for name in POLICIES
     }
     curves = [
-        curve_of(name, rows, "particles", published=known[name], policy=name) for name in POLICIES
+        curve_of(name, rows, "particles", published=references[name], policy=name)
+        for name in POLICIES
     ]
     random, elect, closest = (_estimates(rows, policy=policy) for policy in POLICIES)
     # with a particle in every cell, all tasks are equal
@@ -342,7 +352,7 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     ]
     for name in POLICIES:
         claims += _complex_claims(
-            name, [row for row in rows if row.values["policy"] == name], known[name], settings
+            name, [row for row in rows if row.values["policy"] == name], references[name], settings
         )
     labels = Labels(
         "Mapping by three policies", "particles", "mean moves", "published", _note_of(settings)
@@ -358,13 +368,13 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     for row in more:
         row.values["task"] = FIFTH
     rows = own + more
-    known = {
+    references = {
         task: published_curve(POINTS, points=True, task=task, policy="closest-frontier")
         for task in TASKS
     }
-    known["subset-coverage"] = published_curve(SUBSET_FILE)
+    references["subset-coverage"] = published_curve(SUBSET_FILE)
     curves = [
-        curve_of(label, rows, "particles", published=known.get(task), task=task)
+        curve_of(label, rows, "particles", published=references.get(task), task=task)
         for task, label in (TASKS | {FIFTH: FIFTH}).items()
     ]
     mapping, covering, subset = (_estimates(rows, task=task) for task in TASKS)
@@ -376,13 +386,15 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         claims.append(
             claim("coverage with a particle in every cell", "1", covering[max(covering)].mean)
         )
-    at = np.isin(known["subset-coverage"].x, known["coverage"].x)
-    part = Published(known["subset-coverage"].x[at], known["subset-coverage"].mean[at])
+    at = np.isin(references["subset-coverage"].x, references["coverage"].x)
+    plotted_subset = Published(
+        references["subset-coverage"].x[at], references["subset-coverage"].mean[at]
+    )
     for task, label, points in (
-        ("mapping", "mapping", known["mapping"]),
-        ("coverage", "coverage", known["coverage"]),
-        ("subset-coverage", "a tenth of the cells, as in the text", part),
-        (FIFTH, "a fifth of the cells", part),
+        ("mapping", "mapping", references["mapping"]),
+        ("coverage", "coverage", references["coverage"]),
+        ("subset-coverage", "a tenth of the cells, as in the text", plotted_subset),
+        (FIFTH, "a fifth of the cells", plotted_subset),
     ):
         claims += _complex_claims(
             label, [row for row in rows if row.values["task"] == task], points, settings
@@ -409,26 +421,26 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _positive(curve: Curve) -> Curve:
     """Return a curve without the means that a logarithmic axis cannot show."""
-    kept = curve.mean > 0
+    positive = curve.mean > 0
     return Curve(
         curve.label,
-        curve.x[kept],
-        curve.mean[kept],
-        np.maximum(curve.low[kept], 0.05),
-        curve.high[kept],
+        curve.x[positive],
+        curve.mean[positive],
+        np.maximum(curve.low[positive], 0.05),
+        curve.high[positive],
         curve.published,
     )
 
 
 def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = summarise(store, sweeps[0].name, "moves")
-    known = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
+    reference = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
     curves = [
         curve_of(
             name.replace("-", " "),
             rows,
             "particles",
-            published=known if name == "uniform" else None,
+            published=reference if name == "uniform" else None,
             placement=name,
         )
         for name in PLACEMENTS
@@ -450,7 +462,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         *_complex_claims(
             "uniform",
             [row for row in rows if row.values["placement"] == "uniform"],
-            known,
+            reference,
             settings,
         ),
     ]

@@ -55,11 +55,11 @@ def polyominoes(most: int) -> Iterator[Region]:
         yield from sorted(level, key=sorted)
         if size < most:
             level = {
-                _to_origin(region | {there})
+                _to_origin(region | {neighbour})
                 for region in level
                 for cell in region
-                for there in _beside(cell)
-                if there not in region
+                for neighbour in _beside(cell)
+                if neighbour not in region
             }
 
 
@@ -86,19 +86,23 @@ def path_lengths(region: Region, start: Cell) -> tuple[int, int | None]:
     """
     cells = sorted(region)
     number = {cell: k for k, cell in enumerate(cells)}
-    beside = [[number[there] for there in _beside(cell) if there in number] for cell in cells]
-    whole, first = (1 << len(cells)) - 1, number[start]
-    states, seen, moves = {(first, 1 << first)}, {(first, 1 << first)}, 0
+    beside = [
+        [number[neighbour] for neighbour in _beside(cell) if neighbour in number] for cell in cells
+    ]
+    all_cells, first = (1 << len(cells)) - 1, number[start]
+    states, reached, moves = {(first, 1 << first)}, {(first, 1 << first)}, 0
     hamiltonian = None
-    while (first, whole) not in seen:
-        if hamiltonian is None and moves < len(cells) and any(v == whole for _, v in states):
+    while (first, all_cells) not in reached:
+        if hamiltonian is None and moves < len(cells) and any(v == all_cells for _, v in states):
             hamiltonian = moves
         moves += 1
         states = {
-            (there, visited | 1 << there) for at, visited in states for there in beside[at]
-        } - seen
-        seen |= states
-    return moves, 0 if whole == 1 else hamiltonian
+            (neighbour, visited | 1 << neighbour)
+            for at, visited in states
+            for neighbour in beside[at]
+        } - reached
+        reached |= states
+    return moves, 0 if all_cells == 1 else hamiltonian
 
 
 # The adversary of a corridor
@@ -183,19 +187,19 @@ def _adversary(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outco
 
 def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     most = 7 if settings.quick else 9
-    ratios, excess, plain, counted = [], [], [], 0
+    ratios, excess, plain, start_count = [], [], [], 0
     worst: tuple[float, Region, Cell] = (0.0, frozenset({(0, 0)}), (0, 0))
     for region in polyominoes(most):
         if len(region) < 2 or has_holes(region):
             continue
         free = coverage_instance(region, min(region)).free
         shortest, _ = path_lengths(region, min(region))  # a closed tour has no first cell
-        edges = sum(there not in region for cell in region for there in _beside(cell))
+        edges = sum(neighbour not in region for cell in region for neighbour in _beside(cell))
         for start in sorted(region):
-            if all(there in region for there in _beside(start)):
+            if all(neighbour in region for neighbour in _beside(start)):
                 continue  # SmartDFS starts beside a wall
             moves = len(smart_dfs(free, start)) - 1
-            counted += 1
+            start_count += 1
             ratios.append(moves / shortest)
             excess.append(moves - (len(region) + edges / 2 - 3))
             plain.append((2 * len(region) - 2) / shortest)
@@ -206,7 +210,7 @@ def _smart(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     corridor = np.array([len(smart_dfs(np.ones((3, n)), (2, n - 1))) - 1 for n in lengths])
     claims = (
         claim(
-            f"SmartDFS: largest ratio, all {counted} starts in regions of up to {most} cells",
+            f"SmartDFS: largest ratio, all {start_count} starts in regions of up to {most} cells",
             "4/3 at most",
             max(ratios),
             within=(1, 4 / 3),
@@ -273,9 +277,9 @@ def _draw_region(axes: Axes, region: Region, path: list[Cell]) -> None:
             edgecolor=GRID,
         )
     aside = 0.24 * np.linspace(-1, 1, len(path))
-    way = np.array(path, dtype=np.float64)[:, ::-1] + aside[:, None]
-    axes.plot(*way.T, "-o", color=BLUE, lw=1.6, ms=3)
-    axes.plot(*way[0], "s", color=ORANGE, ms=8)
+    polyline = np.array(path, dtype=np.float64)[:, ::-1] + aside[:, None]
+    axes.plot(*polyline.T, "-o", color=BLUE, lw=1.6, ms=3)
+    axes.plot(*polyline[0], "s", color=ORANGE, ms=8)
     axes.set_aspect("equal")
     axes.invert_yaxis()
     axes.set_axis_off()
@@ -288,15 +292,19 @@ def _hamiltonian_path(region: Region, path: list[Cell]) -> list[Cell] | None:
     """Return a path that goes on from ``path`` through all other cells once, or None."""
     if len(path) == len(region):
         return path
-    following = (there for there in _beside(path[-1]) if there in region and there not in path)
-    longer = (_hamiltonian_path(region, [*path, there]) for there in following)
-    return next((found for found in longer if found), None)
+    following = (
+        neighbour
+        for neighbour in _beside(path[-1])
+        if neighbour in region and neighbour not in path
+    )
+    longer = (_hamiltonian_path(region, [*path, neighbour]) for neighbour in following)
+    return next((candidate for candidate in longer if candidate), None)
 
 
 def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     most = 5 if settings.quick else 7
     rows = []
-    drawn: dict[bool, tuple[int, Region, Cell]] = {}
+    examples: dict[bool, tuple[int, Region, Cell]] = {}
     agreements = answers = 0
     for region in polyominoes(most):
         for start in sorted(region):
@@ -307,8 +315,8 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
             agreements += (fewest == instance.moves) == (hamiltonian is not None)
             rows.append((len(region), hamiltonian is not None))
             yes, longest = hamiltonian is not None, max(instance.free.shape)
-            if len(region) == most and (yes not in drawn or longest < drawn[yes][0]):
-                drawn[yes] = longest, region, start
+            if len(region) == most and (yes not in examples or longest < examples[yes][0]):
+                examples[yes] = longest, region, start
     claims = (
         claim(
             f"instances of up to {most} cells with equal answers, of {answers}",
@@ -326,7 +334,7 @@ def _hardness(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
     )
     figure = padded_figure(7.0, 3.2)
     for axes, (yes, (_, region, start)) in zip(
-        figure.subplots(1, 2), sorted(drawn.items()), strict=True
+        figure.subplots(1, 2), sorted(examples.items()), strict=True
     ):
         _draw_region(axes, region, _hamiltonian_path(region, [start]) or [start])
         set_title(axes, "a Hamiltonian path" if yes else "no Hamiltonian path")
@@ -414,15 +422,15 @@ def _worst_line(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outc
 def _largest_gap(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     sizes = [100, 200, 400, 800, 1600] + [3200, 6400] * (not settings.quick)
     lines = [(n, [Line(m, n) for m in sizes]) for n in (10, 30)]
-    found = {}
+    laws = {}
     for n, of in lines:
         exact = np.array([float(line.largest_gap.exact) for line in of])
         mean = np.array([(line.cells - n) / (n + 1) for line in of])
         root = np.array([sqrt(gap * log(n + 1)) for gap in mean])
         law = np.array([line.largest_gap_law for line in of])
-        found[n] = exact, mean, root, law
+        laws[n] = exact, mean, root, law
     claims = []
-    for n, (exact, mean, root, law) in found.items():
+    for n, (exact, mean, root, law) in laws.items():
         factor = (exact - mean) / root
         claims.append(
             claim(
@@ -448,11 +456,11 @@ def _largest_gap(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Out
             *(round(float(values[k]), 3) for values in (exact, law, mean + root)),
             round(float((exact[k] - mean[k]) / root[k]), 3),
         ]
-        for n, (exact, mean, root, law) in found.items()
+        for n, (exact, mean, root, law) in laws.items()
         for k, m in enumerate(sizes)
     ]
     columns = ["n", "m", "exact", "harmonic law", "printed, factor 1", "factor that would fit"]
-    exact, mean, root, law = found[10]
+    exact, mean, root, law = laws[10]
     x = np.array(sizes, dtype=np.float64)
     curves = [
         Curve("exact", x, exact, exact, exact),

@@ -106,36 +106,36 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a fie
     """
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
-    known: dict[tuple[int, ...], bool] = {cell: True}
-    searches = looked = moves = 0
+    explored: dict[tuple[int, ...], bool] = {cell: True}
+    searches = expanded = moves = 0
     while True:
         before: dict[tuple[int, ...], tuple[int, ...]] = {cell: cell}
         queue, pair = deque([cell]), None
         while queue and pair is None:
-            here = queue.popleft()
-            looked += 1
+            current = queue.popleft()
+            expanded += 1
             for step in STEPS:
-                there = (here[0] + step[0], here[1] + step[1])
-                if there not in known:
-                    pair = here, there
+                neighbour = (current[0] + step[0], current[1] + step[1])
+                if neighbour not in explored:
+                    pair = current, neighbour
                     break
-                if known[there] and there not in before:
-                    before[there] = here
-                    queue.append(there)
+                if explored[neighbour] and neighbour not in before:
+                    before[neighbour] = current
+                    queue.append(neighbour)
         if pair is None:
             return {
                 "searches": searches,
-                "cells_looked_at": looked,
+                "cells_looked_at": expanded,
                 "free_cells": int(free.sum()),
                 "moves": moves,
             }
         searches += 1
-        here, there = pair
-        known[there] = bool(free[there])
-        back, moves = here, moves + 1
+        current, neighbour = pair
+        explored[neighbour] = bool(free[neighbour])
+        back, moves = current, moves + 1
         while before[back] != back:
             back, moves = before[back], moves + 1
-        cell = there if known[there] else here
+        cell = neighbour if explored[neighbour] else current
 
 
 # Fig. 1
@@ -161,8 +161,8 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     assert many is not None  # as above
     unlike = "its map of 500 free cells, its start and its policy are not published"
     claims = [
-        claim(f"moves with {n} particles", str(printed), found, unlike=unlike)
-        for (n, printed), found in zip(PRINTED.items(), (few, many), strict=True)
+        claim(f"moves with {n} particles", str(printed), value, unlike=unlike)
+        for (n, printed), value in zip(PRINTED.items(), (few, many), strict=True)
     ]
     claims.append(
         claim(
@@ -178,11 +178,11 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         run(SwarmProblem(GROUND, policy="closest-frontier", particles=n), seed=seed)
         for n, seed in sorted(seeds.items())
     ]
-    shown = [
+    panels = [
         (episode, moves) for episode in episodes for moves in (0, episode.moves // 4, episode.moves)
     ]
     return Outcome(
-        map_panels(shown, columns=3),
+        map_panels(panels, columns=3),
         tuple(claims),
         f"Drawn is the first of the trials on {GROUND}, another map.",
         (table_of("moves", rows),),
@@ -193,7 +193,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 # Figs. 3 and 4
 
 
-def _scaled(
+def _measures_by(
     store: Store, sweep: Sweep, axis: str
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
     """Return, for a sweep without random numbers, the values of ``axis``, the values of each
@@ -223,9 +223,9 @@ def _fig3_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    n, found, table = _scaled(store, sweeps[0], "n")
+    n, results, table = _measures_by(store, sweeps[0], "n")
     # the last n is twice the previous one
-    powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in found.items()}
+    powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in results.items()}
     claims = (
         claim(
             "closest-frontier: exponent of n, from the last doubling",
@@ -244,7 +244,7 @@ def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         claim(
             "closest-frontier: least moves by n²",
             "Ω(n²)",
-            float(np.min(found["greedy"] / n**2)),
+            float(np.min(results["greedy"] / n**2)),
             within=(1, np.inf),
             why="n² is the number of cells that one particle visits",
         ),
@@ -255,7 +255,7 @@ def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         episode,
         [0, 20, 60, 120],
         n,
-        {"closest-frontier": found["greedy"], "all particles at once": found["together"]},
+        {"closest-frontier": results["greedy"], "all particles at once": results["together"]},
         Labels(
             "The instance of Fig. 3",
             "side n",
@@ -282,9 +282,9 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    k, found, table = _scaled(store, sweeps[0], "k")
+    k, results, table = _measures_by(store, sweeps[0], "k")
     shares = [
-        found[f"greedy{suffix}"] / found[f"depth_first{suffix}"] for suffix in ("", "_mapping")
+        results[f"greedy{suffix}"] / results[f"depth_first{suffix}"] for suffix in ("", "_mapping")
     ]
     claims = (
         claim(
@@ -366,26 +366,26 @@ def _theorem3_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    found: dict[str, list[tuple[int, int, int]]] = {}
+    records: dict[str, list[tuple[int, int, int]]] = {}
     for trial in trials_of(store, sweeps[0]):
         kind = trial["map"].partition(":")[0]
-        found.setdefault(kind, []).append(
+        records.setdefault(kind, []).append(
             (trial["free_cells"], trial["cells_looked_at"], trial["searches"])
         )
     claims, curves = [], []
-    for kind, trials in found.items():
-        m, looked, _ = np.array(trials, dtype=np.float64).T
+    for kind, trials in records.items():
+        m, expanded, _ = np.array(trials, dtype=np.float64).T
         claims.append(
             claim(
                 f"{kind}: exponent of m in the cells looked at",
                 "2 at most",
-                exponent(m, looked),
+                exponent(m, expanded),
                 within=(0, 2),
                 why="O(m²)",
             )
         )
         sizes = np.unique(m)
-        of_size = [looked[m == size] for size in sizes]
+        of_size = [expanded[m == size] for size in sizes]
         mean = np.array([values.mean() for values in of_size])
         curves.append(
             Curve(
@@ -396,7 +396,7 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
                 np.array([v.max() for v in of_size]),
             )
         )
-    every = np.array([trial for trials in found.values() for trial in trials], dtype=np.float64)
+    every = np.array([trial for trials in records.values() for trial in trials], dtype=np.float64)
     claims.append(
         claim(
             "searches by m, most",
@@ -407,7 +407,7 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         )
     )
     curves.append(Curve("m²", sizes, sizes**2, sizes**2, sizes**2))
-    rows = [[kind, *map(int, trial)] for kind, trials in found.items() for trial in trials]
+    rows = [[kind, *map(int, trial)] for kind, trials in records.items() for trial in trials]
     table = Table("trials", ["map", "m", "cells looked at", "searches"], rows, shown=False)
     labels = Labels(
         "Work of closest-frontier, one particle",

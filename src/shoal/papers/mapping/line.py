@@ -32,15 +32,15 @@ def _line_sweep(name: str, particles: int, settings: Settings) -> list[Sweep]:
     return [Sweep(name=name, problem=problem, trials=settings.of(100, 20), seed=settings.seed)]
 
 
-def _sampled(line: Line, settings: Settings) -> LineSample:
+def _draw_sample(line: Line, settings: Settings) -> LineSample:
     return sample(line, PLACED // (5 if settings.quick else 1), seed=settings.seed)
 
 
-def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int) -> Claim:
+def _against(quantity: str, printed: float, exact: float, sample: Any, *, digits: int) -> Claim:
     """Return the claim that an exact mean equals the mean of the paper's Monte Carlo simulation."""
-    error = 0.5 * 10.0**-digits + 1.96 * float(np.std(drawn)) / PLACED**0.5
+    error = 0.5 * 10.0**-digits + 1.96 * float(np.std(sample)) / PLACED**0.5
     return claim(
-        what,
+        quantity,
         f"{printed:g}",
         exact,
         within=(printed - error, printed + error),
@@ -49,12 +49,12 @@ def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int
 
 
 def _tables(
-    store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str
+    store: Store, sweep: Sweep, exact: dict[str, float], sample: LineSample, *, of: str
 ) -> tuple[Table, Table]:
     """Return a table of Shoal's sampled means beside the exact means, and a table of the number of
     samples for each value.
     """
-    means, counted = [], []
+    means, counts = [], []
     for name, value in exact.items():
         (row,) = summarise(store, sweep.name, name)
         assert row.estimate is not None  # the sweep is complete
@@ -66,24 +66,24 @@ def _tables(
                 round(value, 3),
             ]
         )
-        values, times = np.unique(getattr(drawn, name), return_counts=True)
-        counted += [
+        values, times = np.unique(getattr(sample, name), return_counts=True)
+        counts += [
             [name, int(value), int(count)] for value, count in zip(values, times, strict=True)
         ]
     return (
         Table("means of the sweep", ["", "drawn", "95 % interval", "exact"], means),
-        Table(f"placements by {of}", ["quantity", of, "placements"], counted, shown=False),
+        Table(f"placements by {of}", ["quantity", of, "placements"], counts, shown=False),
     )
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 10)
-    drawn = _sampled(line, settings)
+    sample = _draw_sample(line, settings)
     first, largest = float(line.first_distribution.mean), float(line.largest_gap_distribution.mean)
     claims = (
-        _against("mean gap before the first particle", 90.94, first, drawn.first, digits=2),
-        _against("mean gap after the last particle", 90.98, first, drawn.last, digits=2),
-        _against("mean largest gap", 273.9, largest, drawn.largest_gap, digits=1),
+        _against("mean gap before the first particle", 90.94, first, sample.first, digits=2),
+        _against("mean gap after the last particle", 90.98, first, sample.last, digits=2),
+        _against("mean largest gap", 273.9, largest, sample.largest_gap, digits=1),
     )
     sentence = (
         f"The largest gap is {largest:.1f} empty cells; as a difference of positions, one too many"
@@ -95,32 +95,36 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         "largest_gap": largest,
         "spread": float(line.spread_distribution.mean),
     }
-    tables = _tables(store, sweeps[0], exact, drawn, of="value")
+    tables = _tables(store, sweeps[0], exact, sample, of="value")
     return Outcome(
-        gap_distributions(line, drawn), claims, sentence, tables, f"{NO_DATA} but means in the text"
+        gap_distributions(line, sample),
+        claims,
+        sentence,
+        tables,
+        f"{NO_DATA} but means in the text",
     )
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 100)
-    drawn = _sampled(line, settings)
-    both = float(line.boundary.exact)
+    sample = _draw_sample(line, settings)
+    boundary = float(line.boundary.exact)
     full = float(line.coverage.exact)
     printed = float(line.coverage.printed)
     claims = (
-        _against("mean moves to both ends, n = 100", 29.8, both, drawn.boundary, digits=1),
+        _against("mean moves to both ends, n = 100", 29.8, boundary, sample.boundary, digits=1),
         _against(
             "the same for n = 10, as the caption has it",
             29.8,
             float(Line(1000, 10).boundary.exact),
-            drawn.boundary,
+            sample.boundary,
             digits=1,
         ),
-        _against("mean moves of full coverage, n = 100", 60.7, full, drawn.coverage, digits=1),
+        _against("mean moves of full coverage, n = 100", 60.7, full, sample.coverage, digits=1),
         claim(
             "full coverage by both ends",
             "about twice",
-            full / both,
+            full / boundary,
             within=(1.5, 2.5),
             why="2 when rounded",
         ),
@@ -130,9 +134,9 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         " overcounts, and with gaps as differences of positions"
         f" {float(line.published_coverage):.2f}, which the printed number fits."
     )
-    exact = {"boundary": both, "coverage": full, "printed_coverage": printed}
-    tables = _tables(store, sweeps[0], exact, drawn, of="moves")
-    figure = move_distributions(line, drawn, printed=(29.8, 60.7))
+    exact = {"boundary": boundary, "coverage": full, "printed_coverage": printed}
+    tables = _tables(store, sweeps[0], exact, sample, of="moves")
+    figure = move_distributions(line, sample, printed=(29.8, 60.7))
     return Outcome(figure, claims, sentence, tables, f"{NO_DATA} but means in the text")
 
 

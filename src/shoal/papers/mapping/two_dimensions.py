@@ -32,8 +32,8 @@ def _ends(free: NDArray[np.bool_], start: Cell, commands: tuple[str, str]) -> tu
     """Return where a particle is after both parts of the commands."""
     padded, places = np.pad(free, 1), []
     row, column = start[0] + 1, start[1] + 1
-    for part in commands:
-        for letter in part:
+    for half in commands:
+        for letter in half:
             down, right = STEPS[letter]
             if padded[row + down, column + right]:
                 row, column = row + down, column + right
@@ -47,13 +47,13 @@ def confirmed_share(places: int) -> float:
     """
     combs = [*product((False, True), repeat=places)]
     maps, start = [comb_map(teeth) for teeth in combs], comb_start(places)
-    told = pairs = 0
+    distinct = pairs = 0
     for k, teeth in enumerate(combs):
         commands = confirming_commands(teeth)
         ends = [_ends(free, start, commands) for free in maps]
-        told += sum(other != ends[k] for j, other in enumerate(ends) if j != k)
+        distinct += sum(end != ends[k] for j, end in enumerate(ends) if j != k)
         pairs += len(combs) - 1
-    return told / pairs
+    return distinct / pairs
 
 
 def _curve(label: str, x: Sequence[float], y: Sequence[float]) -> Curve:

@@ -78,11 +78,11 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     >>> encode("llurr").tolist()
     [0, 0, 1, 2, 2]
     """
-    known = letters_of(ndim)
+    letters = letters_of(ndim)
     for position, letter in enumerate(commands):
-        if letter not in known:
+        if letter not in letters:
             raise InvalidInputError(
-                f"expected commands out of {known!r} for a {ndim}-D workspace, got {letter!r} at"
+                f"expected commands out of {letters!r} for a {ndim}-D workspace, got {letter!r} at"
                 f" position {position + 1}"
             )
     return np.array([_CODES[letter] for letter in commands], dtype=np.int8)

@@ -38,11 +38,11 @@ def moves_of(
     inner = free[cells]
     for command, offset in enumerate(offsets.tolist()):
         ahead[command, inner] = index[cells[inner] + offset]
-        room, there = np.zeros(cells.size, dtype=np.int64), cells[inner] + offset
-        while free[there].any():
-            room[inner] += free[there]
-            there = np.where(free[there], there + offset, there)
-        may_stay[command] = room < (1 if rule == "merge" else n)
+        capacity, neighbours = np.zeros(cells.size, dtype=np.int64), cells[inner] + offset
+        while free[neighbours].any():
+            capacity[inner] += free[neighbours]
+            neighbours = np.where(free[neighbours], neighbours + offset, neighbours)
+        may_stay[command] = capacity < (1 if rule == "merge" else n)
     return ahead, may_stay
 
 

@@ -174,38 +174,40 @@ def states_of_run(
     """
     axis, sign = AXES[command]
     start, end = _by_line(before.cells, axis), _by_line(after.cells, axis)
-    moved = sign * (end[:, axis] - start[:, axis]) if start.shape == end.shape else np.array([-1])
+    distances = (
+        sign * (end[:, axis] - start[:, axis]) if start.shape == end.shape else np.array([-1])
+    )
     across = np.arange(start.shape[1]) != start.shape[1] + axis
     if start.shape != end.shape or (start[:, across] != end[:, across]).any():
         raise InvalidInputError(
             f"scan: expected every particle in its line after {steps} commands {command!r}, got a"
             " particle in another line"
         )
-    if moved.min() < 0 or moved.max() > steps:
-        wrong = int(np.argmax((moved < 0) | (moved > steps)))
+    if distances.min() < 0 or distances.max() > steps:
+        index = int(np.argmax((distances < 0) | (distances > steps)))
         raise InvalidInputError(
             f"scan: expected particles 0 to {steps} cells further after {steps} commands"
-            f" {command!r}, got a particle from {tuple(start[wrong].tolist())} at"
-            f" {tuple(end[wrong].tolist())}"
+            f" {command!r}, got a particle from {tuple(start[index].tolist())} at"
+            f" {tuple(end[index].tolist())}"
         )
-    return _states(before, after, start, moved * sign, axis, steps)
+    return _states(before, after, start, distances * sign, axis, steps)
 
 
 def _states(
     before: SwarmState,
     after: SwarmState,
     start: NDArray[np.int64],
-    moved: NDArray[np.int64],
+    displacements: NDArray[np.int64],
     axis: int,
     steps: int,
 ) -> Iterator[SwarmState]:
-    last = int(np.abs(moved).max())
+    last = int(np.abs(displacements).max())
     for step in range(1, steps + 1):
         if step >= last:
             yield after
             continue
         cells = start.copy()
-        cells[:, axis] += np.clip(moved, -step, step)
+        cells[:, axis] += np.clip(displacements, -step, step)
         yield SwarmState.of_cells(before.occupied.layout, cells, shared=before.counts is not None)
 
 
@@ -213,8 +215,8 @@ def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
     """Return cells sorted by their line along ``axis``. Cells in the same line are sorted by
     position.
     """
-    others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
-    return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]
+    across = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
+    return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in across)))]
 
 
 def lengths_and_times(
@@ -250,7 +252,7 @@ def lengths_and_times(
     if spacing is not None:
         axis_of = np.array([AXES[letter][0] for letter in letters_of(len(spacing))])
         distance = float((trace.travelled * np.array(spacing)[axis_of][trace.commands]).sum())
-    known = move_seconds is not None or scan_seconds is not None
+    timed = move_seconds is not None or scan_seconds is not None
     return {
         "cell_m": None if spacing is None else [size / 1000 for size in spacing],
         "cell_mm": None if spacing is None else list(spacing),
@@ -258,7 +260,7 @@ def lengths_and_times(
         "move_seconds": move_seconds,
         "scan_seconds": scan_seconds,
         "apparatus_seconds": (
-            trace.moves * (move_seconds or 0.0) + scans * (scan_seconds or 0.0) if known else None
+            trace.moves * (move_seconds or 0.0) + scans * (scan_seconds or 0.0) if timed else None
         ),
     }
 
@@ -435,14 +437,14 @@ class Recorder:
     @property
     def trace(self) -> Trace:
         """The trace of all commands recorded so far."""
-        return _recorded("".join(self._letters), self._rows, self._scanned)
+        return _trace_of("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
         """Return a trace of the last run, which had ``moves`` commands."""
-        return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
+        return _trace_of(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 
-def _recorded(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
+def _trace_of(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
     columns = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return Trace(
         commands=encode(letters, ndim=3),

@@ -147,13 +147,15 @@ class Belief:
         """Whether the belief has no frontier cells left, so that the task is complete."""
         return not self.frontier
 
-    def with_particles(self, here: Board) -> Belief:
-        """Return the belief after particles were put into the cells ``here``: these cells are
+    def with_particles(self, cells: Board) -> Belief:
+        """Return the belief after particles were put into ``cells``: these cells are
         free, and in a coverage visited.
         """
-        known = self.known | here
-        found = (here - self.open).dilated() - known
-        return Belief(open=self.open | here, known=known, frontier=(self.frontier - here) | found)
+        known = self.known | cells
+        frontier = (cells - self.open).dilated() - known
+        return Belief(
+            open=self.open | cells, known=known, frontier=(self.frontier - cells) | frontier
+        )
 
     @property
     def states(self) -> NDArray[np.uint8]:
@@ -182,12 +184,12 @@ class Belief:
         push classifies each unknown cell that a particle tries to enter. The cell is free if it
         holds a particle after the push, and otherwise an obstacle.
         """
-        tried = before.shifted(command) - self.known
-        if not tried:
+        entered = before.shifted(command) - self.known
+        if not entered:
             return self
-        found = tried & after
-        known = self.known | tried
-        return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
+        free = entered & after
+        known = self.known | entered
+        return Belief(self.open | free, known, (self.frontier | free.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
         """Return the belief of a coverage after one push. The cells ``after``, which now hold

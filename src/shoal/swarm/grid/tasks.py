@@ -85,8 +85,8 @@ class Mapping:
         """Return the belief at the start of a mapping: cells with particles are free, and all other
         cells are unknown.
         """
-        here = state.occupied
-        return Belief(open=here, known=here, frontier=here.dilated() - here)
+        occupied = state.occupied
+        return Belief(open=occupied, known=occupied, frontier=occupied.dilated() - occupied)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after one push. All cells that particles tried to enter are
@@ -121,11 +121,11 @@ class Coverage:
         InvalidInputError
             Raised if a target cell is out of reach of all particles.
         """
-        wanted = world.workspace.free if targets is None else targets
-        check_reachable(world.workspace, state.occupied.cells, wanted)
+        required = world.workspace.free if targets is None else targets
+        check_reachable(world.workspace, state.occupied.cells, required)
         everything = Board.full(world.layout)
         return Belief(
-            open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied
+            open=world.free, known=everything, frontier=Board.of_mask(required) - state.occupied
         )
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
@@ -156,9 +156,9 @@ class SubsetCoverage(Coverage):
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
         """Draw a random subset of the free cells without replacement."""
         size = max(1, round(self.fraction * workspace.n_free))
-        chosen = workspace.cells[rng.choice(workspace.n_free, size=size, replace=False)]
+        cells = workspace.cells[rng.choice(workspace.n_free, size=size, replace=False)]
         targets = np.zeros(workspace.shape, dtype=np.bool_)
-        targets[tuple(chosen.T)] = True
+        targets[tuple(cells.T)] = True
         return targets
 
 
@@ -251,15 +251,15 @@ class Gathering:
                 )
             return
         region = _mask_of(self.region, workspace, "region")
-        room = np.bincount(labels[region], minlength=parts.size)[: parts.size]
+        capacity = np.bincount(labels[region], minlength=parts.size)[: parts.size]
         needed = np.minimum(parts, 1) if rule == "merge" else parts
-        if (room < needed).any():
-            part = int(np.argmax(room < needed))
-            cell = tuple(start[labels[tuple(start.T)] == part][0].tolist())
+        if (capacity < needed).any():
+            component = int(np.argmax(capacity < needed))
+            cell = tuple(start[labels[tuple(start.T)] == component][0].tolist())
             raise InvalidInputError(
-                f"region: expected at least {needed[part]} of its cells in the connected part of"
-                f" {workspace.name} with the particle at {cell}, for the {parts[part]} particles"
-                f" there under rule {rule}, got {room[part]}"
+                f"region: expected at least {needed[component]} of its cells in the connected part"
+                f" of {workspace.name} with the particle at {cell}, for the {parts[component]}"
+                f" particles there under rule {rule}, got {capacity[component]}"
             )
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
@@ -281,18 +281,18 @@ def _mask_of(
     cells: tuple[tuple[int, ...], ...], workspace: GridWorkspace, what: str
 ) -> NDArray[np.bool_]:
     """Return the mask of given cells of a workspace, which must be free."""
-    chosen = check_cells(cells, workspace.shape, what=what, rim=0)
-    if not len(chosen):
+    indices = check_cells(cells, workspace.shape, what=what, rim=0)
+    if not len(indices):
         raise InvalidInputError(f"{what}: expected at least one cell, got none")
-    blocked = ~workspace.free[tuple(chosen.T)]
+    blocked = ~workspace.free[tuple(indices.T)]
     if blocked.any():
-        cell = tuple(chosen[blocked][0].tolist())
+        cell = tuple(indices[blocked][0].tolist())
         raise InvalidInputError(
             f"{what}: expected free cells of {workspace.name}, got the obstacle {cell}"
             " (rows and columns count from 0)"
         )
     mask = np.zeros(workspace.shape, dtype=np.bool_)
-    mask[tuple(chosen.T)] = True
+    mask[tuple(indices.T)] = True
     return mask
 
 
@@ -316,13 +316,13 @@ def check_reachable(
     labels = workspace.components
     reached = np.zeros(int(labels.max()) + 1, dtype=np.bool_)
     reached[labels[tuple(start.T)]] = True
-    lost = targets & ~reached[labels]
-    if lost.any():
-        cell = tuple(int(i) for i in np.argwhere(lost)[0])
+    isolated = targets & ~reached[labels]
+    if isolated.any():
+        cell = tuple(int(i) for i in np.argwhere(isolated)[0])
         raise InvalidInputError(
             f"coverage: expected a particle in every connected part of {workspace.name} with cells"
             " to cover, got none in a part with"
-            f" {np.count_nonzero(lost & (labels == labels[cell]))} of them, at {cell} (use more"
+            f" {np.count_nonzero(isolated & (labels == labels[cell]))} of them, at {cell} (use more"
             " particles, or only the largest component of the map)"
         )
 
@@ -331,12 +331,13 @@ def make_task(task: str | Task) -> Task:
     """Return the task object for a name such as "mapping" or "subset-coverage:fraction=0.2". Return
     a given object unchanged.
     """
-    made = configured(TASKS, task) if isinstance(task, str) else task
-    if not isinstance(made, Task):
+    instance = configured(TASKS, task) if isinstance(task, str) else task
+    if not isinstance(instance, Task):
         raise InvalidInputError(
-            f"task: expected an object with name, choose_targets, begin and update, got {made!r}"
+            "task: expected an object with name, choose_targets, begin and update, got"
+            f" {instance!r}"
         )
-    return made
+    return instance
 
 
 Placement = Callable[[GridWorkspace, int, "Generator"], NDArray[np.int64]]
@@ -404,16 +405,18 @@ def make_placement(placement: str | Placement) -> Placement:
     """Return the placement function for a name. Return a given function unchanged. Other arguments
     raise InvalidInputError.
     """
-    made: Placement = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
-    if not callable(made):
-        raise _no_placement(made)
-    return made
+    function: Placement = (
+        configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
+    )
+    if not callable(function):
+        raise _no_placement(function)
+    return function
 
 
-def _no_placement(given: object) -> InvalidInputError:
+def _no_placement(value: object) -> InvalidInputError:
     return InvalidInputError(
         "placement: expected a name, or a function (workspace, n, rng) -> cells, got"
-        f" {shortened(given)}"
+        f" {shortened(value)}"
     )
 
 
@@ -496,12 +499,12 @@ class Inlet:
             Raised if the text does not name a cell.
         """
         numbers = text.removeprefix("inlet:").split(",")
-        if len(numbers) not in (2, 3) or not all(one.strip().isdecimal() for one in numbers):
+        if len(numbers) not in (2, 3) or not all(number.strip().isdecimal() for number in numbers):
             raise InvalidInputError(
                 f"start: expected inlet:row,column (in three dimensions inlet:layer,row,column), got"
                 f" {shortened(text)}"
             )
-        return cls(tuple(int(one) for one in numbers))
+        return cls(tuple(int(number) for number in numbers))
 
     def check(self, workspace: GridWorkspace) -> None:
         """Refuse a workspace in which the inlet is not a free cell."""

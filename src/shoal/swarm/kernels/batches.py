@@ -51,28 +51,28 @@ def word_of(worlds, world, word, plane):
 
 
 @in_place_kernel
-def write_planes(worlds, chosen, planes, out, first, last):
-    """Write planes of the worlds ``chosen[first:last]`` to ``out``, uint8, shape (worlds, planes,
-    layers x rows, columns).
+def write_planes(worlds, selection, planes, out, first, last):
+    """Write planes of the worlds ``selection[first:last]`` to ``out``, uint8, shape (worlds,
+    planes, layers x rows, columns).
     """
     rows, columns = out.shape[2], out.shape[3]
-    whole = columns // 64
+    full_words = columns // 64
     for i in range(first, last):
         for p in range(planes.shape[0]):
             for row in range(rows):
                 line = out[i, p, row]
-                for k in range(whole):
-                    word = word_of(worlds, chosen[i], row * worlds.width + k, planes[p])
+                for k in range(full_words):
+                    word = word_of(worlds, selection[i], row * worlds.width + k, planes[p])
                     cells = line[64 * k : 64 * k + 64]
                     for bit in range(64):
                         cells[bit] = (word >> np.uint64(bit)) & ONE
-                if 64 * whole < columns:
-                    word = word_of(worlds, chosen[i], row * worlds.width + whole, planes[p])
-                    cells = line[64 * whole :]
+                if 64 * full_words < columns:
+                    word = word_of(worlds, selection[i], row * worlds.width + full_words, planes[p])
+                    cells = line[64 * full_words :]
                     for bit in range(cells.shape[0]):
                         cells[bit] = (word >> np.uint64(bit)) & ONE
             if planes[p] == PARTICLES and worlds.counts.shape[1] > 0:
-                count_particles(worlds.counts[chosen[i]], out[i, p])
+                count_particles(worlds.counts[selection[i]], out[i, p])
 
 
 @in_place_kernel
@@ -84,7 +84,7 @@ def count_particles(counts, cells):
 
 
 @in_place_kernel
-def mark_commands(worlds, chosen, masks, first, last):
+def mark_commands(worlds, selection, masks, first, last):
     """Mark in ``masks``, shape (worlds, commands), the commands for which the belief allows at
     least one particle to move.
 
@@ -95,26 +95,30 @@ def mark_commands(worlds, chosen, masks, first, last):
     width, size = worlds.width, worlds.occupied.shape[1]
     layer = width * worlds.rows
     for i in range(first, last):
-        world = chosen[i]
-        here, open_cells, known = worlds.occupied[world], worlds.open[world], worlds.known[world]
+        world = selection[i]
+        occupied, open_cells, known = (
+            worlds.occupied[world],
+            worlds.open[world],
+            worlds.known[world],
+        )
         masks[i, :] = 0
         for k in range(size):
-            room = ~known[k] | open_cells[k]
+            enterable = ~known[k] | open_cells[k]
             if worlds.rule != MERGE:
-                room &= ~here[k]
-            entered = here[k] >> ONE
+                enterable &= ~occupied[k]
+            entered = occupied[k] >> ONE
             if k + 1 < size:
-                entered |= here[k + 1] << TOP
-            masks[i, LEFT] |= entered & room != ZERO
-            entered = here[k] << ONE
+                entered |= occupied[k + 1] << TOP
+            masks[i, LEFT] |= entered & enterable != ZERO
+            entered = occupied[k] << ONE
             if k > 0:
-                entered |= here[k - 1] >> TOP
-            masks[i, RIGHT] |= entered & room != ZERO
-            masks[i, UP] |= k + width < size and here[k + width] & room != ZERO
-            masks[i, DOWN] |= k >= width and here[k - width] & room != ZERO
+                entered |= occupied[k - 1] >> TOP
+            masks[i, RIGHT] |= entered & enterable != ZERO
+            masks[i, UP] |= k + width < size and occupied[k + width] & enterable != ZERO
+            masks[i, DOWN] |= k >= width and occupied[k - width] & enterable != ZERO
             if worlds.layers > 1:
-                masks[i, IN] |= k + layer < size and here[k + layer] & room != ZERO
-                masks[i, OUT] |= k >= layer and here[k - layer] & room != ZERO
+                masks[i, IN] |= k + layer < size and occupied[k + layer] & enterable != ZERO
+                masks[i, OUT] |= k >= layer and occupied[k - layer] & enterable != ZERO
 
 
 class Worlds(NamedTuple):
@@ -181,21 +185,21 @@ def field_of_world(worlds, world, work):
 
 
 @in_place_kernel
-def step_worlds(worlds, chosen, work, steps, repeat, first, last):
-    """Send the command of world ``chosen[i]`` to this world ``repeat[i]`` times, for each i from
+def step_worlds(worlds, selection, work, steps, repeat, first, last):
+    """Send the command of world ``selection[i]`` to this world ``repeat[i]`` times, for each i from
     ``first`` to ``last - 1``.
     """
     for i in range(first, last):
-        world = chosen[i]
+        world = selection[i]
         steps.travelled[world] = 0
         steps.classified[world] = 0
         field = field_of_world(worlds, world, work)
         for _ in range(repeat[i]):
-            travelled, done, change = step(
+            travelled, classified, change = step(
                 field, steps.commands[world], worlds.rule, worlds.mapping
             )
             steps.travelled[world] += travelled
-            steps.classified[world] += done
+            steps.classified[world] += classified
             steps.frontier[world] += change
         steps.moves[world] += repeat[i]
         note_end(steps, world)
@@ -209,11 +213,11 @@ def note_end(steps, world):
 
 
 @in_place_kernel
-def begin_worlds(worlds, chosen, work, steps, starts, first, last):
-    """Start episodes in the worlds ``chosen[first:last]``. ``starts`` is a `Starts`."""
+def begin_worlds(worlds, selection, work, steps, starts, first, last):
+    """Start episodes in the worlds ``selection[first:last]``. ``starts`` is a `Starts`."""
     cells, ends, mapping = starts.cells, starts.ends, worlds.mapping
     for i in range(first, last):
-        world = chosen[i]
+        world = selection[i]
         field = field_of_world(worlds, world, work)
         field.occupied[:] = ZERO
         field.counts[:] = 0
@@ -245,7 +249,7 @@ SUM, SQUARES = 0, 1  # indices of the measures for each axis
 
 
 @in_place_kernel
-def write_windows(worlds, chosen, planes, centers, side, out, first, last):
+def write_windows(worlds, selection, planes, centers, side, out, first, last):
     """Write to ``out`` a window of cells around a centre cell of each world, with one plane for
     each kind of cell.
 
@@ -254,9 +258,9 @@ def write_windows(worlds, chosen, planes, centers, side, out, first, last):
     """
     depth = out.shape[2] // (side * side)
     for i in range(first, last):
-        world, left = chosen[i], centers[i, 2] - side // 2
+        world, left = selection[i], centers[i, 2] - side // 2
         for p in range(planes.shape[0]):
-            counted = planes[p] == PARTICLES and worlds.counts.shape[1] > 0
+            with_counts = planes[p] == PARTICLES and worlds.counts.shape[1] > 0
             cells, at = out[i, p], 0
             for a in range(depth):
                 layer = centers[i, 0] + a - depth // 2
@@ -264,11 +268,11 @@ def write_windows(worlds, chosen, planes, centers, side, out, first, last):
                     row = centers[i, 1] + b - side // 2
                     line = layer * worlds.rows + row
                     inside = 0 <= layer < worlds.layers and 0 <= row < worlds.rows
-                    if inside and counted:
+                    if inside and with_counts:
                         for c in range(side):
-                            known = 0 <= left + c < worlds.columns
+                            in_map = 0 <= left + c < worlds.columns
                             cells[at + c] = (
-                                min(worlds.counts[world, line, left + c], 255) if known else 0
+                                min(worlds.counts[world, line, left + c], 255) if in_map else 0
                             )
                     else:
                         for c in range(0, side, 64):
@@ -287,9 +291,9 @@ def unpack(word, cells, at, count):
     array ends, and the caller writes the cells that follow later.
     """
     if at + 64 <= cells.shape[0]:
-        part = cells[at : at + 64]
+        target = cells[at : at + 64]
         for bit in range(64):
-            part[bit] = (word >> np.uint64(bit)) & ONE
+            target[bit] = (word >> np.uint64(bit)) & ONE
     else:
         for bit in range(count):
             cells[at + bit] = (word >> np.uint64(bit)) & ONE
@@ -314,7 +318,7 @@ def word_from(worlds, world, line, column, plane):
 
 
 @in_place_kernel
-def measure_worlds(worlds, chosen, commands, axes, totals, first, last):
+def measure_worlds(worlds, selection, commands, axes, totals, first, last):
     """Compute sums over the particles of each world, and write the sums to three arrays.
 
     All arrays are int64. The array ``commands`` of shape (worlds, commands or 0, 2) counts two kinds of
@@ -325,30 +329,30 @@ def measure_worlds(worlds, chosen, commands, axes, totals, first, last):
     number of frontier cells, and the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
-    counted = worlds.counts.shape[1] > 0
+    with_counts = worlds.counts.shape[1] > 0
     for i in range(first, last):
-        world = chosen[i]
+        world = selection[i]
         occupied, known = worlds.occupied[world], worlds.known[world]
         frontier, inside = worlds.frontier[world], worlds.inside[worlds.map_of[world]]
         commands[i, :, :] = 0
         axes[i, :, :] = 0
         totals[i, :] = 0
-        if not counted and commands.shape[1] > 0:
+        if not with_counts and commands.shape[1] > 0:
             measure_commands(worlds, world, commands[i])
         for word in range(occupied.shape[0]):
             totals[i, 1] += popcount(frontier[word])
             totals[i, 2] += popcount((known[word] | frontier[word]) & inside[word])
-            left = occupied[word]
-            if left == ZERO:
+            remaining = occupied[word]
+            if remaining == ZERO:
                 continue
             line = word // width
             start, layer, row = 64 * (word - line * width), line // rows, line % rows
             count, columns, squares = 0, 0, 0
-            while left != ZERO:
-                column = start + lowest(left)
-                left &= left - ONE
+            while remaining != ZERO:
+                column = start + lowest(remaining)
+                remaining &= remaining - ONE
                 weight = 1
-                if counted:
+                if with_counts:
                     weight = min(worlds.counts[world, line, column], 255)
                     measure_cell(worlds, world, line, column, weight, commands[i])
                 count += weight
@@ -370,34 +374,34 @@ def measure_commands(worlds, world, commands):
 
     No particle is in the rim, so a shift never carries a particle into another row.
     """
-    here, open_cells, known = worlds.occupied[world], worlds.open[world], worlds.known[world]
+    occupied, open_cells, known = worlds.occupied[world], worlds.open[world], worlds.known[world]
     frontier, width, size = worlds.frontier[world], worlds.width, worlds.occupied.shape[1]
     layer = width * worlds.rows
     for k in range(size):
         edge = frontier[k]
-        room = (~known[k] | open_cells[k]) & ~here[k]
-        entered = here[k] >> ONE
+        enterable = (~known[k] | open_cells[k]) & ~occupied[k]
+        entered = occupied[k] >> ONE
         if k + 1 < size:
-            entered |= here[k + 1] << TOP
+            entered |= occupied[k + 1] << TOP
         commands[LEFT, PROBING] += popcount(entered & edge)
-        commands[LEFT, MOVING] += popcount(entered & room)
-        entered = here[k] << ONE
+        commands[LEFT, MOVING] += popcount(entered & enterable)
+        entered = occupied[k] << ONE
         if k > 0:
-            entered |= here[k - 1] >> TOP
+            entered |= occupied[k - 1] >> TOP
         commands[RIGHT, PROBING] += popcount(entered & edge)
-        commands[RIGHT, MOVING] += popcount(entered & room)
+        commands[RIGHT, MOVING] += popcount(entered & enterable)
         if k + width < size:
-            commands[UP, PROBING] += popcount(here[k + width] & edge)
-            commands[UP, MOVING] += popcount(here[k + width] & room)
+            commands[UP, PROBING] += popcount(occupied[k + width] & edge)
+            commands[UP, MOVING] += popcount(occupied[k + width] & enterable)
         if k >= width:
-            commands[DOWN, PROBING] += popcount(here[k - width] & edge)
-            commands[DOWN, MOVING] += popcount(here[k - width] & room)
+            commands[DOWN, PROBING] += popcount(occupied[k - width] & edge)
+            commands[DOWN, MOVING] += popcount(occupied[k - width] & enterable)
         if commands.shape[0] > 4 and k + layer < size:
-            commands[IN, PROBING] += popcount(here[k + layer] & edge)
-            commands[IN, MOVING] += popcount(here[k + layer] & room)
+            commands[IN, PROBING] += popcount(occupied[k + layer] & edge)
+            commands[IN, MOVING] += popcount(occupied[k + layer] & enterable)
         if commands.shape[0] > 4 and k >= layer:
-            commands[OUT, PROBING] += popcount(here[k - layer] & edge)
-            commands[OUT, MOVING] += popcount(here[k - layer] & room)
+            commands[OUT, PROBING] += popcount(occupied[k - layer] & edge)
+            commands[OUT, MOVING] += popcount(occupied[k - layer] & enterable)
 
 
 @in_place_kernel
@@ -418,22 +422,22 @@ def measure_cell(worlds, world, line, column, weight, commands):
 
 
 @in_place_kernel
-def find_nearest(worlds, chosen, work, search, found, first, last):
+def find_nearest(worlds, selection, work, search, results, first, last):
     """Find the shortest path from any particle to the frontier in each world, and write five
-    numbers about the path to ``found``.
+    numbers about the path to ``results``.
 
-    The array ``found`` is int64 and has the shape (worlds, 5). The five numbers are the length of
+    The array ``results`` is int64 and has the shape (worlds, 5). The five numbers are the length of
     the path, its first command, and the layer, row and column of its last cell. For a world without
     a path, all five numbers are 0.
     """
     for i in range(first, last):
-        field = field_of_world(worlds, chosen[i], work)
-        found[i, :] = 0
+        field = field_of_world(worlds, selection[i], work)
+        results[i, :] = 0
         length = nearest(field, search, field.occupied)
         if length == 0:
             continue
         row, column = search.origin[0], search.origin[1]
         for k in range(length):
             row, column = ahead(row, column, search.plan[k], field.rows)
-        found[i, 0], found[i, 1] = length, search.plan[0]
-        found[i, 2], found[i, 3], found[i, 4] = row // field.rows, row % field.rows, column
+        results[i, 0], results[i, 1] = length, search.plan[0]
+        results[i, 2], results[i, 3], results[i, 4] = row // field.rows, row % field.rows, column

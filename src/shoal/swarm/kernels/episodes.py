@@ -122,8 +122,8 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
             return 0, 0
         if rate * (scan + length * move) < 1:
             command, rate = -1, 1 / (scan + length * move)
-    found = explore(field, rule, scan_planner.lookahead, gain.prices, rate)
-    if found > rate:
+    best_rate = explore(field, rule, scan_planner.lookahead, gain.prices, rate)
+    if best_rate > rate:
         return write_plan(scan_planner.lookahead, plan), 0
     if command >= 0:
         plan[0] = command
@@ -320,12 +320,12 @@ def notice_depth_first(field, policy_state, command):
 
 
 @in_place_kernel
-def notice_sweep(policy_state, travelled, done):
+def notice_sweep(policy_state, travelled, classified):
     """Update the phase of the policy sweep. A phase of the sweep ends when its command left or
     right moves no particle.
     """
     memory = policy_state.memory
-    memory.gain += done
+    memory.gain += classified
     if memory.phase == 0 or memory.second == 1:
         if travelled == 0:
             memory.phase += 1
@@ -335,16 +335,16 @@ def notice_sweep(policy_state, travelled, done):
 
 
 @in_place_kernel
-def end_run(field, policy_state, scan_planner, given):
+def end_run(field, policy_state, scan_planner, recorded_scan):
     """Return whether a scan follows a run of equal commands.
 
-    In a replay of given scans, the result is ``given``. An adaptive policy does not scan after a
-    run that has classified no cell. With a scan rule that is neither adaptive nor given, a scan
-    follows each run.
+    In a replay of given scans, the result is ``recorded_scan``. An adaptive policy does not scan
+    after a run that has classified no cell. With a scan rule that is neither adaptive nor given, a
+    scan follows each run.
     """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:
-        return given
+        return recorded_scan
     if scan_planner is not None:
         if memory.learnt == 0:
             return False
@@ -421,26 +421,26 @@ def play(code, field, rule, mapping, policy_state, scan_planner, trace):
                 return move, STALLED
         command = np.int8(memory.run_command)
         memory.run_left -= 1
-        travelled, done, change = step(field, command, rule, mapping)
+        travelled, classified, change = step(field, command, rule, mapping)
         memory.remaining += change
-        memory.changed |= 1 if travelled != 0 or done != 0 else 0
-        memory.learnt += done if mapping else 0
-        trace.commands[move], trace.classified[move] = command, done
+        memory.changed |= 1 if travelled != 0 or classified != 0 else 0
+        memory.learnt += classified if mapping else 0
+        trace.commands[move], trace.classified[move] = command, classified
         trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
         if code == ELECT:
             notice_elect(field, policy_state, command)
         elif code == DEPTH_FIRST:
             notice_depth_first(field, policy_state, command)
         elif code == SWEEP:
-            notice_sweep(policy_state, travelled, done)
+            notice_sweep(policy_state, travelled, classified)
         scan = False
         if memory.run_left == 0:
             memory.idle = 0 if memory.changed else memory.idle + 1
             scan = end_run(field, policy_state, scan_planner, trace.scanned[move])
         trace.scanned[move] = scan
         memory.scanned = 1 if scan else 0
-    done = memory.remaining == 0 and memory.run_left == 0
-    return trace.commands.shape[0], COMPLETE if done else RUNNING
+    complete = memory.remaining == 0 and memory.run_left == 0
+    return trace.commands.shape[0], COMPLETE if complete else RUNNING
 
 
 # codes of planners, which continue the codes of policies above
@@ -464,21 +464,21 @@ def measure_surprise(field, planner):
     predicted to be free.
     """
     memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
-    found, surprises = 0, 0
+    discovered, surprises = 0, 0
     for i in range(before.shape[0]):
         new = field.open[i] & ~before[i]
-        found += popcount(new)
+        discovered += popcount(new)
         surprises += popcount(new & ~predicted[i])
-    if found > 0:
-        memory.surprise += (WHOLE * surprises // found - memory.surprise) // FADING
+    if discovered > 0:
+        memory.surprise += (WHOLE * surprises // discovered - memory.surprise) // FADING
 
 
 @in_place_kernel
-def observe_outcome(field, mapping, planner, command, done):
+def observe_outcome(field, mapping, planner, command, classified):
     """Update the memory of a planner with the effect of its last command."""
     memory = planner.memory
-    memory.quiet = 0 if done > 0 else memory.quiet + 1
-    if mapping and done > 0:
+    memory.quiet = 0 if classified > 0 else memory.quiet + 1
+    if mapping and classified > 0:
         learn_from_command(field, planner.prior, planner.learned, command)
         measure_surprise(field, planner)
 
@@ -497,10 +497,10 @@ def play_planner(code, field, rule, mapping, planner, trace):
         if command < 0:
             return move, STALLED
         copy_board(field.known, planner.prior.before)
-        travelled, done, change = step(field, command, rule, mapping)
+        travelled, classified, change = step(field, command, rule, mapping)
         memory.remaining += change
-        observe_outcome(field, mapping, planner, command, done)
-        trace.commands[move], trace.classified[move] = command, done
+        observe_outcome(field, mapping, planner, command, classified)
+        trace.commands[move], trace.classified[move] = command, classified
         trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
         trace.scanned[move] = True
     return trace.commands.shape[0], COMPLETE if memory.remaining == 0 else RUNNING

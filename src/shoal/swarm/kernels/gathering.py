@@ -36,34 +36,34 @@ def follow(field, rule, region, plan, at, trace, memory):
     ``region`` is a board, or empty if the particles may gather in any cell. ``memory`` holds the
     number of cells that are left, and the number of moves in a row without effect.
     """
-    left, played, status = memory[0], 0, RUNNING
+    remaining, played, status = memory[0], 0, RUNNING
     while played < trace.commands.shape[0] and at < plan.shape[0] and status == RUNNING:
         travelled, gathered = 0, 0
         while True:
-            moved = push(field, plan[at], rule)[0]
-            travelled += moved
-            if moved > 0:
-                before, left = left, stragglers(field.occupied, region, field.frontier)
-                gathered += before - left
-            if rule != TILT or moved == 0:
+            moves = push(field, plan[at], rule)[0]
+            travelled += moves
+            if moves > 0:
+                before, remaining = remaining, stragglers(field.occupied, region, field.frontier)
+                gathered += before - remaining
+            if rule != TILT or moves == 0:
                 break
         trace.commands[played] = plan[at]
         trace.classified[played] = gathered
-        trace.frontier[played] = left
+        trace.frontier[played] = remaining
         trace.travelled[played] = travelled
         trace.scanned[played] = True
         memory[1] = 0 if travelled > 0 else memory[1] + 1
-        status = COMPLETE if left == 0 else RUNNING
+        status = COMPLETE if remaining == 0 else RUNNING
         played += 1
         at += 1
-    memory[0] = left
+    memory[0] = remaining
     return played, status
 
 
 @in_place_kernel
-def stragglers(occupied, region, left):
-    """Write to ``left`` the cells with particles that are not gathered yet: outside the region, or
-    without a region all but the first. Return their number.
+def stragglers(occupied, region, remaining):
+    """Write to ``remaining`` the cells with particles that are not gathered yet: outside the
+    region, or without a region all but the first. Return their number.
     """
     count, first = 0, region.shape[0] == 0
     for i in range(occupied.shape[0]):
@@ -73,7 +73,7 @@ def stragglers(occupied, region, left):
         elif first and word != ZERO:
             word &= word - ONE
             first = False
-        left[i] = word
+        remaining[i] = word
         count += popcount(word)
     return count
 
@@ -118,10 +118,10 @@ def meet_pairs(ahead, may_stay, slides, goal, fewest, queue, ends):
         pair = queue[at]
         at += 1
         for command in range(ahead.shape[0]):
-            some = sources_of(ahead, may_stay, slides, command, pair // m, ends[0])
-            others = sources_of(ahead, may_stay, slides, command, pair % m, ends[1])
-            for i in range(some):
-                for j in range(others):
+            first_count = sources_of(ahead, may_stay, slides, command, pair // m, ends[0])
+            second_count = sources_of(ahead, may_stay, slides, command, pair % m, ends[1])
+            for i in range(first_count):
+                for j in range(second_count):
                     before = ends[0, i] * m + ends[1, j]
                     if fewest[before] < 0:
                         fewest[before] = fewest[pair] + 1
@@ -144,13 +144,13 @@ def measure_paths(ahead, reached, until, steps, queue):
         cell = queue[at]
         at += 1
         for command in range(ahead.shape[0]):
-            there = ahead[command, cell]
-            if there >= 0 and steps[there] == FAR:
-                steps[there] = steps[cell] + 1
-                queue[last] = there
+            neighbour = ahead[command, cell]
+            if neighbour >= 0 and steps[neighbour] == FAR:
+                steps[neighbour] = steps[cell] + 1
+                queue[last] = neighbour
                 last += 1
-                if there == until:
-                    return there
+                if neighbour == until:
+                    return neighbour
     return queue[last - 1]
 
 
@@ -161,26 +161,26 @@ def move_swarm(ahead, rule, command, swarm, count, mark, stamp):
     The entries of ``mark`` must differ from ``stamp``.
     """
     if rule == MERGE:
-        kept = 0
+        distinct = 0
         for i in range(count):
-            there = ahead[command, swarm[i]]
-            if there < 0:
-                there = swarm[i]
-            if mark[there] != stamp:
-                mark[there] = stamp
-                swarm[kept] = there
-                kept += 1
-        return kept
+            target = ahead[command, swarm[i]]
+            if target < 0:
+                target = swarm[i]
+            if mark[target] != stamp:
+                mark[target] = stamp
+                swarm[distinct] = target
+                distinct += 1
+        return distinct
     for i in range(count):
         mark[swarm[i]] = stamp
     for i in range(count):
         # a particle moves by the empty cells before the next wall, under block by one of those that
         # follow the particles right ahead
-        steps, there = 0, ahead[command, swarm[i]]
-        while there >= 0 and (rule == TILT or steps == 0):
-            if mark[there] != stamp:
+        steps, target = 0, ahead[command, swarm[i]]
+        while target >= 0 and (rule == TILT or steps == 0):
+            if mark[target] != stamp:
                 steps += 1
-            there = ahead[command, there]
+            target = ahead[command, target]
         for _ in range(steps):
             swarm[i] = ahead[command, swarm[i]]
     return count
@@ -233,23 +233,23 @@ def sift(scores, order, root, size):
 
 
 @in_place_kernel
-def choose_best(scores, order, size, wanted):
-    """Write the numbers of the ``wanted`` smallest scores to ``order``, the smallest first; of equal
+def choose_best(scores, order, size, count):
+    """Write the numbers of the ``count`` smallest scores to ``order``, the smallest first; of equal
     scores the earlier. Return how many there are.
     """
-    wanted = min(wanted, size)
-    for i in range(wanted):
+    count = min(count, size)
+    for i in range(count):
         order[i] = i
-    for root in range(wanted // 2 - 1, -1, -1):
-        sift(scores, order, root, wanted)
-    for i in range(wanted, size):
+    for root in range(count // 2 - 1, -1, -1):
+        sift(scores, order, root, count)
+    for i in range(count, size):
         if scores[i] < scores[order[0]]:
             order[0] = i
-            sift(scores, order, 0, wanted)
-    for end in range(wanted - 1, 0, -1):
+            sift(scores, order, 0, count)
+    for end in range(count - 1, 0, -1):
         order[0], order[end] = order[end], order[0]
         sift(scores, order, 0, end)
-    return wanted
+    return count
 
 
 @in_place_kernel
@@ -269,7 +269,7 @@ def search_plan(
     parents,
     commands,
     names,
-    seen,
+    table,
     mark,
     patience,
     plan,
@@ -288,14 +288,14 @@ def search_plan(
     least, level_of_least, slot_of_least = estimate(start, start.shape[0], fewest, near, rule), 0, 0
     for i in range(mark.shape[0]):
         mark[i] = -1
-    for i in range(seen.shape[0]):
-        seen[i] = ZERO
+    for i in range(table.shape[0]):
+        table[i] = ZERO
     level, moves = 0, ahead.shape[0]
     while level < parents.shape[0] and level - level_of_least <= patience:
-        made = 0
+        generated = 0
         for slot in range(size):
             for command in range(moves):
-                child = children[made]
+                child = children[generated]
                 for i in range(counts[slot]):
                     child[i] = swarms[slot, i]
                 count = move_swarm(ahead, rule, command, child, counts[slot], mark, stamp)
@@ -303,19 +303,19 @@ def search_plan(
                 name = ZERO
                 for i in range(count):
                     name ^= names[child[i]]
-                place = np.int64(name % np.uint64(seen.shape[0]))
-                if seen[place] == name:
+                place = np.int64(name % np.uint64(table.shape[0]))
+                if table[place] == name:
                     continue
-                seen[place] = name
-                child_counts[made] = count
-                scores[made] = estimate(child, count, fewest, near, rule)
-                order[children.shape[0] + made] = slot * moves + command
+                table[place] = name
+                child_counts[generated] = count
+                scores[generated] = estimate(child, count, fewest, near, rule)
+                order[children.shape[0] + generated] = slot * moves + command
                 if is_gathered(child, count, goal):
                     plan[level] = command
                     write_plan(parents, commands, level, slot, plan)
                     return level + 1, True
-                made += 1
-        size = choose_best(scores, order, made, swarms.shape[0])
+                generated += 1
+        size = choose_best(scores, order, generated, swarms.shape[0])
         for slot in range(size):
             child = order[slot]
             origin = order[children.shape[0] + child]
@@ -427,9 +427,9 @@ def choose_pair(ahead, swarm, count, choice, steps, queue, mark):
     """
     if choice == FARTHEST:
         for first in range(count):
-            one = farthest_from(ahead, swarm, count, swarm[first], steps, queue)
-            if one != swarm[first]:
-                return one, farthest_from(ahead, swarm, count, one, steps, queue)
+            particle = farthest_from(ahead, swarm, count, swarm[first], steps, queue)
+            if particle != swarm[first]:
+                return particle, farthest_from(ahead, swarm, count, particle, steps, queue)
         return -1, -1
     # a search from all particles at once; mark holds the particle from which a cell was reached
     for cell in range(steps.shape[0]):
@@ -437,24 +437,24 @@ def choose_pair(ahead, swarm, count, choice, steps, queue, mark):
     for i in range(count):
         queue[i], steps[swarm[i]], mark[swarm[i]] = swarm[i], 0, swarm[i]
     at, last = 0, count
-    best, one, other = FAR, -1, -1
+    best, particle, partner = FAR, -1, -1
     while at < last:
         cell = queue[at]
         at += 1
         if 2 * steps[cell] >= best:
             break
         for command in range(ahead.shape[0]):
-            there = ahead[command, cell]
-            if there < 0:
+            neighbour = ahead[command, cell]
+            if neighbour < 0:
                 continue
-            if steps[there] == FAR:
-                steps[there], mark[there] = steps[cell] + 1, mark[cell]
-                queue[last] = there
+            if steps[neighbour] == FAR:
+                steps[neighbour], mark[neighbour] = steps[cell] + 1, mark[cell]
+                queue[last] = neighbour
                 last += 1
-            elif mark[there] != mark[cell] and steps[there] + steps[cell] + 1 < best:
-                best = steps[there] + steps[cell] + 1
-                one, other = mark[cell], mark[there]
-    return one, other
+            elif mark[neighbour] != mark[cell] and steps[neighbour] + steps[cell] + 1 < best:
+                best = steps[neighbour] + steps[cell] + 1
+                particle, partner = mark[cell], mark[neighbour]
+    return particle, partner
 
 
 @in_place_kernel

@@ -157,7 +157,7 @@ def move_across(field, command, rule):
             size = min(BLOCK_WORDS, length - start)
             source = line * line_stride + first + (start if ahead < 0 else length - start - size)
             target, end = source + ahead, source + ahead + size
-            some, moved = shift_across(
+            some, moves = shift_across(
                 field.occupied[source : source + size],
                 field.occupied[target:end],
                 field.free[target:end],
@@ -168,7 +168,7 @@ def move_across(field, command, rule):
                 rule,
                 True,
             )
-            travelled += moved
+            travelled += moves
             if some != ZERO:
                 words = learn(field, target, end)
                 classified, added = classified + words[0], added + words[1]
@@ -176,8 +176,8 @@ def move_across(field, command, rule):
 
 
 @in_place_kernel
-def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
-    """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words
+def shift_across(source, target, free, board, flip, tried, ahead, rule, counted):
+    """Move particles from the words ``source`` to the words ``target``, which are ``ahead`` words
     apart.
 
     Write to ``tried`` the cells that particles try to enter: only cells in ``board`` if ``flip`` is
@@ -185,43 +185,51 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     ``tried`` contains a cell, and the number of moved particles. If ``counted`` is None, the kernel
     saves time and returns 0 as the number of moved particles.
     """
-    some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
+    some, travelled, size, step = ZERO, 0, source.shape[0], abs(ahead)
     for i in range(tried.shape[0]):
-        hit = here[i] & (board[i] ^ flip)
+        hit = source[i] & (board[i] ^ flip)
         tried[i] = hit
         some |= hit
     if step < SHORT_ROW:
         for column in range(min(step, size)):
             travelled += shift_column(
-                here, there, free, column if ahead < 0 else size - 1 - column, ahead, rule, counted
+                source,
+                target,
+                free,
+                column if ahead < 0 else size - 1 - column,
+                ahead,
+                rule,
+                counted,
             )
         return some, travelled
-    for done in range(0, size, step):
-        first = done if ahead < 0 else max(size - done - step, 0)
-        last = min(done + step, size) if ahead < 0 else size - done
-        travelled += shift_row(here[first:last], there[first:last], free[first:last], rule, counted)
+    for offset in range(0, size, step):
+        first = offset if ahead < 0 else max(size - offset - step, 0)
+        last = min(offset + step, size) if ahead < 0 else size - offset
+        travelled += shift_row(
+            source[first:last], target[first:last], free[first:last], rule, counted
+        )
     return some, travelled
 
 
 @in_place_kernel
-def shift_row(here, there, free, rule, counted):
-    """Move particles from row ``here`` to row ``there``, whose particles all stay. Return the
+def shift_row(source, target, free, rule, counted):
+    """Move particles from row ``source`` to row ``target``, whose particles all stay. Return the
     number of moved particles.
     """
     travelled = 0
-    for i in range(here.shape[0]):
-        going = here[i] & free[i]
+    for i in range(source.shape[0]):
+        going = source[i] & free[i]
         if rule != MERGE:
-            going &= ~there[i]
-        here[i] &= ~going
-        there[i] |= going
+            going &= ~target[i]
+        source[i] &= ~going
+        target[i] |= going
         if counted is not None:
             travelled += popcount(going)
     return travelled
 
 
 @in_place_kernel
-def shift_column(here, there, free, place, ahead, rule, counted):
+def shift_column(source, target, free, place, ahead, rule, counted):
     """Move particles from row to row in one column of words, beginning with word ``place``. Return
     the number of moved particles.
 
@@ -229,17 +237,17 @@ def shift_column(here, there, free, place, ahead, rule, counted):
     vector instructions. The indices are unsigned, because tests for negative indices would take as
     long as the rest of the loop.
     """
-    i, staying, travelled = np.uint64(place), there[np.uint64(place)], 0
-    for _ in range((here.shape[0] - 1 - place if ahead < 0 else place) // abs(ahead) + 1):
+    i, staying, travelled = np.uint64(place), target[np.uint64(place)], 0
+    for _ in range((source.shape[0] - 1 - place if ahead < 0 else place) // abs(ahead) + 1):
         i = np.uint64(place)
-        particles, walls = here[i], ~free[i]
-        held = particles & (walls | staying if rule != MERGE else walls)
-        there[i] = staying | (particles ^ held)
+        particles, walls = source[i], ~free[i]
+        blocked = particles & (walls | staying if rule != MERGE else walls)
+        target[i] = staying | (particles ^ blocked)
         if counted is not None:
-            travelled += popcount(particles ^ held)
-        staying = held
+            travelled += popcount(particles ^ blocked)
+        staying = blocked
         place -= ahead
-    here[i] = staying
+    source[i] = staying
     return travelled
 
 
@@ -273,29 +281,29 @@ def learn_word(field, i, cells):
     """Classify the tried cells of one word. Return the number of cells added to the frontier."""
     field.known[i] |= cells
     field.frontier[i] &= ~cells
-    found = cells & field.occupied[i]
-    if found == ZERO:
+    free = cells & field.occupied[i]
+    if free == ZERO:
         return 0
-    field.open[i] |= found
-    return add_neighbours(field, i, found)
+    field.open[i] |= free
+    return add_neighbours(field, i, free)
 
 
 @in_place_kernel
-def add_neighbours(field, i, found):
-    """Add the unknown neighbours of the cells ``found`` in word ``i`` to the frontier. Return the
+def add_neighbours(field, i, cells):
+    """Add the unknown neighbours of the ``cells`` in word ``i`` to the frontier. Return the
     number of new frontier cells.
     """
     width = field.width
-    added = add_frontier(field, i, (found << ONE) | (found >> ONE))
-    if found >> TOP != ZERO:
+    added = add_frontier(field, i, (cells << ONE) | (cells >> ONE))
+    if cells >> TOP != ZERO:
         added += add_frontier(field, i + 1, ONE)
-    if found & ONE != ZERO:
+    if cells & ONE != ZERO:
         added += add_frontier(field, i - 1, ONE << TOP)
-    added += add_frontier(field, i - width, found)
-    added += add_frontier(field, i + width, found)
+    added += add_frontier(field, i - width, cells)
+    added += add_frontier(field, i + width, cells)
     if field.layers > 1:
-        added += add_frontier(field, i - width * field.rows, found)
-        added += add_frontier(field, i + width * field.rows, found)
+        added += add_frontier(field, i - width * field.rows, cells)
+        added += add_frontier(field, i + width * field.rows, cells)
     return added
 
 
@@ -310,60 +318,60 @@ def add_frontier(field, i, cells):
 
 
 @in_place_kernel
-def start_left(free, here, moving, rule):
+def start_left(free, particles, moving, rule):
     """Write to ``moving`` the particles that can move to the left."""
     inner = free.shape[0] - 1
-    ahead, behind, next_free, moved = free[:inner], here[1:], free[1:], moving[1:]
-    moving[0] = here[0] & (free[0] << ONE)
+    ahead, behind, next_free, moving_behind = free[:inner], particles[1:], free[1:], moving[1:]
+    moving[0] = particles[0] & (free[0] << ONE)
     if rule == MERGE:
         for i in range(inner):
-            moved[i] = behind[i] & ((next_free[i] << ONE) | (ahead[i] >> TOP))
+            moving_behind[i] = behind[i] & ((next_free[i] << ONE) | (ahead[i] >> TOP))
         return
-    moving[0] = here[0] & (here[0] + (here[0] & ~moving[0]))
+    moving[0] = particles[0] & (particles[0] + (particles[0] & ~moving[0]))
     for i in range(inner):
-        moved[i] = behind[i] & (
+        moving_behind[i] = behind[i] & (
             behind[i] + (behind[i] & ~((next_free[i] << ONE) | (ahead[i] >> TOP)))
         )
     crossing = ZERO
     for i in range(inner):
-        crossing |= ((here[i] & ~moving[i]) >> TOP) & moved[i]
+        crossing |= ((particles[i] & ~moving[i]) >> TOP) & moving_behind[i]
     if crossing != ZERO:
         for i in range(inner):
-            if ((here[i] & ~moving[i]) >> TOP) & moved[i] != ZERO:
-                moved[i] &= behind[i] + ONE
+            if ((particles[i] & ~moving[i]) >> TOP) & moving_behind[i] != ZERO:
+                moving_behind[i] &= behind[i] + ONE
 
 
 @in_place_kernel
-def start_right(free, here, moving, rule):
+def start_right(free, particles, moving, rule):
     """Write to ``moving`` the particles that can move to the right."""
     inner = free.shape[0] - 1
-    ahead, behind, moved = free[1:], here[1:], moving[1:]
-    moving[inner] = here[inner] & (free[inner] >> ONE)
+    ahead, behind, moving_behind = free[1:], particles[1:], moving[1:]
+    moving[inner] = particles[inner] & (free[inner] >> ONE)
     if rule == MERGE:
         for i in range(inner):
-            moving[i] = here[i] & ((free[i] >> ONE) | (ahead[i] << TOP))
+            moving[i] = particles[i] & ((free[i] >> ONE) | (ahead[i] << TOP))
         return
-    moving[inner] = held_above(here[inner], moving[inner])
+    moving[inner] = held_above(particles[inner], moving[inner])
     for i in range(inner):
-        moving[i] = held_above(here[i], (free[i] >> ONE) | (ahead[i] << TOP))
+        moving[i] = held_above(particles[i], (free[i] >> ONE) | (ahead[i] << TOP))
     crossing = ZERO
     for i in range(inner):
-        crossing |= ((behind[i] & ~moved[i]) << TOP) & moving[i]
+        crossing |= ((behind[i] & ~moving_behind[i]) << TOP) & moving[i]
     if crossing != ZERO:
         for i in range(inner - 1, -1, -1):
-            if ((behind[i] & ~moved[i]) << TOP) & moving[i] != ZERO:
-                moving[i] &= reverse(reverse(here[i]) + ONE)
+            if ((behind[i] & ~moving_behind[i]) << TOP) & moving[i] != ZERO:
+                moving[i] &= reverse(reverse(particles[i]) + ONE)
 
 
 @in_place_kernel
-def held_above(here, free):
-    """Return the particles of the word ``here`` that can move to the right, towards higher bits.
+def held_above(particles, free):
+    """Return those of the ``particles`` of a word that can move right, towards higher bits.
 
     ``free`` contains the cells whose next cell is free. A run of adjacent particles can move if
     ``free`` contains its highest cell.
     """
-    turned = reverse(here)
-    return reverse(turned & (turned + reverse(here & ~free)))
+    mirrored = reverse(particles)
+    return reverse(mirrored & (mirrored + reverse(particles & ~free)))
 
 
 @in_place_kernel
@@ -377,7 +385,7 @@ def move_along(field, command, rule):
     for first in range(0, total, block):
         last = min(total, first + block)
         size = last - first
-        some, moved = shift_along(
+        some, moves = shift_along(
             field.occupied[first:last],
             field.free[first:last],
             field.known[first:last],
@@ -388,7 +396,7 @@ def move_along(field, command, rule):
             rule,
             True,
         )
-        travelled += moved
+        travelled += moves
         if some != ZERO:
             words = learn(field, first, last)
             classified, added = classified + words[0], added + words[1]
@@ -401,32 +409,32 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule, count
     some, travelled, inner = ZERO, 0, occupied.shape[0] - 1
     if command == LEFT:
         start_left(free, occupied, moving, rule)
-        here, going = occupied[0], moving[0]
+        current, going = occupied[0], moving[0]
         for i in range(inner):
             behind, coming = occupied[i + 1], moving[i + 1]
-            hit = ((here >> ONE) | (behind << TOP)) & (board[i] ^ flip)
-            occupied[i] = (here & ~going) | (going >> ONE) | (coming << TOP)
+            hit = ((current >> ONE) | (behind << TOP)) & (board[i] ^ flip)
+            occupied[i] = (current & ~going) | (going >> ONE) | (coming << TOP)
             tried[i] = hit
             some |= hit
             if counted is not None:
                 travelled += popcount(going)
-            here, going = behind, coming
-        occupied[inner] = (here & ~going) | (going >> ONE)
-        tried[inner] = (here >> ONE) & (board[inner] ^ flip)
+            current, going = behind, coming
+        occupied[inner] = (current & ~going) | (going >> ONE)
+        tried[inner] = (current >> ONE) & (board[inner] ^ flip)
         if counted is not None:
             travelled += popcount(going)
         return some | tried[inner], travelled
     start_right(free, occupied, moving, rule)
     behind, coming = ZERO, ZERO
     for i in range(inner + 1):
-        here, going = occupied[i], moving[i]
-        hit = ((here << ONE) | (behind >> TOP)) & (board[i] ^ flip)
-        occupied[i] = (here & ~going) | (going << ONE) | (coming >> TOP)
+        current, going = occupied[i], moving[i]
+        hit = ((current << ONE) | (behind >> TOP)) & (board[i] ^ flip)
+        occupied[i] = (current & ~going) | (going << ONE) | (coming >> TOP)
         tried[i] = hit
         some |= hit
         if counted is not None:
             travelled += popcount(going)
-        behind, coming = here, going
+        behind, coming = current, going
     return some, travelled
 
 
@@ -494,16 +502,16 @@ def step(field, command, rule, mapping):
     Return the number of cells travelled, the number of cells classified, and the change in the
     number of frontier cells.
     """
-    travelled, done, change = 0, 0, 0
+    travelled, total, change = 0, 0, 0
     while True:
-        moved, classified, added = push(field, command, rule)
-        travelled += moved
-        done += classified
+        moves, classified, added = push(field, command, rule)
+        travelled += moves
+        total += classified
         change += added - classified
-        if not mapping and moved > 0:  # coverage: the map is known, so a push classifies no cell
+        if not mapping and moves > 0:  # coverage: the map is known, so a push classifies no cell
             covered = cover(field)
-            done += covered
+            total += covered
             change -= covered
         # a tilt ends when no particle moves; the last push finds the walls
-        if rule != TILT or moved == 0:
-            return travelled, done, change
+        if rule != TILT or moves == 0:
+            return travelled, total, change

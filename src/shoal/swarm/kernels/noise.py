@@ -43,7 +43,7 @@ class NoisyState(NamedTuple):
     """
 
     truth: NDArray[np.bool_]  # free cells
-    there: NDArray[np.bool_]  # true cells of the particles
+    occupied: NDArray[np.bool_]  # true cells of the particles
     seen: NDArray[np.bool_]  # cells in which the last scan shows a particle
     logit: NDArray[np.float64]  # log-odds that the cell is free
     inside: NDArray[np.float64]  # probability that the cell holds a particle
@@ -80,17 +80,17 @@ def move_noisy(noisy, command, rng):
     particles.
     """
     offset = noisy.offsets[command]
-    at, step = first_and_step(noisy.there.shape[0], offset)
-    there, slip, travelled = noisy.there, noisy.rates.slip, 0
-    for _ in range(there.shape[0]):
+    at, step = first_and_step(noisy.occupied.shape[0], offset)
+    particles, slip, travelled = noisy.occupied, noisy.rates.slip, 0
+    for _ in range(particles.shape[0]):
         if (
-            there[at]
+            particles[at]
             and rng.random() >= slip
             and noisy.truth[at + offset]
-            and not there[at + offset]
+            and not particles[at + offset]
         ):
-            there[at + offset] = True
-            there[at] = False
+            particles[at + offset] = True
+            particles[at] = False
             travelled += 1
         at += step
     return travelled
@@ -103,18 +103,23 @@ def look(noisy, rng):
 
     Write the detections to ``seen``.
     """
-    there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
-    seen[:] = False
-    for at in range(there.shape[0]):
-        if not there[at]:
+    particles, detections, misplace, miss = (
+        noisy.occupied,
+        noisy.seen,
+        noisy.rates.misplace,
+        noisy.rates.miss,
+    )
+    detections[:] = False
+    for at in range(particles.shape[0]):
+        if not particles[at]:
             continue
         luck = rng.random()
         if luck < miss:
             continue
         if luck < miss + (1.0 - miss) * misplace:
-            seen[at + noisy.offsets[int(rng.random() * noisy.offsets.shape[0])]] = True
+            detections[at + noisy.offsets[int(rng.random() * noisy.offsets.shape[0])]] = True
         else:
-            seen[at] = True
+            detections[at] = True
 
 
 @in_place_kernel
@@ -127,11 +132,11 @@ def first_belief(noisy):
     misplace, miss, clutter = noisy.rates.misplace, noisy.rates.miss, noisy.rates.clutter
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + clutter) / ((1.0 - miss) * misplace + clutter)
-    held = odds / (1.0 + odds)
+    presence = odds / (1.0 + odds)
     for at in range(noisy.seen.shape[0]):
         if noisy.seen[at]:
-            noisy.inside[at] = held
-            free = held + (1.0 - held) * chance(noisy.logit[at])
+            noisy.inside[at] = presence
+            free = presence + (1.0 - presence) * chance(noisy.logit[at])
             noisy.logit[at] = min(SURE, np.log(free / (1.0 - free)))
 
 
@@ -147,24 +152,24 @@ def foresee(noisy, command):
     merge = noisy.rates.merge > 0.0
     moved[:] = 0.0
     for _ in range(inside.shape[0]):
-        held = inside[at]
-        if held > 0.0 and merge:  # no particle blocks another one
+        presence = inside[at]
+        if presence > 0.0 and merge:  # no particle blocks another one
             ahead = at + offset
             staying[at] = 1.0 - (1.0 - slip) * max(chance(noisy.logit[ahead]), inside[ahead])
-            moved[at] += (1.0 - moved[at]) * held * staying[at]
-            going = held * (1.0 - staying[at])
+            moved[at] += (1.0 - moved[at]) * presence * staying[at]
+            going = presence * (1.0 - staying[at])
             moved[ahead] += (1.0 - moved[ahead]) * going if going > FAINT * FAINT else 0.0
-        elif held > 0.0:
+        elif presence > 0.0:
             ahead = at + offset
-            taken = inside[ahead]
-            room = (
-                max(chance(noisy.logit[ahead]), taken) - taken * staying[ahead]
-                if taken > 0.0
+            occupancy = inside[ahead]
+            enterable = (
+                max(chance(noisy.logit[ahead]), occupancy) - occupancy * staying[ahead]
+                if occupancy > 0.0
                 else chance(noisy.logit[ahead])
             )
-            staying[at] = 1.0 - (1.0 - slip) * room
-            moved[at] += held * staying[at]
-            going = held * (1.0 - staying[at])
+            staying[at] = 1.0 - (1.0 - slip) * enterable
+            moved[at] += presence * staying[at]
+            going = presence * (1.0 - staying[at])
             moved[ahead] += going if going > FAINT * FAINT else 0.0
         at += step
 
@@ -234,22 +239,22 @@ def weigh(noisy, at, offset):
     hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
     behind = at - offset
     free = chance(noisy.logit[at])
-    taken = min(inside[at], free)
+    occupancy = min(inside[at], free)
     coming = inside[behind]
     next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
-    stay = noisy.staying[at] if taken > 0.0 else 0.0
+    stay = noisy.staying[at] if occupancy > 0.0 else 0.0
     if seen[at] and noisy.moved[at] < LOST * free:
         # a particle that the belief does not know may have come from behind
         coming = max(coming, LOST)
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
     # probability of a particle behind if no particle can enter the cell
-    held = coming + (1.0 - coming) * next_coming
+    blocked = coming + (1.0 - coming) * next_coming
     gone = coming * (1.0 - slip)
     none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
     only_behind = likelihood(seen[behind], seen[at], True, False, a, b, hit, share)
     only_here = likelihood(seen[behind], seen[at], False, True, a, b, hit, share)
     both = likelihood(seen[behind], seen[at], True, True, a, b, hit, share)
-    wall = held * only_behind + (1.0 - held) * none
+    wall = blocked * only_behind + (1.0 - blocked) * none
     entered = gone * (next_coming * both + (1.0 - next_coming) * only_here)
     if seen[at] and not seen[behind] and not seen[behind - offset]:
         # a particle that is seen neither where it was nor one cell ahead may have leapt
@@ -257,16 +262,16 @@ def weigh(noisy, at, offset):
     empty = (coming * slip + (1.0 - coming) * next_coming) * only_behind + (1.0 - coming) * (
         1.0 - next_coming
     ) * none
-    stayed = held * both + (1.0 - held) * only_here
-    share_taken = taken / free
+    stayed = blocked * both + (1.0 - blocked) * only_here
+    share_taken = occupancy / free
     if noisy.rates.merge > 0.0:  # a particle also enters a cell in which another one stays
         behind_only = next_coming * both + (1.0 - next_coming) * only_here
         stayed = gone * behind_only + coming * slip * both + (1.0 - coming) * behind_only
     particle = (1.0 - share_taken * stay) * entered + share_taken * stay * stayed
-    room = particle + (1.0 - share_taken * stay) * empty
+    clear = particle + (1.0 - share_taken * stay) * empty
     tiny = 1e-300
-    gained = np.log((room + tiny) / (wall + tiny))
-    total = free * room + (1.0 - free) * wall
+    gained = np.log((clear + tiny) / (wall + tiny))
+    total = free * clear + (1.0 - free) * wall
     return gained, free * particle / (total + tiny)
 
 
@@ -285,10 +290,10 @@ def learn_noisy(noisy, command):
     for at in range(first, last):
         behind = at - offset
         if noisy.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
-            gained, held = weigh(noisy, at, offset)
+            gained, presence = weigh(noisy, at, offset)
             odds = noisy.logit[at] + max(-LEAP, min(LEAP, gained))
             noisy.logit[at] = max(-SURE, min(noisy.rates.surest, odds))
-            after[at] = held if held > FAINT else 0.0
+            after[at] = presence if presence > FAINT else 0.0
         else:
             after[at] = 0.0
     for at in range(after.shape[0]):
@@ -313,9 +318,9 @@ def stray_given(noisy, at, hit, share):
     """
     none = 1.0
     for offset in noisy.offsets:
-        held = noisy.moved[at + offset]
-        if held > 0.0 and not noisy.seen[at + offset]:
-            none *= 1.0 - held * share / max(1.0 - held * hit, share)
+        presence = noisy.moved[at + offset]
+        if presence > 0.0 and not noisy.seen[at + offset]:
+            none *= 1.0 - presence * share / max(1.0 - presence * hit, share)
     return max(1.0 - none, UNKNOWN)
 
 
@@ -346,66 +351,71 @@ def scan_likelihood(noisy, command):
     for _ in range(size):
         ahead = at + offset
         if margin <= ahead < size - margin:
-            held, blocked = inside[at], stays[ahead]
+            presence, blocked = inside[at], stays[ahead]
             beside = stray_given(noisy, ahead, hit, share)
             not_seen = (1.0 - hit) * (1.0 - beside)
             if_held = 1.0 - not_seen if seen[ahead] else not_seen
             if_empty = beside if seen[ahead] else 1.0 - beside
             if command < 0:
-                both = inside[ahead] * if_held + (1.0 - inside[ahead]) * if_empty
-            elif held == 0.0 and blocked == 0.0:
-                both = if_empty
+                evidence = inside[ahead] * if_held + (1.0 - inside[ahead]) * if_empty
+            elif presence == 0.0 and blocked == 0.0:
+                evidence = if_empty
             else:
-                room = max(chance(noisy.logit[ahead]), inside[ahead])
-                going = held * (1.0 - slip) * room
+                enterable = max(chance(noisy.logit[ahead]), inside[ahead])
+                going = presence * (1.0 - slip) * enterable
                 if noisy.rates.merge > 0.0:
                     if_left = blocked * if_held + (1.0 - blocked) * if_empty
-                    stay, gone = (held - going) * if_left, going * if_held + (1.0 - held) * if_left
-                    both = stay + gone
-                    stays[at] = stay / both
-                    total += np.log(both)
+                    stay, gone = (
+                        (presence - going) * if_left,
+                        going * if_held + (1.0 - presence) * if_left,
+                    )
+                    evidence = stay + gone
+                    stays[at] = stay / evidence
+                    total += np.log(evidence)
                     at += step
                     continue
-                stay = (1.0 - blocked) * (held - going) * if_empty + blocked * held * if_held
-                gone = (1.0 - blocked) * (going * if_held + (1.0 - held) * if_empty)
-                gone += blocked * (1.0 - held) * if_held
-                both = stay + gone
-                stays[at] = stay / both
-            if both < 1.0:
-                total += np.log(both)
+                stay = (1.0 - blocked) * (
+                    presence - going
+                ) * if_empty + blocked * presence * if_held
+                gone = (1.0 - blocked) * (going * if_held + (1.0 - presence) * if_empty)
+                gone += blocked * (1.0 - presence) * if_held
+                evidence = stay + gone
+                stays[at] = stay / evidence
+            if evidence < 1.0:
+                total += np.log(evidence)
         at += step
     return total
 
 
 @in_place_kernel
-def weigh_deeds(noisy, command, before, kept, found):
-    """Write to ``found`` the logarithms of the probability of the scan in ``seen`` if the rig
+def weigh_deeds(noisy, command, before, backup, likelihoods):
+    """Write to ``likelihoods`` the logarithms of the probability of the scan in ``seen`` if the rig
     carried out the command once, not at all, twice, in another direction, or late, together with
     the command ``before`` it (-1: none).
 
-    ``kept`` is an array of the size of ``inside``.
+    ``backup`` is an array of the size of ``inside``.
     """
-    found[0] = scan_likelihood(noisy, command)
-    found[1] = scan_likelihood(noisy, -1)
+    likelihoods[0] = scan_likelihood(noisy, command)
+    likelihoods[1] = scan_likelihood(noisy, -1)
     best, sum_to_best = -np.inf, 0.0
-    for other in range(noisy.offsets.shape[0]):
-        if other != command:
-            value = scan_likelihood(noisy, other)
+    for direction in range(noisy.offsets.shape[0]):
+        if direction != command:
+            value = scan_likelihood(noisy, direction)
             if value > best:
                 sum_to_best = sum_to_best * np.exp(best - value) + 1.0
                 best = value
             else:
                 sum_to_best += np.exp(value - best)
-    found[3] = best + np.log(sum_to_best / (noisy.offsets.shape[0] - 1))
-    write(kept, noisy.inside)
+    likelihoods[3] = best + np.log(sum_to_best / (noisy.offsets.shape[0] - 1))
+    write(backup, noisy.inside)
     spread_noisy(noisy, command)
-    found[2] = scan_likelihood(noisy, command)
-    write(noisy.inside, kept)
-    found[4] = found[2]
+    likelihoods[2] = scan_likelihood(noisy, command)
+    write(noisy.inside, backup)
+    likelihoods[4] = likelihoods[2]
     if before >= 0 and before != command:
         spread_noisy(noisy, before)
-        found[4] = scan_likelihood(noisy, command)
-        write(noisy.inside, kept)
+        likelihoods[4] = scan_likelihood(noisy, command)
+        write(noisy.inside, backup)
 
 
 @in_place_kernel
@@ -424,7 +434,7 @@ def classify(noisy, open_words, known_words, occupied_words, width):
             start = ((layer + pad) * (rows + 4) + row + 2) * (columns + 4) + 2
             word = (layer * rows + row) * width
             for k in range(width):
-                free, known, held = ZERO, ZERO, ZERO
+                free, known, occupied = ZERO, ZERO, ZERO
                 for column in range(64 * k, min(columns, 64 * k + 64)):
                     bit = ONE << np.uint64(column - 64 * k)
                     logit = noisy.logit[start + column]
@@ -433,10 +443,10 @@ def classify(noisy, open_words, known_words, occupied_words, width):
                     if logit >= bound or logit <= -bound:
                         known |= bit
                     if noisy.inside[start + column] > 0.5:
-                        held |= bit
+                        occupied |= bit
                 open_words[word + k] = free
                 known_words[word + k] = known
-                occupied_words[word + k] = held
+                occupied_words[word + k] = occupied
 
 
 MEMORY = record_type(

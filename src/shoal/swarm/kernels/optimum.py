@@ -1,7 +1,7 @@
 """A* search for the fewest commands on a small map, pruned by prices of cells.
 
 A place is a set of cells that hold particles. ``ahead[p, c]`` is the place after command c, and
-``tried[p, c]`` the wanted cells that the particles then classify, one bit for each.
+``tried[p, c]`` the required cells that the particles then classify, one bit for each.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Graph(NamedTuple):
     ahead : ndarray of int32, shape (places, commands)
         The place after each command, or -1 in all commands of a place that was not explored.
     tried : ndarray of uint64, shape (places, commands, words)
-        The wanted cells that each command classifies.
+        The required cells that each command classifies.
     alone : ndarray of bool, shape (places,)
         Whether all particles are in one cell, under a rule other than tilt.
     """
@@ -39,12 +39,12 @@ class Graph(NamedTuple):
 
 
 class Prices(NamedTuple):
-    """Whole prices of wanted cells, and how fast a swarm can earn them.
+    """Whole prices of required cells, and how fast a swarm can earn them.
 
     Attributes
     ----------
     planes : ndarray of uint64, shape (lists, bits, words)
-        Bit b of the price of each wanted cell, for each list of prices.
+        Bit b of the price of each required cell, for each list of prices.
     sums : ndarray of int64, shape (lists,)
         The sum of all prices of a list.
     offsets : ndarray of int64, shape (lists,)
@@ -67,7 +67,7 @@ class States(NamedTuple):
     place, moves, before, command : ndarray of int32, shape (capacity,)
         The place, the fewest commands so far, and the state and the command before.
     left : ndarray of uint64, shape (capacity, words)
-        The wanted cells that are left.
+        The required cells that are left.
     expanded : ndarray of bool, shape (capacity,)
     slots : ndarray of int32, a power of two
         Hash table of the states; -1 for none.
@@ -158,30 +158,30 @@ def tabulate(graph, planes, total, earned, probes, best, needed):
 
 
 @in_place_kernel
-def estimate(place, left, prices):
+def estimate(place, remaining, prices):
     """Return a lower bound on the number of commands that classify the cells that are left."""
     most = 0
     for i in range(prices.sums.shape[0]):
-        s = worth(left, prices.planes[i])
+        s = worth(remaining, prices.planes[i])
         at = prices.offsets[i] + place * (prices.sums[i] + 1) + s
         most = max(most, np.int64(prices.needed[at]))
     return most
 
 
 @in_place_kernel
-def slot_of(place, left, states):
+def slot_of(place, remaining, states):
     """Return the slot of a state, or the free slot where it belongs."""
     mixed = np.uint64(place) * _MIX
-    for i in range(left.shape[0]):
-        mixed = (mixed ^ left[i]) * _MIX
+    for i in range(remaining.shape[0]):
+        mixed = (mixed ^ remaining[i]) * _MIX
         mixed ^= mixed >> _SHIFT
     last = states.slots.shape[0] - 1
     slot = np.int64(mixed & np.uint64(last))
     while states.slots[slot] >= 0:
-        other, same = states.slots[slot], True
-        for i in range(left.shape[0]):
-            same = same and states.left[other, i] == left[i]
-        if same and states.place[other] == place:
+        state, same = states.slots[slot], True
+        for i in range(remaining.shape[0]):
+            same = same and states.left[state, i] == remaining[i]
+        if same and states.place[state] == place:
             return slot
         slot = (slot + 1) & last
     return slot
@@ -195,14 +195,14 @@ def fill_slots(states, count):
 
 
 @in_place_kernel
-def search(graph, prices, states, progress, wanted):
+def search(graph, prices, states, progress, unclassified):
     """Go on with an A* search until it has found a plan, has no state left, or needs more room.
 
     ``progress`` holds the numbers of states and of entries, the least number of commands of a plan,
-    and the state in which no cell is left. ``wanted`` is room for one set of cells.
+    and the state in which no cell is left. ``unclassified`` is memory for one set of cells.
     """
     ahead, tried = graph.ahead, graph.tried
-    commands, words = ahead.shape[1], wanted.shape[0]
+    commands, words = ahead.shape[1], unclassified.shape[0]
     while progress[LEVEL] < states.heads.shape[0]:
         level = progress[LEVEL]
         entry = states.heads[level]
@@ -215,16 +215,16 @@ def search(graph, prices, states, progress, wanted):
         ):
             return FULL
         states.heads[level] = states.following[entry]
-        here = states.queued[entry]
-        if states.expanded[here]:
+        current = states.queued[entry]
+        if states.expanded[current]:
             continue
-        states.expanded[here] = True
-        place, moves = states.place[here], states.moves[here] + 1
-        left, only, done = states.left[here], -1, True
+        states.expanded[current] = True
+        place, moves = states.place[current], states.moves[current] + 1
+        remaining, only, complete = states.left[current], -1, True
         for i in range(words):
-            done = done and left[i] == ZERO
-        if done:
-            progress[GOAL] = here
+            complete = complete and remaining[i] == ZERO
+        if complete:
+            progress[GOAL] = current
             return FOUND
         if ahead[place, 0] < 0:
             return UNEXPLORED
@@ -233,32 +233,32 @@ def search(graph, prices, states, progress, wanted):
             # later one of the same wall. Not so under tilt, where a slide probes a wall at its end.
             for c in range(commands):
                 for i in range(words):
-                    if ahead[place, c] == place and left[i] & tried[place, c, i] != ZERO:
+                    if ahead[place, c] == place and remaining[i] & tried[place, c, i] != ZERO:
                         only = c
         for c in range(commands):
             if only >= 0 and c != only:
                 continue
-            there, changed = ahead[place, c], ahead[place, c] != place
+            successor, changed = ahead[place, c], ahead[place, c] != place
             for i in range(words):
-                wanted[i] = left[i] & ~tried[place, c, i]
-                changed = changed or wanted[i] != left[i]
+                unclassified[i] = remaining[i] & ~tried[place, c, i]
+                changed = changed or unclassified[i] != remaining[i]
             if not changed:
                 continue
-            slot = slot_of(there, wanted, states)
+            slot = slot_of(successor, unclassified, states)
             state = states.slots[slot]
             if state >= 0 and states.moves[state] <= moves:
                 continue
-            more = estimate(there, wanted, prices)
+            more = estimate(successor, unclassified, prices)
             if more >= FAR:
                 continue
             if state < 0:
                 state = progress[COUNT]
                 progress[COUNT] += 1
                 states.slots[slot] = state
-                states.place[state] = there
+                states.place[state] = successor
                 for i in range(words):
-                    states.left[state, i] = wanted[i]
-            states.moves[state], states.before[state], states.command[state] = moves, here, c
+                    states.left[state, i] = unclassified[i]
+            states.moves[state], states.before[state], states.command[state] = moves, current, c
             states.expanded[state] = False
             entry = progress[ENTRIES]
             progress[ENTRIES] += 1

@@ -74,11 +74,15 @@ def dilate(words, within, out, first, last, field):
     negative indices in the loops, so that the compiler can use vector instructions.
     """
     width = field.width
-    here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
+    current, left, right = (
+        words[first:last],
+        words[first - 1 : last - 1],
+        words[first + 1 : last + 1],
+    )
     above, below = words[first - width : last - width], words[first + width : last + width]
     allowed, result = within[first:last], out[first:last]
     for i in range(result.shape[0]):
-        cells = (here[i] << ONE) | (here[i] >> ONE) | (left[i] >> TOP) | (right[i] << TOP)
+        cells = (current[i] << ONE) | (current[i] >> ONE) | (left[i] >> TOP) | (right[i] << TOP)
         result[i] = (cells | above[i] | below[i]) & allowed[i]
     if field.layers > 1:
         layer = width * field.rows
@@ -88,11 +92,11 @@ def dilate(words, within, out, first, last, field):
 
 
 @in_place_kernel
-def meets(one, other):
+def meets(board_a, board_b):
     """Return whether two boards have a cell in common."""
     common = ZERO
-    for i in range(one.shape[0]):
-        common |= one[i] & other[i]
+    for i in range(board_a.shape[0]):
+        common |= board_a[i] & board_b[i]
     return common != ZERO
 
 
@@ -154,28 +158,28 @@ def row_range(words, width, first, last):
 
 
 @in_place_kernel
-def common_columns(one, other, columns):
+def common_columns(board_a, board_b, columns):
     """Add to ``columns``, a row of words, the columns in which two boards have a common cell.
 
-    The arguments ``one`` and ``other`` are two whole boards, or equal ranges of rows of two boards.
+    ``board_a`` and ``board_b`` are two whole boards, or equal ranges of rows of two boards.
     """
     width = columns.shape[0]
     # a row is too short for vector instructions, so the outer loop is over the words of a row
     if width < 8:
         for k in range(width):
             common = columns[k]
-            for i in range(k, one.shape[0], width):
-                common |= one[i] & other[i]
+            for i in range(k, board_a.shape[0], width):
+                common |= board_a[i] & board_b[i]
             columns[k] = common
         return
-    for first in range(0, one.shape[0], width):
-        a, b = one[first : first + width], other[first : first + width]
+    for first in range(0, board_a.shape[0], width):
+        a, b = board_a[first : first + width], board_b[first : first + width]
         for k in range(width):
             columns[k] |= a[k] & b[k]
 
 
 @in_place_kernel
-def first_cell(field, search, one, other):
+def first_cell(field, search, board_a, board_b):
     """Return (row, column) of the first common cell of two boards, in the order ``search.order``.
 
     The two boards must have a common cell. ``search.columns`` must contain the columns of all
@@ -191,20 +195,20 @@ def first_cell(field, search, one, other):
             for r in range(rows):
                 for layer in range(layers):
                     i = (layer * rows + r) * width + k
-                    if one[i] & other[i] & leftmost != ZERO:
+                    if board_a[i] & board_b[i] & leftmost != ZERO:
                         return layer * rows + r, 64 * k + lowest(common)
     for r in range(rows):
         for k in range(width):
             common = ZERO
             for layer in range(layers):
                 i = (layer * rows + r) * width + k
-                common |= one[i] & other[i]
+                common |= board_a[i] & board_b[i]
             if common == ZERO:
                 continue
             column = 64 * k + lowest(common)
             for layer in range(layers):
                 row = layer * rows + r
-                if has(one, width, row, column) and has(other, width, row, column):
+                if has(board_a, width, row, column) and has(board_b, width, row, column):
                     return row, column
     return -1, -1
 
@@ -273,15 +277,15 @@ def find_goals(field, search, sources, first, last):
     cache.
     """
     goals, width = search.planes[GOALS], field.width
-    found = False
+    any_goal = False
     block = max(1, BLOCK_WORDS // width) * width
     for start in range(first, last, block):
         end = min(last, start + block)
         dilate(field.frontier, field.open, goals, start, end, field)
         if meets(sources[start:end], goals[start:end]):
-            found = True
+            any_goal = True
             common_columns(sources[start:end], goals[start:end], search.columns)
-    return found
+    return any_goal
 
 
 @in_place_kernel
@@ -306,14 +310,14 @@ def nearest(field, search, sources):
         return trace_back(field, search, row, column, level)
     start_planes(planes, sources)
     low, high = row_range(wave, width, bottom, top)
-    found = False
-    while not found:
+    reached = False
+    while not reached:
         level += 1
         low, high = max(bottom, low - reach), min(top, high + reach)
         if expand(field, planes, low * width, (high + 1) * width, level):
             return 0
         low, high = row_range(wave, width, low, high)
-        found = meets(
+        reached = meets(
             wave[low * width : (high + 1) * width], goals[low * width : (high + 1) * width]
         )
     common_columns(wave, goals, search.columns)
@@ -347,10 +351,10 @@ def key_of(row, column, field, columns, order):
 @in_place_kernel
 def cell_of(key, field, columns, order):
     """Return the cell (row, column) with a given rank. This function is the inverse of `key_of`."""
-    layer, rest = key % field.layers, key // field.layers
+    layer, rank = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
-        return layer * field.rows + rest % field.rows, rest // field.rows
-    return layer * field.rows + rest // columns, rest % columns
+        return layer * field.rows + rank % field.rows, rank // field.rows
+    return layer * field.rows + rank // columns, rank % columns
 
 
 @in_place_kernel
@@ -436,15 +440,15 @@ def nearest_by_tilts(field, search, slides, sources, mapping):
         end = last
         for i in range(first, last):
             row, column = cell_of(slides.queue[i], field, columns, search.order)
-            here = row * columns + column
+            index = row * columns + column
             for command in search.neighbours:
                 r, c, goal = slide(field, row, column, command, mapping)
                 if goal:
-                    return write_plan(search, slides, here, command)
-                there = r * columns + c
-                if slides.origin[there] < 0:
-                    slides.origin[there] = here
-                    slides.command[there] = command
+                    return write_plan(search, slides, index, command)
+                next_index = r * columns + c
+                if slides.origin[next_index] < 0:
+                    slides.origin[next_index] = index
+                    slides.command[next_index] = command
                     slides.queue[end] = key_of(r, c, field, columns, search.order)
                     end += 1
         first, last = last, end

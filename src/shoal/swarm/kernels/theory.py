@@ -11,13 +11,13 @@ FAR = 1 << 30
 
 
 @in_place_kernel
-def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
+def fewest_both_ways(free, offsets, required, particles, back, forth, costs, before, stack):
     """Return the smallest i + j for which i commands ``back`` and j commands ``forth`` are enough
-    to reach every wanted cell.
+    to reach every required cell.
 
     Commands other than ``back`` and ``forth`` cost nothing. The function tries each number i in
-    turn. If the path to a wanted cell has at most i commands ``back``, the path needs a certain
-    number of commands ``forth``. The number j is the maximum of this number over all wanted cells.
+    turn. If the path to a required cell has at most i commands ``back``, the path needs a certain
+    number of commands ``forth``. The number j is its maximum over all required cells.
     """
     best = FAR
     for cell in range(costs.shape[0]):
@@ -33,7 +33,7 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
         fewest_paid(free, offsets, back, forth, costs, stack)
         most = 0
         for cell in range(costs.shape[0]):
-            if wanted[cell]:
+            if required[cell]:
                 most = max(most, costs[cell])
         best = min(best, a + most)
         a += 1
@@ -67,27 +67,27 @@ def fewest_paid(free, offsets, barred, paid, costs, stack):
             for command in range(offsets.shape[0]):
                 if command == barred:
                     continue
-                there = cell + offsets[command]
+                neighbour = cell + offsets[command]
                 cost = level + (1 if command == paid or paid < 0 else 0)
-                if cost < costs[there]:
-                    costs[there] = cost
-                    if cost == level and free[there]:
-                        stack[size] = there
+                if cost < costs[neighbour]:
+                    costs[neighbour] = cost
+                    if cost == level and free[neighbour]:
+                        stack[size] = neighbour
                         size += 1
         level += 1
 
 
 @in_place_kernel
-def ends_of(ahead, may_stay, free, wanted, cell, command, slides, ends):
+def ends_of(ahead, may_stay, free, required, cell, command, slides, ends):
     """Write where a particle can end after one command, and return how many ends there are. An end
-    is 2 * cell, or 2 * cell + 1 if the particle has classified its wanted cell.
+    is 2 * cell, or 2 * cell + 1 if the particle has classified its required cell.
     """
     size, steps = 0, 0
     while True:
         if free[cell] and (may_stay[command, cell] or (steps == 1 and not slides)):
             ends[size] = 2 * cell
             size += 1
-        if steps > 0 and wanted[cell]:
+        if steps > 0 and required[cell]:
             ends[size] = 2 * cell + 1
             size += 1
         if not free[cell] or (steps == 1 and not slides) or ahead[command, cell] < 0:
@@ -97,11 +97,13 @@ def ends_of(ahead, may_stay, free, wanted, cell, command, slides, ends):
 
 
 @in_place_kernel
-def reach_pairs(ahead, may_stay, free, wanted, starts, several, slides, seen, queue, ends, fewest):
-    """Write the smallest number of commands for each pair of wanted cells to ``fewest``.
+def reach_pairs(
+    ahead, may_stay, free, required, starts, several, slides, visited, queue, ends, fewest
+):
+    """Write the smallest number of commands for each pair of required cells to ``fewest``.
 
     A breadth-first search. In a state (x, y), the particles at x and y are both under way; in a
-    state size + (x, y), the first has classified the wanted cell x, and the second is under way.
+    state size + (x, y), the first has classified the required cell x, and the second is under way.
     ``ends`` holds the ends of both particles, and ``queue`` the states in the order of the search.
     """
     m = free.shape[0]
@@ -111,8 +113,8 @@ def reach_pairs(ahead, may_stay, free, wanted, starts, several, slides, seen, qu
         for j in range(starts.shape[0]):
             if several or i == j:
                 state = starts[i] * m + starts[j]
-                if not seen[state]:
-                    seen[state] = True
+                if not visited[state]:
+                    visited[state] = True
                     queue[last] = state
                     last += 1
     first, commands = 0, 0
@@ -122,32 +124,34 @@ def reach_pairs(ahead, may_stay, free, wanted, starts, several, slides, seen, qu
         while first < until:
             state = queue[first]
             first += 1
-            done = state >= size
+            classified = state >= size
             x, y = (state % size) // m, state % m
             for command in range(ahead.shape[0]):
-                many = 1
-                if done:
+                first_count = 1
+                if classified:
                     ends[0, 0] = 2 * x + 1
                 else:
-                    many = ends_of(ahead, may_stay, free, wanted, x, command, slides, ends[0])
-                others = ends_of(ahead, may_stay, free, wanted, y, command, slides, ends[1])
-                for i in range(many):
-                    for j in range(others):
-                        one, other = ends[0, i], ends[1, j]
-                        if other & 1 and not one & 1:
-                            one, other = other, one
-                        pair = (one >> 1) * m + (other >> 1)
-                        if one & 1 and other & 1:
-                            mirror = (other >> 1) * m + (one >> 1)
+                    first_count = ends_of(
+                        ahead, may_stay, free, required, x, command, slides, ends[0]
+                    )
+                second_count = ends_of(ahead, may_stay, free, required, y, command, slides, ends[1])
+                for i in range(first_count):
+                    for j in range(second_count):
+                        end_a, end_b = ends[0, i], ends[1, j]
+                        if end_b & 1 and not end_a & 1:
+                            end_a, end_b = end_b, end_a
+                        pair = (end_a >> 1) * m + (end_b >> 1)
+                        if end_a & 1 and end_b & 1:
+                            mirror = (end_b >> 1) * m + (end_a >> 1)
                             if fewest[pair] < 0:
                                 fewest[pair] = commands
                             if fewest[mirror] < 0:
                                 fewest[mirror] = commands
                             continue
-                        if one & 1:
+                        if end_a & 1:
                             pair += size
-                        if not seen[pair]:
-                            seen[pair] = True
+                        if not visited[pair]:
+                            visited[pair] = True
                             queue[last] = pair
                             last += 1
 

@@ -98,7 +98,9 @@ class MapFormat:
     sized: bool = False
 
 
-def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOptions], Cells]:
+def _without_spacing(
+    read: Callable[[Path, MapOptions], Mask],
+) -> Callable[[Path, MapOptions], Cells]:
     return lambda path, options: (read(path, options), None)
 
 
@@ -110,11 +112,11 @@ def _picture_format(suffix: str) -> MapFormat:
 
 FORMATS: dict[str, MapFormat] = {
     **{suffix: _picture_format(suffix) for suffix in PICTURES},
-    ".txt": MapFormat(_unsized(read_rows), encode_rows, kind=KINDS["table"]),
-    ".map": MapFormat(_unsized(read_movingai), encode_movingai, kind=KINDS["letters"]),
-    ".csv": MapFormat(_unsized(read_csv), encode_csv, kind=KINDS["table"]),
-    ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3), KINDS["array"]),
-    ".mat": MapFormat(_unsized(read_matlab), kind=KINDS["table"]),
+    ".txt": MapFormat(_without_spacing(read_rows), encode_rows, kind=KINDS["table"]),
+    ".map": MapFormat(_without_spacing(read_movingai), encode_movingai, kind=KINDS["letters"]),
+    ".csv": MapFormat(_without_spacing(read_csv), encode_csv, kind=KINDS["table"]),
+    ".npy": MapFormat(_without_spacing(read_npy), encode_npy, (2, 3), KINDS["array"]),
+    ".mat": MapFormat(_without_spacing(read_matlab), kind=KINDS["table"]),
     **{
         suffix: MapFormat(
             read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"], sized=True
@@ -159,7 +161,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     MissingExtraError
         Raised if the file needs a library that is not installed.
     """
-    source, chosen = as_path(path), map_options(options)
+    source, settings = as_path(path), map_options(options)
     suffix = _suffix(source)
     # unlike Path.is_dir, it accepts names of any length
     folder = bool(source.name) and os.path.isdir(source)
@@ -169,25 +171,25 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
         )
     try:
         if folder and (files := dicom_files(source)):
-            check_used(KINDS["volume"], chosen.given_values, where=str(source))
-            free, spacing = read_series(source, files, chosen)
+            check_used(KINDS["volume"], settings.given_values, where=str(source))
+            free, spacing = read_series(source, files, settings)
         elif folder:
-            check_used(KINDS["slices"], chosen.given_values, where=str(source))
-            free, spacing = read_slices(source, chosen), None
+            check_used(KINDS["slices"], settings.given_values, where=str(source))
+            free, spacing = read_slices(source, settings), None
         else:
-            check_used(FORMATS[suffix].kind, chosen.given_values, where=str(source))
+            check_used(FORMATS[suffix].kind, settings.given_values, where=str(source))
             check_file(source, what="map", most=LARGEST_FILE)
-            free, spacing = FORMATS[suffix].read(source, chosen)
+            free, spacing = FORMATS[suffix].read(source, settings)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    return named_after(
+    return name_workspace(
         source,
-        join_diagonals(np.asarray(free) != 0) if chosen.join_diagonals else free,
+        join_diagonals(np.asarray(free) != 0) if settings.join_diagonals else free,
         spacing=spacing,
     )
 
 
-def named_after(
+def name_workspace(
     path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None
 ) -> GridWorkspace:
     """Return a workspace whose name is the file name without the suffix. Error messages contain the
@@ -235,18 +237,18 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     check_kind(workspace, GridWorkspace, what="workspace")
     target = as_path(path)
     suffix = _suffix(target)
-    written = {known: form for known, form in FORMATS.items() if form.encode is not None}
-    if suffix not in written:
+    writers = {ending: form for ending, form in FORMATS.items() if form.encode is not None}
+    if suffix not in writers:
         raise InvalidInputError(
-            f"{target}: expected one of the suffixes {' '.join(written)}, got {suffix!r}"
+            f"{target}: expected one of the suffixes {' '.join(writers)}, got {suffix!r}"
         )
-    if workspace.ndim not in written[suffix].dimensions:
-        others = [other for other, form in written.items() if workspace.ndim in form.dimensions]
+    if workspace.ndim not in writers[suffix].dimensions:
+        suffixes = [ending for ending, form in writers.items() if workspace.ndim in form.dimensions]
         raise InvalidInputError(
-            f"{target}: expected {', '.join(others)} for a {workspace.ndim}-D workspace, got"
+            f"{target}: expected {', '.join(suffixes)} for a {workspace.ndim}-D workspace, got"
             f" {suffix!r}"
         )
-    encode = written[suffix].encode
+    encode = writers[suffix].encode
     assert encode is not None
     with atomic(target) as temporary:
         # Encode in memory first, because Pillow does not detect a partial write on a full disk.
@@ -303,7 +305,7 @@ def open_map(
     #.
     .#
     """
-    chosen = map_options(options)  # checks all values, whatever the source of the map
+    settings = map_options(options)  # checks all values, whatever the source of the map
     if width is not None:
         check_integer(width, what="width", least=1)
     of_vessels = {
@@ -314,49 +316,49 @@ def open_map(
         "bright": bright,
         "thickest": thickest,
     }
-    given = {name: value for name, value in of_vessels.items() if value is not None} | dict(
-        chosen.given_values
+    values = {name: value for name, value in of_vessels.items() if value is not None} | dict(
+        settings.given_values
     )
     if isinstance(place, GridWorkspace):
-        check_used(KINDS["workspace"], given)
+        check_used(KINDS["workspace"], values)
         return place
     if not isinstance(place, str | os.PathLike):
-        check_used(KINDS["numbers"], given)
+        check_used(KINDS["numbers"], values)
         array = check_array(place, expected="map: expected rows of booleans or numbers")
-        if chosen.by_number or chosen.invert or chosen.join_diagonals:
+        if settings.by_number or settings.invert or settings.join_diagonals:
             if array.ndim not in (2, 3):
                 raise InvalidInputError(
                     f"map: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
                 )
-            array = free_in_array(array, chosen, where="map")
+            array = free_in_array(array, settings, where="map")
         workspace = GridWorkspace(array)
-        if chosen.join_diagonals:
+        if settings.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
         return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
     # unlike Path.is_file, it accepts names of any length
-    named = is_spec(text) and not os.path.isfile(path)
-    if named or (not path.suffix and not os.path.exists(path)):
-        check_used(Kind(f"the generated map {text!r}"), given)
+    generated = is_spec(text) and not os.path.isfile(path)
+    if generated or (not path.suffix and not os.path.exists(path)):
+        check_used(Kind(f"the generated map {text!r}"), values)
         return GridWorkspace(generate_cached(text), name=text)
     if vessels:
-        check_used(KINDS["photograph"], given, where=text)
-        mapped = vessel_map(path, **given)
-        tell_once(mapped.notice(str(path)))
-        return named_after(path, mapped.free)
+        check_used(KINDS["photograph"], values, where=text)
+        vessel_network = vessel_map(path, **values)
+        tell_once(vessel_network.notice(str(path)))
+        return name_workspace(path, vessel_network.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
     # the reader of the file checks the other options
     beside = "width", *(["vessels"] if is_picture else [])
     check_used(
         Kind(
-            "a file that is no picture" if "vessels" in given else "a map file",
-            frozenset((*chosen.given_values, *beside)),
+            "a file that is no picture" if "vessels" in values else "a map file",
+            frozenset((*settings.given_values, *beside)),
         ),
-        given,
+        values,
         where=text,
     )
-    if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
+    if width is not None and (scale := scale_of_width(path, width, settings.scale)) is not None:
         options = options | {"scale": scale}
     workspace = fit_width(read_map(path, **options), width, where=str(path))
     tell_of_contacts(
@@ -472,7 +474,9 @@ def _vessels_in(
 def _finder_of(
     path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]
 ) -> imaging.VesselFinder:
-    given = dict(options)
-    pixels = read_pixels(path, channel=given.pop("channel", None), frame=given.pop("frame", None))
+    settings = dict(options)
+    pixels = read_pixels(
+        path, channel=settings.pop("channel", None), frame=settings.pop("frame", None)
+    )
     with errors_at(path):
-        return imaging.VesselFinder(pixels, **given)
+        return imaging.VesselFinder(pixels, **settings)

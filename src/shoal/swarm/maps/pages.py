@@ -203,8 +203,8 @@ def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
     file.seek(28)
     bits = int.from_bytes(file.read(2), "little")
     file.seek(place)
-    taken = {"1": 1, "L": 8}.get(image.mode, bits)
-    if bits not in {4, 8} or bits == taken:
+    assumed_bits = {"1": 1, "L": 8}.get(image.mode, bits)
+    if bits not in {4, 8} or bits == assumed_bits:
         return
     greys = [0, 255] if image.mode == "1" else range(16)
     codec, box, offset, args = image.tile[0]  # type: ignore[attr-defined]
@@ -274,8 +274,10 @@ def _check_pixels(
     wide = {"1": 1, "L": 1, "P": 1, "I;16": 2}.get(image.mode, 4)
     # A turned picture is in memory twice, and for the ground of transparent pixels a picture is
     # read twice at the same time.
-    twice = image.has_transparency_data or _is_turned(image)
-    check_data(path, pixels * wide * (1 + twice), most=LARGEST_PICTURE if most is None else most)
+    second_copy = image.has_transparency_data or _is_turned(image)
+    check_data(
+        path, pixels * wide * (1 + second_copy), most=LARGEST_PICTURE if most is None else most
+    )
 
 
 def _check_tiles(path: Path, image: Image) -> None:
@@ -307,12 +309,12 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     image.load()
     if image.mode in {"P", "PA"}:
         palette = _palette_of(image)
-    whole = ImageOps.exif_transpose(image) if _is_turned(image) else image
-    step = max(1, PIECE // max(1, whole.width))
-    for first in range(0, whole.height, step):
-        band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
-        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
-            first_row=first, rows=whole.height
+    upright = ImageOps.exif_transpose(image) if _is_turned(image) else image
+    step = max(1, PIECE // max(1, upright.width))
+    for first in range(0, upright.height, step):
+        band = upright.crop((0, first, upright.width, min(upright.height, first + step)))
+        yield _decode(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
+            first_row=first, rows=upright.height
         )
 
 
@@ -323,7 +325,7 @@ def _is_turned(image: Image) -> bool:
     return image.format != "TIFF" and image.getexif().get(ORIENTATION, 1) != 1
 
 
-def _decoded(
+def _decode(
     band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool
 ) -> Page:
     """Return the numbers of a band of a page."""
@@ -386,7 +388,7 @@ def _palette_of(image: Image) -> NDArray[np.uint8]:
     return palette
 
 
-def _turned(numbers: NDArray[Any], orientation: int) -> NDArray[Any]:
+def _orient(numbers: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Return an array of pixels as its EXIF orientation says that the picture is seen."""
     if orientation >= 5:
         numbers = numbers.swapaxes(0, 1)
@@ -410,8 +412,10 @@ def _by_tifffile(path: Path, options: MapOptions) -> Iterator[Picture]:
         spacing = opened.spacing
         if opened.depth == 1 and spacing is not None:
             spacing = (1.0, *spacing[1:])
-        known = None if spacing is None or spacing[0] is None else spacing
-        yield Picture(_tiff_pages(opened), spacing=known, channels_chosen=opened.channels_chosen)
+        complete_spacing = None if spacing is None or spacing[0] is None else spacing
+        yield Picture(
+            _tiff_pages(opened), spacing=complete_spacing, channels_chosen=opened.channels_chosen
+        )
     finally:
         opened.close()
 
@@ -424,7 +428,7 @@ def _tiff_pages(opened: tiff.Tiff) -> Iterator[Page]:
         white = float(2**opened.bits - 1)
     names = _tiff_names(opened)
     for page in opened.pages():
-        numbers = _turned(
+        numbers = _orient(
             page[..., 0] if page.ndim == 3 and page.shape[-1] == 1 else page, opened.orientation
         )
         flat = numbers.ndim == 2
@@ -475,7 +479,7 @@ def size_of_picture(path: Path) -> tuple[int, int]:
     """Return the columns and rows of a picture, of which only the header is read."""
     from PIL import Image
 
-    other = InvalidInputError(
+    refusal = InvalidInputError(
         f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
     )
     try:
@@ -488,10 +492,10 @@ def size_of_picture(path: Path) -> tuple[int, int]:
             return image.size
     except Exception:  # Pillow, as tifffile, raises many kinds of exceptions for damaged files
         if not path.suffix.lower().startswith(".tif"):
-            raise other from None
+            raise refusal from None
     try:
         return tiff.size_of(path)
     except MissingExtraError:
         raise
     except Exception:
-        raise other from None
+        raise refusal from None

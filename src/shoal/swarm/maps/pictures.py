@@ -97,8 +97,8 @@ def read_slices(folder: Path, options: MapOptions) -> Mask:
     # [0-9] and not str.isdigit, which is true of superscript digits that int refuses
     files.sort(
         key=lambda path: [
-            int(part) if re.fullmatch("[0-9]+", part) else part
-            for part in re.split("([0-9]+)", path.name)
+            int(token) if re.fullmatch("[0-9]+", token) else token
+            for token in re.split("([0-9]+)", path.name)
         ]
     )
     _tell_of_gaps(folder, files)
@@ -113,11 +113,13 @@ def _tell_of_gaps(folder: Path, files: list[Path]) -> None:
     if len({len(parts) for parts in names}) > 1:
         return
     columns = [column for column in zip(*names, strict=True) if len({*column}) > 1]
-    if len(columns) != 1 or not all(re.fullmatch("[0-9]+", part) for part in columns[0]):
+    if len(columns) != 1 or not all(re.fullmatch("[0-9]+", digits) for digits in columns[0]):
         return
-    numbers = [int(part) for part in columns[0]]
+    numbers = [int(digits) for digits in columns[0]]
     step = min(np.diff(numbers))
-    gap = next((one for one, other in pairwise(numbers) if other - one > step), None)
+    gap = next(
+        (number for number, following in pairwise(numbers) if following - number > step), None
+    )
     if gap is not None and len(numbers) > 2:
         tell_once(
             f"shoal: warning: {folder}: no picture has the number {gap + step}; a slice may be"
@@ -210,10 +212,15 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
         best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
     if workspace.spacing is not None and PICTURES[suffix] == "TIFF":
         *between, height, width = workspace.spacing
-        about = ["ImageJ=1.54", f"images={len(layers)}", f"slices={len(layers)}", "unit=mm"]
-        about += [f"spacing={distance!r}" for distance in between]
+        metadata = ["ImageJ=1.54", f"images={len(layers)}", f"slices={len(layers)}", "unit=mm"]
+        metadata += [f"spacing={distance!r}" for distance in between]
         # TIFF: ImageDescription, XResolution and YResolution in pixels a unit, ResolutionUnit none
-        best["tiffinfo"] = {270: "\n".join([*about, ""]), 282: 1 / width, 283: 1 / height, 296: 1}
+        best["tiffinfo"] = {
+            270: "\n".join([*metadata, ""]),
+            282: 1 / width,
+            283: 1 / height,
+            296: 1,
+        }
     buffer = io.BytesIO()
     first.save(buffer, format=PICTURES[suffix], **best)
     return buffer.getvalue()
@@ -310,12 +317,12 @@ class _Source:
                     if not band.first_row:
                         count, number = count + 1, number + 1
                         name = str(file) if self.folder else f"{file}: page {number}"
-                        size = self._checked(file, band, name, count, number, size)
+                        size = self._check_page(file, band, name, count, number, size)
                     by_axis = self.options.channel is None or picture.channels_chosen
                     yield name, band if by_axis else _one_channel(band, self.options.channel, file)
                 self.spacing = picture.spacing
 
-    def _checked(
+    def _check_page(
         self,
         file: Path,
         band: Page,
@@ -330,23 +337,23 @@ class _Source:
         if self.folder and number > 1:
             raise InvalidInputError(f"{file}: expected a slice, got a picture of several pages")
         self.rows = band.rows or len(band.numbers)
-        found = (self.rows, band.numbers.shape[1])
-        self.cells = found[0] * found[1]
-        if size is not None and found != size:
-            sides = ["x".join(map(str, reversed(one))) for one in (size, found)]
+        extent = (self.rows, band.numbers.shape[1])
+        self.cells = extent[0] * extent[1]
+        if size is not None and extent != size:
+            sides = ["x".join(map(str, reversed(pair))) for pair in (size, extent)]
             raise InvalidInputError(
                 f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}"
             )
         layers = max(count, len(self.files))
-        check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in found))
+        check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in extent))
         if self.options.join_diagonals and layers * self.cells > MOST_JOINED:
             raise InvalidInputError(
                 f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling,"
                 f" got {layers * self.cells}"
             )
         # one byte a pixel until the map is scaled
-        check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)
-        return found
+        check_data(where, layers * extent[0] * extent[1], most=LARGEST_PICTURE)
+        return extent
 
     def numbers(self) -> Iterator[NDArray[Any]]:
         """Return the numbers of each page, of pages with one number for each pixel."""
@@ -394,8 +401,8 @@ class _Source:
         pages = self._extremes
         return (
             len(pages) > 1
-            and any(one.has_two for one in pages)
-            and all(one.low == one.high or (one.has_two and one.low == 0) for one in pages)
+            and any(page.has_two for page in pages)
+            and all(page.low == page.high or (page.has_two and page.low == 0) for page in pages)
         )
 
     def brightness(self) -> Iterator[NDArray[Any]]:
@@ -467,8 +474,8 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
         # the same on all pages, whatever colours a page shows
         if option == "label" and page.numbered:
             return page.numbers
-        used = page.palette[np.unique(page.numbers)]
-        if (used[:, :3] == used[:, :1]).all():
+        entries = page.palette[np.unique(page.numbers)]
+        if (entries[:, :3] == entries[:, :1]).all():
             return np.asarray(page.palette[:, 0][page.numbers])
         raise InvalidInputError(
             f"{name}: level: expected one number for each pixel, got a palette of colours (--label,"
@@ -482,7 +489,7 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
         return colours[..., 0]
     raise InvalidInputError(
         f"{name}: {option}: expected one number for each pixel, got the channels"
-        f" {_listed(page.names)} (choose one by --channel)"
+        f" {_channel_list(page.names)} (choose one by --channel)"
     )
 
 
@@ -492,8 +499,12 @@ def _ground_of(pages: Iterable[Page]) -> float:
     A drawing on a transparent ground is visible on a ground of the opposite brightness: white lines
     mean a black ground. The ground is therefore the opposite of most opaque pixels.
     """
-    seen = [_opaque(page) for page in pages]
-    return 0.0 if sum(one.bright for one in seen) > sum(one.dark for one in seen) else 1.0
+    opaque = [_opaque(page) for page in pages]
+    return (
+        0.0
+        if sum(counts.bright for counts in opaque) > sum(counts.dark for counts in opaque)
+        else 1.0
+    )
 
 
 class _Opaque(NamedTuple):
@@ -517,9 +528,10 @@ def _opaque(page: Page) -> _Opaque:
         light = (_grey_of(page.numbers[..., :-1]) / np.float32(white)).ravel()
     else:
         return _Opaque(0, 0, False)
-    seen = opacity >= 0.5
+    opaque = opacity >= 0.5
     bright, dark = (
-        float(counts[seen & side].sum(dtype=np.float64)) for side in (light >= WHITE, light < WHITE)
+        float(counts[opaque & side].sum(dtype=np.float64))
+        for side in (light >= WHITE, light < WHITE)
     )
     return _Opaque(bright, dark, bool(counts[opacity < 1].any()))
 
@@ -560,8 +572,8 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
         )
     else:
         raise InvalidInputError(
-            f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose"
-            " one by --channel)"
+            "expected a grey or a colour picture, got the channels"
+            f" {_channel_list(page.names)} (choose one by --channel)"
         )
     if not page.white_is_zero:
         return grey
@@ -587,7 +599,7 @@ def _lightness_of_mask(numbers: NDArray[Any], lightest: Any) -> NDArray[Any]:
     )
 
 
-def _listed(names: list[str]) -> str:
+def _channel_list(names: list[str]) -> str:
     """Return the names of channels as a text; a channel without a name has its number."""
     return ", ".join(
         name or str(number) for number, name in enumerate(names[:SHOWN], start=1)
@@ -600,7 +612,5 @@ def _grey_of(colours: NDArray[Any]) -> NDArray[Any]:
     """
     if colours.shape[-1] == 1:
         return colours[..., 0]
-    weighted = colours[..., :3].astype(np.float32) @ np.array(LUMA, dtype=np.float32)
-    return np.asarray(
-        np.rint(weighted).astype(colours.dtype) if colours.dtype.kind in "ui" else weighted
-    )
+    luma = colours[..., :3].astype(np.float32) @ np.array(LUMA, dtype=np.float32)
+    return np.asarray(np.rint(luma).astype(colours.dtype) if colours.dtype.kind in "ui" else luma)

@@ -122,18 +122,18 @@ PHOTOGRAPH_REASONS: dict[str, str] = {
 """The reasons for which the option ``vessels`` excludes another reading option."""
 
 
-def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None:
+def check_used(kind: Kind, options: Mapping[str, Any], *, where: str = "") -> None:
     """Refuse reading options that have no effect on a kind of map.
 
     Parameters
     ----------
     kind : Kind
-    given : mapping
+    options : mapping
         Name and value of each option that the user has set.
     where : str
         Name of the map in the error message.
     """
-    for name, value in given.items():
+    for name, value in options.items():
         if name not in kind.options:
             reasons = REASONS | (PHOTOGRAPH_REASONS if kind is KINDS["photograph"] else {})
             place = f"{where}: " if where else ""
@@ -152,7 +152,7 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
             )
 
 
-def check_channel(given: Any) -> int | str | None:
+def check_channel(channel: Any) -> int | str | None:
     """Check the name or the number of a channel. A text of digits is a number.
 
     Examples
@@ -160,21 +160,22 @@ def check_channel(given: Any) -> int | str | None:
     >>> check_channel("2"), check_channel("green")
     (2, 'green')
     """
-    if given is None:
+    if channel is None:
         return None
-    if isinstance(given, str) and given.strip() and not given.strip().isdecimal():
-        return given.strip()
+    if isinstance(channel, str) and channel.strip() and not channel.strip().isdecimal():
+        return channel.strip()
     number = (
-        int(given)
-        if isinstance(given, str)
-        and given.strip().isdecimal()
-        and given.isascii()
-        and len(given) < 10
-        else given
+        int(channel)
+        if isinstance(channel, str)
+        and channel.strip().isdecimal()
+        and channel.isascii()
+        and len(channel) < 10
+        else channel
     )
     if isinstance(number, str):
         raise InvalidInputError(
-            f"channel: expected the name of a channel or its number from 1, got {shortened(given)}"
+            "channel: expected the name of a channel or its number from 1, got"
+            f" {shortened(channel)}"
         )
     return check_integer(number, what="channel", least=1)
 
@@ -288,9 +289,10 @@ class MapOptions(Problem):
             if (value := getattr(self, name)) is not None
         ]
         if len(decided) > 1:
-            (first, value), (second, other) = decided[:2]
+            (first, value), (second, second_value) = decided[:2]
             raise InvalidInputError(
-                f"{first}: expected a {first} or a {second}, got both: {value:g} and {other:g}"
+                f"{first}: expected a {first} or a {second}, got both: {value:g} and"
+                f" {second_value:g}"
             )
 
     @property
@@ -332,16 +334,16 @@ def index_of(
         Raised if the axis has several entries and none is chosen, or if the axis does not contain
         the chosen entry.
     """
-    named = [
+    entries = [
         f"{number} ({name})" if name else str(number)
         for number, name in enumerate(names[:8], start=1)
     ]
-    there = ", ".join(named) + (f", … {len(names)}" if len(names) > 8 else "")
+    choices = ", ".join(entries) + (f", … {len(names)}" if len(names) > 8 else "")
     if channel is None:
         if len(names) == 1:
             return 0
         raise InvalidInputError(
-            f"{where}: expected the choice of one {axis} (--{axis}), got {len(names)}: {there}"
+            f"{where}: expected the choice of one {axis} (--{axis}), got {len(names)}: {choices}"
         )
     number = check_channel(channel)
     if len(names) == 1 and not names[0] and number == 1:
@@ -351,7 +353,7 @@ def index_of(
     lower = [name.lower() for name in names]
     if isinstance(number, str) and number.lower() in lower:
         return lower.index(number.lower())
-    raise InvalidInputError(f"{where}: {axis}: expected one of {there}, got {shortened(channel)}")
+    raise InvalidInputError(f"{where}: {axis}: expected one of {choices}, got {shortened(channel)}")
 
 
 AXES = {"frame": "a time axis", "channel": "channels"}

@@ -261,17 +261,17 @@ def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     large = np.bincount(parts.ravel(), share.ravel()) >= HALF
     if count and not large[1:].any():
         large[1 + int(np.argmax(np.bincount(parts.ravel(), share.ravel())[1:]))] = True
-        which, kept = (
+        which, pronoun = (
             ("the only part is smaller", "it")
             if count == 1
             else (f"all {count} parts are smaller", "the largest")
         )
         tell_once(
-            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {kept} is"
+            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {pronoun} is"
             " kept (a larger --scale or --width keeps more)"
         )
-    elif lost := count - int(np.count_nonzero(large[1:])):
-        which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
+    elif dropped := count - int(np.count_nonzero(large[1:])):
+        which = "1 part is smaller" if dropped == 1 else f"{dropped} parts are smaller"
         tell_once(
             f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped"
             " (--scale, --width)"
@@ -298,43 +298,49 @@ def _thin(free: Mask, share: Shares) -> None:
     # last the cells inside, which are holes of the picture; before, they would open a grid of holes
     # in a spotted picture
     for level, passes in (*((level, outside) for level in LEVELS), (HALF, (0, *outside))):
-        left = np.flatnonzero(cells & ~core & (shares < level))
+        candidates = np.flatnonzero(cells & ~core & (shares < level))
         before = -1
-        while len(left) != before:
-            before = len(left)
+        while len(candidates) != before:
+            before = len(candidates)
             for step in passes:
-                near = cells[left[:, None] + steps]
+                near = cells[candidates[:, None] + steps]
                 degree = near.sum(axis=1)
                 # beside a thick vessel: no end of a line
-                stump = (degree == 1) & core[left + steps[near.argmax(axis=1)]]
-                fit = ~cells[left + step] & ((degree > 1) | stump) if step else near.all(axis=1)
-                _remove_simple(cells, left[fit], steps, padded.shape)
-                left = left[cells[left]]
+                stump = (degree == 1) & core[candidates + steps[near.argmax(axis=1)]]
+                fit = (
+                    ~cells[candidates + step] & ((degree > 1) | stump) if step else near.all(axis=1)
+                )
+                _remove_simple(cells, candidates[fit], steps, padded.shape)
+                candidates = candidates[cells[candidates]]
     free[...] = padded[(slice(1, -1),) * free.ndim]
 
 
-def _remove_simple(cells: Mask, chosen: Indices, steps: Indices, shape: tuple[int, ...]) -> None:
+def _remove_simple(
+    cells: Mask, candidates: Indices, steps: Indices, shape: tuple[int, ...]
+) -> None:
     """Remove the chosen cells one after the other, if the neighbours of a cell stay connected
     beside the cell.
 
     Cells with equal parities of all coordinates do not change each other's neighbourhoods, so they
     are removed at once.
     """
-    parity = sum((place % 2) << axis for axis, place in enumerate(np.unravel_index(chosen, shape)))
+    parity = sum(
+        (place % 2) << axis for axis, place in enumerate(np.unravel_index(candidates, shape))
+    )
     corners = [pair for pair in combinations(range(len(steps)), 2) if pair[0] // 2 != pair[1] // 2]
     for group in range(1 << len(shape)):
-        at = chosen[parity == group]
+        at = candidates[parity == group]
         near = cells[at[:, None] + steps]
         reached = near & (np.arange(len(steps)) == near.argmax(axis=1)[:, None])
         joined = [
-            near[:, one] & near[:, two] & cells[at + steps[one] + steps[two]]
-            for one, two in corners
+            near[:, first] & near[:, second] & cells[at + steps[first] + steps[second]]
+            for first, second in corners
         ]
         for _ in range(len(steps) - 1):
-            for (one, two), open_ in zip(corners, joined, strict=True):
-                both = open_ & (reached[:, one] | reached[:, two])
-                reached[:, one] |= both
-                reached[:, two] |= both
+            for (first, second), open_ in zip(corners, joined, strict=True):
+                connected = open_ & (reached[:, first] | reached[:, second])
+                reached[:, first] |= connected
+                reached[:, second] |= connected
         cells[at[(reached == near).all(axis=1) & near.any(axis=1)]] = False
 
 
@@ -415,20 +421,20 @@ def _contacts(
     With ``axes``, yield only directions along so many axes. A contact of two parts at an edge of
     3-D cells counts once.
     """
-    for way in product((-1, 0, 1), repeat=parts.ndim):
-        step = np.array(way)
+    for direction in product((-1, 0, 1), repeat=parts.ndim):
+        step = np.array(direction)
         count = np.count_nonzero(step)
         if count < 2 or step[np.flatnonzero(step)[0]] < 0 or (axes is not None and count != axes):
             continue
         first = tuple(
-            slice(max(0, -one), side - max(0, one))
-            for one, side in zip(way, parts.shape, strict=True)
+            slice(max(0, -offset), side - max(0, offset))
+            for offset, side in zip(direction, parts.shape, strict=True)
         )
         second = tuple(
-            slice(max(0, one), side - max(0, -one))
-            for one, side in zip(way, parts.shape, strict=True)
+            slice(max(0, offset), side - max(0, -offset))
+            for offset, side in zip(direction, parts.shape, strict=True)
         )
         apart = (parts[first] > 0) & (parts[second] > 0) & (parts[first] != parts[second])
-        at = np.argwhere(apart) + np.array([part.start for part in first])
+        at = np.argwhere(apart) + np.array([window.start for window in first])
         if len(at):
             yield at, step

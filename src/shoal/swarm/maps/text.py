@@ -94,10 +94,10 @@ def read_movingai(path: Path, options: MapOptions) -> Mask:
             " file"
         )
     cells = _cells(path, body, number + 1, free=".GS", blocked="@OTW")
-    for key, got in (("height", cells.shape[0]), ("width", cells.shape[1])):
-        if sizes.get(key, got) != got:
+    for key, size in (("height", cells.shape[0]), ("width", cells.shape[1])):
+        if sizes.get(key, size) != size:
             raise InvalidInputError(
-                f"{path}: expected {key} {sizes[key]} according to the header, got {got}"
+                f"{path}: expected {key} {sizes[key]} according to the header, got {size}"
             )
     return ~cells if options.invert else cells
 
@@ -142,13 +142,13 @@ def _cells(path: Path, rows: Sequence[str], first_line: int, *, free: str, block
             f"{path}, line {first_line}: expected a row of cells, got an empty line"
         )
     check_size(path, len(rows), width)
-    known = re.compile(f"[{re.escape(free + blocked)}]*")
+    pattern = re.compile(f"[{re.escape(free + blocked)}]*")
     table = np.zeros(128, dtype=np.bool_)
     table[[ord(letter) for letter in free]] = True
     cells = np.zeros((len(rows), width), dtype=np.bool_)
     for number, row in enumerate(rows):
-        good = known.match(row)
-        end = good.end() if good else 0
+        match = pattern.match(row)
+        end = match.end() if match else 0
         if end < len(row):
             raise InvalidInputError(
                 f"{path}, line {first_line + number}, column {end + 1}: expected one of"
@@ -180,12 +180,14 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
         )
     # one digit a cell, without anything between the digits
     single = all(row.isascii() and row.isdigit() for _, row in rows())
-    known: set[float] = set()  # the number of free cells, as soon as it is known
-    first = _numbers(path, *next(rows()), single=single, options=options, known=known)
+    free_numbers: set[float] = set()  # the number of free cells, as soon as it is known
+    first = _numbers(path, *next(rows()), single=single, options=options, free_numbers=free_numbers)
     check_size(path, count, len(first))
     table = np.zeros((count, len(first)), dtype=first.dtype)
     for index, (number, line) in enumerate(rows()):
-        row = _numbers(path, number, line, single=single, options=options, known=known)
+        row = _numbers(
+            path, number, line, single=single, options=options, free_numbers=free_numbers
+        )
         if len(row) != len(first):
             raise InvalidInputError(
                 f"{path}, line {number}: expected {len(first)} cells as in the first row, got"
@@ -198,7 +200,13 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
 
 
 def _numbers(
-    path: Path, line_number: int, line: str, *, single: bool, options: MapOptions, known: set[float]
+    path: Path,
+    line_number: int,
+    line: str,
+    *,
+    single: bool,
+    options: MapOptions,
+    free_numbers: set[float],
 ) -> NDArray[Any]:
     """Return the numbers of one line of a table. Without a level or a label, each number is 0, NaN,
     or one common other number.
@@ -216,22 +224,22 @@ def _numbers(
                 f" {len(line)}"
             )
         mark = "," if "," in line else ";" if ";" in line else ""
-        separated = line.split(mark) if mark else line.split()
+        fields = line.split(mark) if mark else line.split()
         try:  # Python takes 1_0 for 10, which is a slip in a table
-            numbers = None if "_" in line else np.array(separated, dtype=np.float64)
+            numbers = None if "_" in line else np.array(fields, dtype=np.float64)
         except ValueError:
             numbers = None
     else:
         numbers = digits
-    if numbers is not None and (options.by_number or _is_mask(numbers, known)):
+    if numbers is not None and (options.by_number or _is_mask(numbers, free_numbers)):
         return numbers
-    words = list(line) if single else separated if digits is None else re.split("[ \t,;]", line)
+    words = list(line) if single else fields if digits is None else re.split("[ \t,;]", line)
     for column, word in enumerate(words, start=1):
         if not _is_number(word) or not (
-            options.by_number or _is_mask(np.array([float(word)]), known)
+            options.by_number or _is_mask(np.array([float(word)]), free_numbers)
         ):
             hint = " (--level and --label take other numbers)" if _is_number(word) else ""
-            expected = "a number" if options.by_number else f"0 or {next(iter(known), 1):g}"
+            expected = "a number" if options.by_number else f"0 or {next(iter(free_numbers), 1):g}"
             raise InvalidInputError(
                 f"{path}, line {line_number}, column {column}: expected {expected}, got"
                 f" {word.strip()[:20]!r}{hint}"
@@ -254,14 +262,14 @@ def _single_digits(line: str) -> NDArray[np.uint8] | None:
     return digits
 
 
-def _is_mask(numbers: NDArray[Any], known: set[float]) -> bool:
-    """Return whether all numbers other than 0 and NaN are the number in ``known``, to which the
-    first such number is added.
+def _is_mask(numbers: NDArray[Any], free_numbers: set[float]) -> bool:
+    """Return whether all numbers other than 0 and NaN are the number in ``free_numbers``, to which
+    the first such number is added.
     """
     free = numbers[(numbers != 0) & ~np.isnan(numbers)]
-    if free.size and not known and (free == free[0]).all():
-        known.add(float(free[0]))
-    return not free.size or bool((free == next(iter(known), np.nan)).all())
+    if free.size and not free_numbers and (free == free[0]).all():
+        free_numbers.add(float(free[0]))
+    return not free.size or bool((free == next(iter(free_numbers), np.nan)).all())
 
 
 def _is_number(word: str) -> bool:
@@ -326,10 +334,10 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
             step = max(1, PIECE // max(1, row)) * row
             for first in range(0, prod(shape), max(1, step)):
                 numbers = file.read(min(step, prod(shape) - first) * dtype.itemsize)
-                yield np.frombuffer(numbers, dtype=dtype).reshape(-1, *stored[1:])
+                yield np.frombuffer(numbers, dtype=dtype).reshape(-1, *stored_shape[1:])
 
-        stored = shape[::-1] if fortran else shape
-        row = prod(stored[1:])
+        stored_shape = shape[::-1] if fortran else shape
+        row = prod(stored_shape[1:])
         if (
             channel is None
             and axes == 3
@@ -344,14 +352,14 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
         if channel is None:
             free = np.concatenate(
                 [
-                    np.zeros((0, *stored[1:]), np.bool_),
+                    np.zeros((0, *stored_shape[1:]), np.bool_),
                     *free_by_number(pieces, options, where=str(path)),
                 ]
             )
             return np.ascontiguousarray(free.T) if fortran else free
-        whole = np.concatenate([*pieces()]).reshape(stored)
-        chosen = np.ascontiguousarray((whole.T if fortran else whole)[..., channel])
-        return free_in_array(chosen, options, where=str(path))
+        array = np.concatenate([*pieces()]).reshape(stored_shape)
+        selection = np.ascontiguousarray((array.T if fortran else array)[..., channel])
+        return free_in_array(selection, options, where=str(path))
 
 
 def read_matlab(path: Path, options: MapOptions) -> Mask:
@@ -365,22 +373,22 @@ def read_matlab(path: Path, options: MapOptions) -> Mask:
 
     with reading(path, "a MATLAB file (.mat)"):
         try:
-            stored = whosmat(path)
-            found = [
-                one
-                for one in stored
-                if one[2] in MATLAB_NUMBERS and len(one[1]) in (2, 3) and prod(one[1]) > 0
+            entries = whosmat(path)
+            matrices = [
+                entry
+                for entry in entries
+                if entry[2] in MATLAB_NUMBERS and len(entry[1]) in (2, 3) and prod(entry[1]) > 0
             ]
         except NotImplementedError:
             raise InvalidInputError(
                 f"{path}: expected a MATLAB file up to version 7, got version 7.3 (save(..., '-v7')"
                 " in MATLAB writes version 7)"
             ) from None
-        large = [one for one in found if sum(side > 1 for side in one[1]) > 1] or found
+        large = [entry for entry in matrices if sum(side > 1 for side in entry[1]) > 1] or matrices
         if len(large) != 1:
             sizes = [
                 (f"{name} {'x'.join(map(str, shape))}", kind)
-                for name, shape, kind in large[:8] or stored[:8]
+                for name, shape, kind in large[:8] or entries[:8]
             ]
             names = (
                 ", ".join(words if large else f"{words} ({kind})" for words, kind in sizes)

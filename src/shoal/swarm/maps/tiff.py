@@ -63,10 +63,10 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
     extra = extra if isinstance(extra, tuple) else (extra,)
     # samples by photometric interpretation
     plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(photometric, 0)
-    known = samples == plain or (
+    standard = samples == plain or (
         samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2)
     )
-    return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
+    return max(bits) > 8 or kind != 1 or not standard or (planar == 2 and samples != 3)
 
 
 def _tifffile() -> Any:
@@ -189,42 +189,44 @@ class Tiff:
         sides = [
             int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"
         ]
-        chosen = [index for axis, index in zip(axes, self._index, strict=True) if axis not in "YXS"]
+        selection = [
+            index for axis, index in zip(axes, self._index, strict=True) if axis not in "YXS"
+        ]
         within = tuple(axis for axis in axes if axis in "YXS")
         count = int(np.prod(sides, dtype=np.int64))
         by_page = len(series.pages) == count and not (
             "S" in axes and any(axes.index("S") < axes.index(axis) for axis in outer)
         )
-        whole = None
+        array = None
         if not by_page:
             check_data(self.path, int(np.prod(series.shape, dtype=np.int64)) * self.dtype.itemsize)
-            whole = self._decoded(series)
+            array = self._decode(series)
             order = [axes.index(axis) for axis in (*outer, *within)]
-            whole = whole.transpose(order).reshape(
-                count, *(whole.shape[axes.index(axis)] for axis in within)
+            array = array.transpose(order).reshape(
+                count, *(array.shape[axes.index(axis)] for axis in within)
             )
         numbers = np.arange(count).reshape(sides) if sides else np.zeros((), dtype=np.int64)
-        for number in np.atleast_1d(numbers[tuple(chosen)] if sides else numbers).ravel():
-            if whole is not None:
-                page = whole[number]
+        for number in np.atleast_1d(numbers[tuple(selection)] if sides else numbers).ravel():
+            if array is not None:
+                page = array[number]
             else:
                 source = series.pages[int(number)]
                 if source is None:
                     raise ValueError(f"page {int(number) + 1} is missing")
                 check_data(self.path, int(source.size) * self.dtype.itemsize)
-                page = self._decoded(source)
+                page = self._decode(source)
                 page = page.reshape([series.shape[axes.index(axis)] for axis in within])
             if "S" in within and within[0] == "S":
                 page = np.moveaxis(page, 0, -1)
             yield page
 
-    def _decoded(self, source: Any) -> NDArray[Any]:
+    def _decode(self, source: Any) -> NDArray[Any]:
         try:
             return np.asarray(source.asarray())
         except (ValueError, ImportError, NotImplementedError) as error:
             if "imagecodecs" not in str(error):
                 raise
-            if (page := self._unpacked(source)) is not None or (
+            if (page := self._unpack(source)) is not None or (
                 page := self._by_pillow(source)
             ) is not None:
                 return page
@@ -234,7 +236,7 @@ class Tiff:
                 " the file without compression)"
             ) from None
 
-    def _unpacked(self, source: Any) -> NDArray[Any] | None:
+    def _unpack(self, source: Any) -> NDArray[Any] | None:
         """Return a page of whole numbers of few or odd bits, which follow each other without a gap
         inside a row.
 

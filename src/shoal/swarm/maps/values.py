@@ -44,7 +44,7 @@ def free_by_number(
         numbers, such as intensities or probabilities.
     """
     free = Bands(packed=packed)
-    missing, other = 0, Extremes()
+    missing, extremes = 0, Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
@@ -56,20 +56,21 @@ def free_by_number(
             cells = piece != 0
             if nan is not None:
                 cells &= ~nan
-            other.add(piece[cells] if piece.dtype.kind != "b" else np.zeros(0))
-            if other.low != other.high or (other.low is not None and other.low < 0):
-                several = f"{other.low} and " if other.low != other.high else ""
+            extremes.add(piece[cells] if piece.dtype.kind != "b" else np.zeros(0))
+            below = extremes.low is not None and extremes.low < 0
+            if extremes.low != extremes.high or below:
+                several = f"{extremes.low} and " if extremes.low != extremes.high else ""
                 raise InvalidInputError(
                     f"{where}: expected 0 for obstacles and one number above 0 for free cells, got"
-                    f" {several}{other.high}{_cell_of(pieces, other.high)} (choose the level from"
-                    " which cells are free, or the label of free cells)"
+                    f" {several}{extremes.high}{_cell_of(pieces, extremes.high)} (choose the level"
+                    " from which cells are free, or the label of free cells)"
                 )
-        free.add(_inverted(np.asarray(cells), nan, options))
+        free.add(_free_of(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
     if options.label is not None and free.free == (free.size if options.invert else 0):
         raise InvalidInputError(
             f"{where}: expected cells of label {shortened(options.label)}, got none"
-            f" ({_there(pieces)})"
+            f" ({_label_list(pieces)})"
         )
     return free
 
@@ -122,21 +123,21 @@ def free_by_brightness(
     free. Masks with the values 0 and 1, as other programs write them, are almost black, so that
     half of white is no boundary for them.
     """
-    known = white is not None
+    white_known = white is not None
     white = _largest(pieces, where) if white is None else white
     threshold = WHITE if options.threshold is None else options.threshold
     # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
     least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
     free = Bands(packed=packed)
     extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
-    for given in pieces():
-        piece = given.view(np.uint8) if given.dtype == np.bool_ else given
-        if known and piece.dtype.kind == "u" and not isinstance(least, int):
+    for numbers in pieces():
+        piece = numbers.view(np.uint8) if numbers.dtype == np.bool_ else numbers
+        if white_known and piece.dtype.kind == "u" and not isinstance(least, int):
             least = int(np.ceil(least))  # whole numbers are compared without conversion
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         extremes.add(piece if nan is None else piece[~nan])
-        free.add(_inverted(np.asarray(piece >= least), nan, options))
+        free.add(_free_of(np.asarray(piece >= least), nan, options))
         sample = piece[tuple(slice(None, None, max(1, side // 256)) for side in piece.shape)]
         middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
         looked_at += sample.size
@@ -144,7 +145,7 @@ def free_by_brightness(
     if options.threshold is None and extremes.has_two:
         if not extremes.low < least <= extremes.high:
             dark, light = number_of(extremes.low), number_of(extremes.high)
-            of_white = f" of {white:g}" if known else ""
+            of_white = f" of {white:g}" if white_known else ""
             tell_once(
                 f"shoal: {where}: the picture has two brightnesses,"
                 f" {min(dark, light):g} and {max(dark, light):g}{of_white}; it is read as a mask,"
@@ -156,15 +157,15 @@ def free_by_brightness(
         return free
     if options.threshold is None and all_masks():
         black = number_of(0)
-        others = f"every brightness {'below' if number_of(1) < black else 'above'} {black:g}"
+        condition = f"every brightness {'below' if number_of(1) < black else 'above'} {black:g}"
         tell_once(
             f"shoal: {where}: each picture has at most two brightnesses, {black:g} and one that"
             " differs between the pictures; they are read as masks, in which"
-            f" {f'{black:g}' if options.invert else others} is free (--threshold,"
+            f" {f'{black:g}' if options.invert else condition} is free (--threshold,"
             " --level or --label decide otherwise)"
         )
         return _of_pieces(pieces, lambda piece: piece > 0, options, where=where, packed=packed)
-    if not known and extremes.low != extremes.high:
+    if not white_known and extremes.low != extremes.high:
         if options.threshold is None and piece.dtype.kind in "iu":
             raise InvalidInputError(
                 f"{where}: expected a picture whose white is known, got {piece.dtype} values from"
@@ -200,7 +201,7 @@ def free_by_brightness(
 
 def _of_pieces(
     pieces: Pieces,
-    chosen: Callable[[Numbers], Any],
+    test: Callable[[Numbers], Any],
     options: MapOptions,
     *,
     where: str,
@@ -208,7 +209,7 @@ def _of_pieces(
 ) -> Bands:
     free = Bands(packed=packed)
     for piece in pieces():
-        free.add(_inverted(np.asarray(chosen(piece)), _not_a_number(piece, pieces, where), options))
+        free.add(_free_of(np.asarray(test(piece)), _not_a_number(piece, pieces, where), options))
     return free
 
 
@@ -231,11 +232,11 @@ class Bands(list[Numbers]):
 
     def unpacked(self) -> Iterator[Mask]:
         """Return the masks one after the other."""
-        for one in self:
+        for mask in self:
             yield (
-                np.unpackbits(one, axis=-1, count=self._width).view(np.bool_)
+                np.unpackbits(mask, axis=-1, count=self._width).view(np.bool_)
                 if self.packed
-                else one
+                else mask
             )
 
 
@@ -258,8 +259,8 @@ class Extremes:
             return
         low, high = numbers.min(), numbers.max()
         if self._only_two:
-            seen = {*(() if self.low is None else (self.low, self.high)), low, high}
-            self._only_two = len(seen) <= 2 and bool(((numbers == low) | (numbers == high)).all())
+            values = {*(() if self.low is None else (self.low, self.high)), low, high}
+            self._only_two = len(values) <= 2 and bool(((numbers == low) | (numbers == high)).all())
         self.low = low if self.low is None else min(self.low, low)
         self.high = high if self.high is None else max(self.high, high)
 
@@ -273,7 +274,7 @@ def in_pieces(array: Numbers) -> Iterator[Numbers]:
         yield array[first : first + step]
 
 
-def _inverted(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
+def _free_of(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
     """Exchange free cells and obstacles if ``invert`` is set. What has no number is an obstacle in
     both cases.
     """
@@ -316,17 +317,17 @@ def _largest(pieces: Pieces, where: str) -> float:
     return max(float(extremes.high or 0), 1e-30)
 
 
-def _there(pieces: Pieces) -> str:
+def _label_list(pieces: Pieces) -> str:
     """Return a text that lists the first numbers of a file."""
-    seen: set[Any] = set()
+    labels: set[Any] = set()
     for piece in pieces():
-        seen.update(np.unique(piece)[: SHOWN + 1].tolist())
-        if len(seen) > SHOWN:
+        labels.update(np.unique(piece)[: SHOWN + 1].tolist())
+        if len(labels) > SHOWN:
             break
-    numbers = sorted(number for number in seen if not np.isnan(number))[:SHOWN]
+    numbers = sorted(number for number in labels if not np.isnan(number))[:SHOWN]
     return (
         "the labels in the map are"
-        f" {', '.join(f'{number:g}' for number in numbers)}{', …' * (len(seen) > SHOWN)}"
+        f" {', '.join(f'{number:g}' for number in numbers)}{', …' * (len(labels) > SHOWN)}"
     )
 
 

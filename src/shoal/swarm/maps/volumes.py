@@ -118,8 +118,8 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
             )
         check_size(path, *shape[:3])
         size = prod(shape[:3]) * dtype.itemsize
-        whole = prod(shape) * dtype.itemsize
-        check_data(path, whole if path.name.lower().endswith(".gz") else size)
+        total = prod(shape) * dtype.itemsize
+        check_data(path, total if path.name.lower().endswith(".gz") else size)
         times, channels = (*shape[3:], 1, 1)[:2]
         choices = AxisChoices(path, options)
         time = choices.index("frame", [""] * times)
@@ -128,12 +128,13 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         skipped = size * (time + times * channel)
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
         slope, shift = (
-            1.0 if one is None else float(one) for one in (image.dataobj.slope, image.dataobj.inter)
+            1.0 if factor is None else float(factor)
+            for factor in (image.dataobj.slope, image.dataobj.inter)
         )
         begin = int(image.dataobj.offset)
 
         def pieces() -> Iterator[NDArray[Any]]:
-            for values in _streamed(path, begin, skipped, size, whole, dtype):
+            for values in _stream(path, begin, skipped, size, total, dtype):
                 numbers = values if colour is None else values[colours[colour]]
                 yield numbers if (slope, shift) == (1.0, 0.0) else numbers * slope + shift
 
@@ -145,8 +146,8 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         sides = tuple(float(side) * unit for side in image.header.get_zooms()[:3])
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
-        turned, sides = in_front_of_body(free, sides, image.affine[:3, :3], where=path)
-    return turned, _checked_sides(path, sides)
+        oriented, sides = in_front_of_body(free, sides, image.affine[:3, :3], where=path)
+    return oriented, _check_sides(path, sides)
 
 
 def in_front_of_body(
@@ -188,14 +189,14 @@ def in_front_of_body(
             f" to {angle:.0f} degrees; the map keeps the axes of the volume"
         )
     order = [axis_of[1], axis_of[2], axis_of[0]]  # front to back, head to foot, right to left
-    turned = free.transpose(order)
+    oriented = free.transpose(order)
     # The view is towards the back: layers, rows and columns run against the axes of space (front,
     # head, right).
     steps = tuple(
         slice(None, None, -1 if directions[space, axis_of[space]] >= 0 else 1)
         for space in (1, 2, 0)
     )
-    return np.ascontiguousarray(turned[steps]), tuple(sides[axis] for axis in order)
+    return np.ascontiguousarray(oriented[steps]), tuple(sides[axis] for axis in order)
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
@@ -226,39 +227,39 @@ def _nifti_kind(path: Path, nibabel: Any) -> Any:
     )
 
 
-def _streamed(
-    path: Path, begin: int, skipped: int, size: int, whole: int, dtype: np.dtype[Any]
+def _stream(
+    path: Path, begin: int, skipped: int, size: int, total: int, dtype: np.dtype[Any]
 ) -> Iterator[NDArray[Any]]:
     """Return the numbers of a volume piece by piece, and read a compressed file to its end, which
     verifies its checksum.
 
     Parameters
     ----------
-    begin, skipped, size, whole : int
+    begin, skipped, size, total : int
         Bytes before the data, bytes of other volumes before the volume, bytes of the volume, and
         bytes of all data.
     """
     packed = path.name.lower().endswith(".gz")
     with gzip.open(path) if packed else path.open("rb") as file:
-        rest = begin + skipped
+        offset = begin + skipped
         if packed:  # seeking in a compressed file would unfold it without a limit
-            while rest and (piece := file.read(min(rest, CHUNK))):
-                rest -= len(piece)
+            while offset and (piece := file.read(min(offset, CHUNK))):
+                offset -= len(piece)
         else:
-            file.seek(rest)
+            file.seek(offset)
         for first in range(0, size, PIECE * dtype.itemsize):
-            wanted = min(PIECE * dtype.itemsize, size - first)
-            piece = file.read(wanted)
-            if len(piece) < wanted:
+            length = min(PIECE * dtype.itemsize, size - first)
+            piece = file.read(length)
+            if len(piece) < length:
                 raise ValueError(f"expected {size} bytes of data, got {first + len(piece)}")
             yield np.frombuffer(piece, dtype=dtype)
         if packed:
-            more, most = skipped + size, whole + CHUNK
+            more, most = skipped + size, total + CHUNK
             while piece := file.read(CHUNK):
                 more += len(piece)
                 if more > most:
                     raise InvalidInputError(
-                        f"{path}: expected {begin + whole} bytes of a volume according to the"
+                        f"{path}: expected {begin + total} bytes of a volume according to the"
                         " header, got more"
                     )
 
@@ -294,14 +295,14 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             raise ValueError(f"expected {header.get('dimension')} sizes, got {len(sides)}")
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
-        picked: dict[int, int] = {}
+        selection: dict[int, int] = {}
         choices = AxisChoices(path, options)
         for axis, (side, kind) in enumerate(zip(sides, kinds, strict=True)):
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
             name = "frame" if kind in {"time", "list"} else "channel"
-            picked[axis] = choices.index(name, [""] * side)
+            selection[axis] = choices.index(name, [""] * side)
         choices.check_used()
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
             raise InvalidInputError(
@@ -310,15 +311,15 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             )
         check_size(path, *(sides[axis] for axis in domain))
         data = _nrrd_data(path, header, begin, prod(sides)).reshape(sides, order="F")
-        data = data[tuple(picked.get(axis, slice(None)) for axis in range(len(sides)))]
+        data = data[tuple(selection.get(axis, slice(None)) for axis in range(len(sides)))]
         free = free_in_array(data.T, options, where=str(path)).T
         lengths, directions = _nrrd_space(header, domain)
         if directions is not None and len(domain) == 3:
             assert lengths is not None
-            turned, lengths = in_front_of_body(free, lengths, directions, where=path)
+            oriented, lengths = in_front_of_body(free, lengths, directions, where=path)
         else:
-            turned, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
-    return turned, lengths and _checked_sides(path, lengths)
+            oriented, lengths = np.ascontiguousarray(free.T), lengths and lengths[::-1]
+    return oriented, lengths and _check_sides(path, lengths)
 
 
 def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
@@ -399,8 +400,8 @@ def _nrrd_space(
     factor = (
         (millimetres(str(units[0]).strip('"')) or 1.0) if units is not None and len(units) else 1.0
     )
-    found = header.get("space directions")
-    if found is None:
+    header_vectors = header.get("space directions")
+    if header_vectors is None:
         spacings = header.get("spacings")
         if spacings is None:
             return None, None
@@ -408,7 +409,7 @@ def _nrrd_space(
         return (
             lengths if all(isfinite(length) and length > 0 for length in lengths) else None
         ), None
-    vectors = np.array([np.asarray(found[axis], dtype=np.float64) for axis in domain])
+    vectors = np.array([np.asarray(header_vectors[axis], dtype=np.float64) for axis in domain])
     if not np.isfinite(vectors).all():
         raise ValueError("a direction of an axis is not finite")
     lengths = tuple(float(np.linalg.norm(vector)) * factor for vector in vectors)
@@ -586,9 +587,9 @@ def _dicom_cells(
     if free.ndim == 3:
         sides = None if within is None or distance is None else (distance, *within)
     if directions is not None and free.ndim == 3:
-        free, turned = in_front_of_body(free, sides or (1.0, 1.0, 1.0), directions, where=where)
-        sides = sides and turned  # without a size of pixels, the map has none
-    return free, sides and _checked_sides(where, sides)
+        free, oriented = in_front_of_body(free, sides or (1.0, 1.0, 1.0), directions, where=where)
+        sides = sides and oriented  # without a size of pixels, the map has none
+    return free, sides and _check_sides(where, sides)
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
@@ -676,7 +677,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _checked_sides(path: Path, sides: tuple[float, ...]) -> tuple[float, ...]:
+def _check_sides(path: Path, sides: tuple[float, ...]) -> tuple[float, ...]:
     if not all(isfinite(side) and side > 0 for side in sides):
         raise InvalidInputError(f"{path}: expected voxels with sides above 0, got {sides}")
     return sides

@@ -54,7 +54,7 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """
     if codes.ndim == 3:
         gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white columns between layers
-        codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
+        codes = np.hstack([strip for layer in codes for strip in (layer, gap)][:-1])
     return COLOURS[codes]
 
 
@@ -88,8 +88,8 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
     count = -(-width // strip)
     sheet = np.full((count * (height + 1) - 1, strip, 3), 255, dtype=np.uint8)
     for i in range(count):
-        part = raster[:, i * strip : (i + 1) * strip]
-        sheet[i * (height + 1) : i * (height + 1) + height, : part.shape[1]] = part
+        segment = raster[:, i * strip : (i + 1) * strip]
+        sheet[i * (height + 1) : i * (height + 1) + height, : segment.shape[1]] = segment
     return sheet
 
 
@@ -130,9 +130,9 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
             f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
         )
     if array.dtype.kind == "f" and not np.isfinite(array).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        cell = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InvalidInputError(
-            f"workspace: expected finite numbers, got {array[bad]} at cell {bad}"
+            f"workspace: expected finite numbers, got {array[cell]} at cell {cell}"
         )
     if array.size == 0:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")

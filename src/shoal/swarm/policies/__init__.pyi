@@ -12,8 +12,8 @@ from .gathering import GatherBeam as GatherBeam
 from .gathering import Pairwise as Pairwise
 from .model import Model as Model
 from .names import POLICIES as POLICIES
+from .names import display_name as display_name
 from .names import make_policy as make_policy
-from .names import shown_name as shown_name
 from .names import with_budget as with_budget
 from .planners.beam_rollout import BeamRollout as BeamRollout
 from .planners.beam_rollout import GreedyClassify as GreedyClassify

@@ -217,7 +217,7 @@ class DepthFirst(Compiled):
             cell = tuple(view.occupied.cells[0].tolist())
             trail = _Trail(cell, {cell})
         else:
-            trail = self._noticed(memory, view)
+            trail = self._notice_move(memory, view)
         for command in letters_of(view.occupied.layout.ndim):
             ahead = step_from(trail.cell, command)
             unknown = ahead not in view.belief.known
@@ -229,7 +229,7 @@ class DepthFirst(Compiled):
         return back, _Trail(trail.cell, trail.visited, trail.commands, back, backtracking=True)
 
     @staticmethod
-    def _noticed(trail: _Trail, view: View) -> _Trail:
+    def _notice_move(trail: _Trail, view: View) -> _Trail:
         intended = step_from(trail.cell, trail.last)
         if intended not in view.occupied:
             return trail
@@ -270,7 +270,7 @@ class WallSweep(Compiled):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next command of the sweep's cycle."""
-        now = _Phase() if memory is None else self._noticed(memory, view)
+        now = _Phase() if memory is None else self._notice_move(memory, view)
         if now.phase == 3:
             if now.gain == 0:
                 return "", now
@@ -278,7 +278,7 @@ class WallSweep(Compiled):
         return ("l", "ur", "dl")[now.phase][now.second], now
 
     @staticmethod
-    def _noticed(now: _Phase, view: View) -> _Phase:
+    def _notice_move(now: _Phase, view: View) -> _Phase:
         gain = now.gain + view.classified
         if now.phase == 0 or now.second:
             return _Phase(now.phase + (view.travelled == 0), False, gain)
@@ -334,9 +334,10 @@ def check_gathers(policy: Policy, *, gathering: bool) -> None:
     able = getattr(policy, "gathers", None)
     if able is not None and able != gathering:
         name = getattr(policy, "kind", policy.name)
-        wanted = "the task gathering" if able else "a task other than gathering"
+        expected = "the task gathering" if able else "a task other than gathering"
         raise InvalidInputError(
-            f"policy {name}: expected {wanted}, got {'gathering' if gathering else 'another task'}"
+            f"policy {name}: expected {expected}, got"
+            f" {'gathering' if gathering else 'another task'}"
         )
 
 

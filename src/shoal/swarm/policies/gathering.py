@@ -77,10 +77,10 @@ class Pairwise:
 
 def bring_together(grid: PairGrid, swarm: NDArray[np.int64], pair: str, *, replans: bool) -> str:
     """Return the commands that bring two particles together, or "" if no two can meet."""
-    room = 1024
+    capacity = 1024
     steps, queue, mark = (np.zeros(grid.cells.size, dtype=np.int64) for _ in range(3))
     while True:
-        plan = np.zeros(room, dtype=np.int8)
+        plan = np.zeros(capacity, dtype=np.int8)
         length = kernels.unite_pair(
             grid.ahead,
             swarm,
@@ -95,7 +95,7 @@ def bring_together(grid: PairGrid, swarm: NDArray[np.int64], pair: str, *, repla
         )
         if length >= 0:
             return decode(plan[:length])
-        room *= 4
+        capacity *= 4
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def plan_with_beam(
 ) -> tuple[NDArray[np.int8], bool]:
     """Return the commands that a beam search finds, and whether they gather the swarm."""
     commands, m = grid.ahead.shape
-    n, made = swarm.size, width * commands
+    n, successors = swarm.size, width * commands
     plan = np.zeros(LEVELS + 1, dtype=np.int8)
     names = np.random.default_rng(0).integers(1, 2**63, size=m, dtype=np.uint64)
     length, gathered = kernels.search_plan(
@@ -171,10 +171,10 @@ def plan_with_beam(
         swarm,
         np.zeros((width, n), dtype=np.int64),
         np.zeros(width, dtype=np.int64),
-        np.zeros((made, n), dtype=np.int64),
-        np.zeros(made, dtype=np.int64),
-        np.zeros(made, dtype=np.float64),
-        np.zeros(2 * made, dtype=np.int64),
+        np.zeros((successors, n), dtype=np.int64),
+        np.zeros(successors, dtype=np.int64),
+        np.zeros(successors, dtype=np.float64),
+        np.zeros(2 * successors, dtype=np.int64),
         np.zeros((LEVELS, width), dtype=np.int32),
         np.zeros((LEVELS, width), dtype=np.int8),
         names,

@@ -68,7 +68,7 @@ class Model:
     def __post_init__(self) -> None:
         for operator in RANDOM:
             if _has(self.file, _version(self.file), operator):
-                raise _refused(self.file, f"the operator {operator}, whose results are random")
+                raise _refusal(self.file, f"the operator {operator}, whose results are random")
         _session(self.file, _version(self.file))
 
     @property
@@ -100,23 +100,24 @@ class Model:
         """Return the network's rating of each command; float64, shape (4,)."""
         version = _version(self.file)
         session = _session(self.file, version)
-        told = np.zeros((1, 4), dtype=np.float32)
+        last_command = np.zeros((1, 4), dtype=np.float32)
         if last >= 0:
-            told[0, last] = 1
-        names = {one.name for one in session.get_inputs()}
-        given = {"planes": planes[None], "last": told}
+            last_command[0, last] = 1
+        names = {argument.name for argument in session.get_inputs()}
+        values = {"planes": planes[None], "last": last_command}
+        inputs = {name: values[name] for name in names}
         # a dropout is random if the network was saved as for training
         times = 2 if _has(self.file, version, "Dropout") else 1
         try:
-            rated = [session.run(None, {name: given[name] for name in names}) for _ in range(times)]
-            ratings = np.array(rated[0][0], dtype=np.float64).ravel()
-            again = np.array(rated[-1][0], dtype=np.float64).ravel()
+            outputs = [session.run(None, inputs) for _ in range(times)]
+            ratings = np.array(outputs[0][0], dtype=np.float64).ravel()
+            again = np.array(outputs[-1][0], dtype=np.float64).ravel()
         except Exception as error:  # the library's own kinds of error
-            raise _refused(self.file, describe_error(error)) from None
+            raise _refusal(self.file, describe_error(error)) from None
         if not np.array_equal(ratings, again, equal_nan=True):
-            raise _refused(self.file, "the operator Dropout in the mode for training")
+            raise _refusal(self.file, "the operator Dropout in the mode for training")
         if ratings.shape != (4,) or not np.isfinite(ratings).all():
-            raise _refused(self.file, f"ratings {ratings.tolist()!r:.60}")
+            raise _refusal(self.file, f"ratings {ratings.tolist()!r:.60}")
         return ratings
 
 
@@ -145,10 +146,10 @@ def useful_commands(view: View) -> NDArray[np.bool_]:
 
 def _version(file: str) -> tuple[int, int]:
     try:
-        found = os.stat(file)
+        stat = os.stat(file)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"policy model: cannot read {file!r}: {error}") from None
-    return found.st_mtime_ns, found.st_size
+    return stat.st_mtime_ns, stat.st_size
 
 
 @lru_cache(maxsize=64)
@@ -176,15 +177,15 @@ def _session(file: str, version: tuple[int, int]) -> Any:
             file, sess_options=options, providers=["CPUExecutionProvider"]
         )
     except Exception as error:  # the library's own kinds of error
-        raise _refused(file, describe_error(error)) from None
-    names = [one.name for one in session.get_inputs()]
+        raise _refusal(file, describe_error(error)) from None
+    names = [argument.name for argument in session.get_inputs()]
     if "planes" not in names or not set(names) <= set(INPUTS):
-        raise _refused(file, f"the inputs {', '.join(names) or 'none'}")
+        raise _refusal(file, f"the inputs {', '.join(names) or 'none'}")
     return session
 
 
-def _refused(file: str, got: str) -> InvalidInputError:
+def _refusal(file: str, reason: str) -> InvalidInputError:
     return InvalidInputError(
         f"policy model: expected a file with an ONNX network of the inputs planes and perhaps"
-        f" last, and one rating for each of four commands, got {file}: {got}"
+        f" last, and one rating for each of four commands, got {file}: {reason}"
     )

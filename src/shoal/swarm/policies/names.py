@@ -42,33 +42,35 @@ def make_policy(policy: str | Policy) -> Policy:
         methods of `Policy`. If the attribute is a class, the policy is an object of this class,
         made without arguments.
     """
-    made = configured(POLICIES, policy) if isinstance(policy, str) else policy
-    if not isinstance(made, Policy):
+    instance = configured(POLICIES, policy) if isinstance(policy, str) else policy
+    if not isinstance(instance, Policy):
         raise InvalidInputError(
             "policy: expected a name, or an object with a name and a method decide, got"
-            f" {shortened(made)}"
+            f" {shortened(instance)}"
         )
-    return made
+    return instance
 
 
-def shown_name(policy: Policy, given: str | Policy) -> str:
+def display_name(policy: Policy, specification: str | Policy) -> str:
     """Return the name of a policy for output that people read.
 
-    If ``given`` is a text "module:attribute:options", the name ends with the options.
+    If ``specification`` is a text "module:attribute:options", the name ends with the options.
 
     Parameters
     ----------
     policy : Policy
         The policy object that a problem uses.
-    given : str or Policy
+    specification : str or Policy
         The policy as the user named it.
     """
-    module, *rest = given.split(":", 2) if isinstance(given, str) else ("",)
-    added = rest[1] if len(rest) == 2 and module not in POLICIES else ""
-    return policy.name if not added or policy.name.endswith(added) else f"{policy.name}:{added}"
+    module, *parts = specification.split(":", 2) if isinstance(specification, str) else ("",)
+    options = parts[1] if len(parts) == 2 and module not in POLICIES else ""
+    return (
+        policy.name if not options or policy.name.endswith(options) else f"{policy.name}:{options}"
+    )
 
 
-def with_budget(policy: Policy, **wanted: float) -> Policy:
+def with_budget(policy: Policy, **limits: float) -> Policy:
     """Return a copy of the policy with new planning limits: ``budget`` in simulated moves per move,
     or ``milliseconds`` per move.
 
@@ -77,7 +79,7 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
     InvalidInputError
         Raised if the policy has no planning limit, or if a limit is out of range.
     """
-    for name, value in wanted.items():
+    for name, value in limits.items():
         if name not in _fields_of(policy):
             able = [kind for kind in POLICIES if name in _fields_of(POLICIES.get(kind))]
             option = "budget" if name == "budget" else "time-per-move"

@@ -98,26 +98,26 @@ def compiled_loop(
     watched = on_moves is not None or on_trace is not None or stop is not None
     # one move of a large swarm may take a second
     first = 2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
-    room, moves, ended = min(first, game.largest), 0, RUNNING
+    length, moves, ended = min(first, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     stopped = False
     while moves < max_moves and ended == RUNNING:
         if stopped := stop is not None and stop():
             break
-        piece = Trace.empty(min(room, max_moves - moves))
+        piece = Trace.empty(min(length, max_moves - moves))
         if scanned is not None:
             piece.scanned[:] = scanned[moves : moves + piece.moves]
         began = time.perf_counter()
         played, ended = game.play_on(piece, max_moves - moves)
         pieces.append(piece.part(0, played))
-        moves, room = moves + played, min(2 * room, game.largest)
+        moves, length = moves + played, min(2 * length, game.largest)
         if on_moves is not None:
             on_moves(moves, game.remaining)
         if on_trace is not None:
             on_trace(pieces[-1])
         if watched:
-            room = max(
-                1, min(room, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began)))
+            length = max(
+                1, min(length, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began)))
             )
     trace = Trace.joined(pieces)
     status = STATUSES[ended]
@@ -196,11 +196,11 @@ class PolicyGame:
         If the maximum number of moves interrupts a run with an uncertain outcome, record a scan
         after the last command.
         """
-        known = (
+        certain = (
             self.policy_state.scanning.kind == episodes.ADAPTIVE
             and self.policy_state.memory.learnt == 0
         )
-        if self.policy_state.memory.run_left == 0 or known:
+        if self.policy_state.memory.run_left == 0 or certain:
             return Status.LIMIT
         trace.scanned[-1] = True
         return Status.LIMIT if self.remaining else Status.COMPLETE
@@ -246,10 +246,10 @@ class PlannerGame:
         status = RUNNING
         piece = TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
-            part = trace.part(moves, moves + piece)
-            with self.pace.timed(self.planner, part.moves):
+            section = trace.part(moves, moves + piece)
+            with self.pace.timed(self.planner, section.moves):
                 played, status = episodes.play_planner(
-                    self.code, self.field, self.rule, self.mapping, self.planner, part
+                    self.code, self.field, self.rule, self.mapping, self.planner, section
                 )
             moves += int(played)
         return moves, int(status)
@@ -297,9 +297,9 @@ class NoisyGame:
         """
         belief, moves, status = self.belief, 0, RUNNING
         while moves < trace.moves and status == RUNNING:
-            part = trace.part(moves, trace.moves)
+            section = trace.part(moves, trace.moves)
             played, status = belief.play(
-                self.search, self.rng, part, every=self.every, limit=limit - moves
+                self.search, self.rng, section, every=self.every, limit=limit - moves
             )
             moves += played
             if status != RUNNING:
@@ -335,11 +335,11 @@ def is_compiled(task: Any) -> bool:
     """Return whether kernels support a task: a built-in task, or a subclass that keeps ``begin``,
     ``update`` and ``mapping``.
     """
-    parts = ("begin", "update", "mapping")
-    builtin = (known for known in (Mapping, Coverage) if isinstance(task, known))
+    methods = ("begin", "update", "mapping")
+    builtin = (base for base in (Mapping, Coverage) if isinstance(task, base))
     return any(
-        all(getattr(type(task), part) is getattr(known, part) for part in parts)
-        for known in builtin
+        all(getattr(type(task), method) is getattr(base, method) for method in methods)
+        for base in builtin
     )
 
 

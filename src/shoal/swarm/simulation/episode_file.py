@@ -113,7 +113,7 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> dict[str, Any]:
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)
-        return _assembled(arrays, trust=trust)
+        return _assemble(arrays, trust=trust)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     except (InvalidInputError, UnknownNameError) as error:
@@ -162,7 +162,9 @@ def _check_sizes(file: BinaryIO) -> None:
     """
     try:
         with zipfile.ZipFile(file) as archive:
-            sizes = {one.filename.removesuffix(".npy"): one.file_size for one in archive.infolist()}
+            sizes = {
+                entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()
+            }
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
         raise InvalidInputError(" ".join(str(error).split())[:200]) from None
     for name, most in _LIMITS.items():
@@ -192,7 +194,7 @@ def _header(raw: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any]:
+def _assemble(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any]:
     header = _header(arrays["header"])
     workspace = _workspace(header["map"], arrays["free"])
     fields = header["problem"]
@@ -210,7 +212,9 @@ def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any
     values: dict[str, Any] = {
         "policy": check_text(header["policy"], what="policy"),
         "status": Status(
-            check_choice(header["status"], what="status", choices=[str(one) for one in Status])
+            check_choice(
+                header["status"], what="status", choices=[str(status) for status in Status]
+            )
         ),
         "seconds": check_number(header["seconds"], what="seconds", least=0),
         "versions": versions,
@@ -228,7 +232,7 @@ def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:
     shape = about.get("shape")
     sides: list[int] = (
         shape
-        if isinstance(shape, list) and all(isinstance(one, int) and one > 0 for one in shape)
+        if isinstance(shape, list) and all(isinstance(side, int) and side > 0 for side in shape)
         else []
     )
     if len(sides) not in (2, 3) or int(np.prod(sides, dtype=object)) > MAX_CELLS:
@@ -240,7 +244,7 @@ def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:
     if spacing is not None:
         if not isinstance(spacing, list):
             raise InvalidInputError(f"spacing: expected sizes of a cell, got {shortened(spacing)}")
-        spacing = tuple(check_number(one, what="spacing", above=0) for one in spacing)
+        spacing = tuple(check_number(side, what="spacing", above=0) for side in spacing)
     return GridWorkspace(
         _mask(free, tuple(sides), "free"),
         name=check_text(about.get("name"), what="map"),

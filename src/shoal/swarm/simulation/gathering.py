@@ -50,14 +50,14 @@ class GatheringGame:
         while moves < trace.moves and status == RUNNING:
             if self.at >= self.plan.size and not self._decide():
                 return moves, STALLED
-            part = trace.part(moves, trace.moves)
+            section = trace.part(moves, trace.moves)
             played, status = kernels.follow(
                 self.field,
                 RULE_CODES[self.rule],
                 self.region,
                 self.plan,
                 self.at,
-                part,
+                section,
                 self.left,
             )
             self.at, moves, self.moves = self.at + played, moves + played, self.moves + played

@@ -107,12 +107,12 @@ class PlannedRuns:
 
     def _steps(self, command: str) -> int:
         self.streak, self.last = (self.streak + 1 if command == self.last else 0), command
-        rest = self.plan[self.at :]
-        stretch = len(rest) - len(rest.lstrip(command))
+        remaining = self.plan[self.at :]
+        stretch = len(remaining) - len(remaining.lstrip(command))
         limit = self.scanning.interval(self.streak)
         return (
             limit
-            if stretch == len(rest) and not isinstance(self.policy, Manual)
+            if stretch == len(remaining) and not isinstance(self.policy, Manual)
             else min(limit, stretch)
         )
 
@@ -203,7 +203,7 @@ class ReplannedRuns:
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next command, in a run of length 1. If no commands are left, return None."""
-        planned = self._planned(view)
+        planned = self._plan(view)
         if planned is not None or self.lookout is None or self.noisy.finished:
             return planned
         # the policy begins anew where the particles then are
@@ -211,7 +211,7 @@ class ReplannedRuns:
         code = self.lookout.next()
         return None if code is None else (LETTERS[code], 1)
 
-    def _planned(self, view: View) -> tuple[str, int] | None:
+    def _plan(self, view: View) -> tuple[str, int] | None:
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None
@@ -251,7 +251,7 @@ def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[st
     one-sentence message.
     """
     try:
-        answer = policy.decide(view, memory, rng)
+        decision = policy.decide(view, memory, rng)
     except ShoalError:
         raise
     except Exception as error:
@@ -260,12 +260,12 @@ def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[st
             f"policy {policy.name}: the method decide failed at {place.filename}, line"
             f" {place.lineno}: {describe_error(error)}"
         ) from error
-    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
+    if not isinstance(decision, tuple) or len(decision) != 2 or not isinstance(decision[0], str):
         raise InvalidInputError(
             f"policy {policy.name}: expected decide to return (commands, memory), got"
-            f" {answer!r:.80}"
+            f" {decision!r:.80}"
         )
-    return answer
+    return decision
 
 
 OnMoves = Callable[[int, int], None]
@@ -383,12 +383,14 @@ def closed_loop(
         if run is None:
             return recorder.trace, Status.COMPLETE if swarm.finished else Status.STALLED
         command, planned = run
-        known = len(swarm.belief.known)
+        classified = len(swarm.belief.known)
         rows, scanned = swarm.carry_out(
             command, min(planned, max_moves - recorder.moves), scan=decider.due
         )
-        wanted = decider.scan_after(swarm.belief, swarm.state, len(swarm.belief.known) - known)
-        recorder.add(command, rows, scanned=scanned and wanted)
+        scan_due = decider.scan_after(
+            swarm.belief, swarm.state, len(swarm.belief.known) - classified
+        )
+        recorder.add(command, rows, scanned=scanned and scan_due)
         if on_trace is not None:
             on_trace(recorder.newest(len(rows)))
         if on_moves is not None:

@@ -102,12 +102,12 @@ class ExactReplay:
         scan is certain, the belief also contains this outcome.
         """
         swarm = self._begin()
-        shown = swarm.belief
-        yield swarm.state, shown
+        belief = swarm.belief
+        yield swarm.state, belief
         for _, scanned, _ in self._steps(swarm):
-            if scanned or swarm.belief.known == shown.known:
-                shown = swarm.belief
-            yield swarm.state, shown
+            if scanned or swarm.belief.known == belief.known:
+                belief = swarm.belief
+            yield swarm.state, belief
 
     def _steps(self, swarm: ExactSwarm) -> Iterator[tuple[str, bool, list[Row]]]:
         """Carry out one command after another. Yield the command, whether a scan followed, and its
@@ -290,7 +290,9 @@ class NoisyReplay(_BeliefReplay):
             yield belief, self._particles(belief)
 
     def _particles(self, belief: NoisyBelief) -> NDArray[np.bool_]:
-        return np.array(inner_of(belief.state.there, self.workspace.shape, rim=1), dtype=np.bool_)
+        return np.array(
+            inner_of(belief.state.occupied, self.workspace.shape, rim=1), dtype=np.bool_
+        )
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
@@ -346,8 +348,8 @@ class ObservedReplay(_BeliefReplay):
         """Yield the belief and the cells in which the last scan showed particles, at the start and
         after each command.
         """
-        for belief, seen, _ in self._steps():
-            yield belief, seen
+        for belief, detections, _ in self._steps():
+            yield belief, detections
 
     def _steps(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_], int]]:
         """Yield what `beliefs` yields, and the number of frontier cells before particles were
@@ -355,25 +357,25 @@ class ObservedReplay(_BeliefReplay):
         """
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
-        seen = next(boards)
-        belief = self.goal.noisy(seen, self.noise, self.confidence, rule=self.rule)
-        placed = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
+        detections = next(boards)
+        belief = self.goal.noisy(detections, self.noise, self.confidence, rule=self.rule)
+        placements = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
         first = belief.remaining
-        for _, seen in (one for one in placed if one[0] == 0):
-            belief.place(seen)
-        yield belief, seen.mask, first
+        for _, detections in (placement for placement in placements if placement[0] == 0):
+            belief.place(detections)
+        yield belief, detections.mask, first
         for move, (command, scanned) in enumerate(
             zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True), start=1
         ):
             if scanned:
-                seen = next(boards)
-                belief.update(command, seen)
+                detections = next(boards)
+                belief.update(command, detections)
             else:
                 belief.spread(command)
             frontier = belief.remaining
-            for _, seen in (one for one in placed if one[0] == move):
-                belief.place(seen)
-            yield belief, seen.mask, frontier
+            for _, detections in (placement for placement in placements if placement[0] == move):
+                belief.place(detections)
+            yield belief, detections.mask, frontier
 
     @cached_property
     def end(self) -> End:

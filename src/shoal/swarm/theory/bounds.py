@@ -176,38 +176,41 @@ def lower_bound(
     stack = np.zeros(free.size, dtype=np.int64)
     fewest_paid(free, offsets, -1, -1, distances, stack)
     if task == "mapping":
-        wanted = (distances > 0) & (distances < FAR)
+        required = (distances > 0) & (distances < FAR)
     else:
-        chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
-        wanted = chosen & ~particles & (distances < FAR)
+        goal = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
+        required = goal & ~particles & (distances < FAR)
     n = len(cells)
-    about = free, offsets, wanted, particles, n
-    commands = fewest_commands(*about, slides=rule == "tilt")
-    pairs = fewest_for_pairs(*about, rule=rule)
+    instance = free, offsets, required, particles, n
+    commands = fewest_commands(*instance, slides=rule == "tilt")
+    pairs = fewest_for_pairs(*instance, rule=rule)
     if rule == "tilt":  # one command classifies up to a whole line of cells a particle
         most = n * longest_run(free, offsets)
-        return LowerBound(-(-int(np.count_nonzero(wanted)) // most), 0, 0, commands, pairs)
-    left = np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64)
-    beyond = left.sum() - np.cumsum(left)  # cells farther than d
+        return LowerBound(-(-int(np.count_nonzero(required)) // most), 0, 0, commands, pairs)
+    counts = np.bincount(distances[required]) if required.any() else np.zeros(1, dtype=np.int64)
+    beyond = counts.sum() - np.cumsum(counts)  # cells farther than d
     farthest = max((d + -(-int(more) // n) for d, more in enumerate(beyond) if more), default=0)
     axes = 0
     for back, forth in _AXES[: workspace.ndim]:
         costs, before = np.zeros(free.size, dtype=np.int64), np.zeros(free.size, dtype=np.int64)
         reach = int(
-            fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack)
+            fewest_both_ways(free, offsets, required, particles, back, forth, costs, before, stack)
         )
         axes += max(
-            reach, sum(-(-_only_by(free, offsets, wanted, way) // n) for way in (back, forth))
+            reach,
+            sum(
+                -(-_only_by(free, offsets, required, direction) // n) for direction in (back, forth)
+            ),
         )
     least = LowerBound(
-        count=-(-int(left.sum()) // n),
-        distance=max(farthest, len(left) - 1),
+        count=-(-int(counts.sum()) // n),
+        distance=max(farthest, len(counts) - 1),
         axes=axes,
         commands=commands,
         pairs=pairs,
     )
     if flow:
-        return replace(least, flow=fewest_by_flow(*about, rule=rule, least=least.moves))
+        return replace(least, flow=fewest_by_flow(*instance, rule=rule, least=least.moves))
     return least
 
 
@@ -231,8 +234,8 @@ def _gathering_bound(
     from shoal.swarm.theory.gathering import count_bound, distance_bound, pair_bound
 
     region = _region_of(targets)
-    about = free, offsets, region, particles
-    count, pairs = count_bound(*about, rule), pair_bound(*about, n, rule)
+    instance = free, offsets, region, particles
+    count, pairs = count_bound(*instance, rule), pair_bound(*instance, n, rule)
     if rule == "tilt":
         return LowerBound(count, 0, 0, 0, pairs)
     axes = commands = 0
@@ -243,7 +246,7 @@ def _gathering_bound(
             costs, before, stack = (np.zeros(free.size, dtype=np.int64) for _ in range(3))
             sides = back, forth, costs, before, stack
             axes += int(fewest_both_ways(free, offsets, outside, region, *sides))
-    return LowerBound(count, distance_bound(*about, rule), axes, commands, pairs)
+    return LowerBound(count, distance_bound(*instance, rule), axes, commands, pairs)
 
 
 def _region_of(targets: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
@@ -251,12 +254,12 @@ def _region_of(targets: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
 
 
 def _only_by(
-    free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int
+    free: NDArray[np.bool_], offsets: NDArray[np.int64], required: NDArray[np.bool_], command: int
 ) -> int:
-    """Return the number of wanted walls with a single free neighbour, from which particles probe
+    """Return the number of required walls with a single free neighbour, from which particles probe
     the wall by ``command``.
     """
-    walls = np.flatnonzero(wanted & ~free)
+    walls = np.flatnonzero(required & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [
         ok & free[np.clip(walls - offset, 0, free.size - 1)]
@@ -336,17 +339,19 @@ def optimum(
         from shoal.swarm.theory.gathering import search_gathering
 
         region = _region_of(targets)
-        about = free, offsets, region, particles, len(cells), letters_of(workspace.ndim)
-        return Optimum(*search_gathering(world, *about, most_states))
+        instance = free, offsets, region, particles, len(cells), letters_of(workspace.ndim)
+        return Optimum(*search_gathering(world, *instance, most_states))
     if task == "mapping":
-        left = world.reached_by(particles) & ~particles
+        remaining = world.reached_by(particles) & ~particles
     else:
-        chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
-        left = world.number(chosen) & ~particles
-    if left & ~world.reached_by(particles):
+        goal = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
+        remaining = world.number(goal) & ~particles
+    if remaining & ~world.reached_by(particles):
         raise InvalidInputError(
             "optimum: expected a particle in every connected part with cells to cover, got a part"
             " without a particle"
         )
     letters = letters_of(workspace.ndim)
-    return Optimum(*search_optimum(world, particles, left, task == "mapping", letters, most_states))
+    return Optimum(
+        *search_optimum(world, particles, remaining, task == "mapping", letters, most_states)
+    )

@@ -74,9 +74,9 @@ def confirming_commands(teeth: Sequence[bool]) -> tuple[str, str]:
     >>> confirming_commands([True, False])
     ('rrurr', 'lllluldll')
     """
-    there = "".join("rr" if tooth else "urr" for tooth in teeth)
+    forward = "".join("rr" if tooth else "urr" for tooth in teeth)
     back = "".join("uldll" if tooth else "ll" for tooth in reversed(teeth))
-    return there, f"ll{back}"
+    return forward, f"ll{back}"
 
 
 def least_comb_scans(places: int, particles: int = 1) -> int:
@@ -98,9 +98,9 @@ def least_comb_scans(places: int, particles: int = 1) -> int:
     places = check_integer(places, what="places", least=1, most=10**6)
     corridor = 3 * places + 3
     particles = check_integer(particles, what="particles", least=1, most=corridor)
-    shown, scans, ways = binomial(corridor + places, particles), 0, 1
+    outcomes, scans, ways = binomial(corridor + places, particles), 0, 1
     while ways < 1 << places:
-        ways, scans = ways * shown, scans + 1
+        ways, scans = ways * outcomes, scans + 1
     return scans
 
 
@@ -137,7 +137,7 @@ def _fewest_moves(state: tuple[tuple[frozenset[Place], Place], ...], scans: int)
     """Return the fewest moves that tell combs apart, each given with the place of the particle."""
     maps = [cells for cells, _ in state]
     level = [tuple(place for _, place in state)]
-    seen, moves, best = set(level), 0, inf
+    visited, moves, best = set(level), 0, inf
     while moves < best:
         for places in level:
             groups: dict[Place, list[tuple[frozenset[Place], Place]]] = {}
@@ -147,18 +147,20 @@ def _fewest_moves(state: tuple[tuple[frozenset[Place], Place], ...], scans: int)
             if not unclear:
                 return moves
             if scans > 1 and len(groups) > 1:
-                rest = max(_fewest_moves(group, scans - 1) for group in unclear)
-                best = min(best, moves + rest)
+                remaining = max(_fewest_moves(group, scans - 1) for group in unclear)
+                best = min(best, moves + remaining)
         moves += 1
         following = []
         for places in level:
             for row, column in STEPS.values():
                 after = tuple(
-                    there if (there := (place[0] + row, place[1] + column)) in cells else place
+                    neighbour
+                    if (neighbour := (place[0] + row, place[1] + column)) in cells
+                    else place
                     for cells, place in zip(maps, places, strict=True)
                 )
-                if after not in seen:
-                    seen.add(after)
+                if after not in visited:
+                    visited.add(after)
                     following.append(after)
         level = following
     return int(best)

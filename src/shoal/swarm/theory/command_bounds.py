@@ -15,7 +15,7 @@ MOST_CELLS = 3000
 def fewest_commands(
     free: NDArray[np.bool_],
     offsets: NDArray[np.int64],
-    wanted: NDArray[np.bool_],
+    required: NDArray[np.bool_],
     particles: NDArray[np.bool_],
     n: int,
     *,
@@ -26,19 +26,19 @@ def fewest_commands(
 
     Let v be the numbers of commands of each direction in a plan, in any order, and R(v) all cells
     with a path from a particle that has at most v steps of each direction. Let F(v) be the largest
-    number of wanted cells that a plan with these commands can classify. With e_i for one command i
-    and n for the number of particles::
+    number of required cells that a plan with these commands can classify. With e_i for one command
+    i and n for the number of particles::
 
         R(v) = R(v - e_i) and the cells beside R(v - e_i) in direction i, for all i
-        F(v) <= max over i of F(v - e_i) + min(n, wanted cells beside R(v - e_i) in direction i)
-        F(v) <= wanted cells in R(v)
+        F(v) <= max over i of F(v - e_i) + min(n, required cells beside R(v - e_i) in direction i)
+        F(v) <= required cells in R(v)
 
-    The bound is the smallest number of commands with an F(v) of all wanted cells.
+    The bound is the smallest number of commands with an F(v) of all required cells.
 
     Parameters
     ----------
-    free, wanted, particles : ndarray of bool, shape (size,)
-        Flat masks with a rim, as `shoal.swarm.theory.bounds.flat_cells` returns. Wanted cells may
+    free, required, particles : ndarray of bool, shape (size,)
+        Flat masks with a rim, as `shoal.swarm.theory.bounds.flat_cells` returns. Required cells may
         be walls.
     offsets : ndarray of int64
         The index offset of each command.
@@ -51,29 +51,29 @@ def fewest_commands(
         would exceed it; the bound is then weaker, but valid.
     """
     number, shifted = SmallWorld.number, SmallWorld.shifted
-    inside, goal = number(free), number(wanted)
-    enterable, total = inside | goal, int(np.count_nonzero(wanted))
+    inside, goal = number(free), number(required)
+    enterable, total = inside | goal, int(np.count_nonzero(required))
     most = n * (longest_run(free, offsets) if slides else 1)  # cells classified by one command
     level = {0: (number(particles), 0)}
-    commands, tried = 0, 1
+    commands, sets = 0, 1
     while all(classified < total for _, classified in level.values()):
         following: dict[int, tuple[int, int]] = {}
         for key, (reached, classified) in level.items():
             for command, offset in enumerate(offsets.tolist()):
-                moved = ahead = shifted(reached & inside, offset) & enterable
+                entered = ahead = shifted(reached & inside, offset) & enterable
                 while slides and ahead:
                     ahead = shifted(ahead & inside, offset) & enterable
-                    moved |= ahead
-                gained = classified + min(most, (moved & goal).bit_count())
+                    entered |= ahead
+                gained = classified + min(most, (entered & goal).bit_count())
                 new = key + (1 << 16 * command)
                 before, at_most = following.get(new, (0, 0))
-                following[new] = before | reached | moved, max(at_most, gained)
+                following[new] = before | reached | entered, max(at_most, gained)
         level = {
             key: (reached, min(gained, (reached & goal).bit_count()))
             for key, (reached, gained) in following.items()
         }
-        commands, tried = commands + 1, tried + len(level)
-        if tried > most_sets:
+        commands, sets = commands + 1, sets + len(level)
+        if sets > most_sets:
             break
     return commands + (1 if all(classified < total for _, classified in level.values()) else 0)
 
@@ -93,29 +93,29 @@ def longest_run(free: NDArray[np.bool_], offsets: NDArray[np.int64]) -> int:
 def fewest_for_pairs(
     free: NDArray[np.bool_],
     offsets: NDArray[np.int64],
-    wanted: NDArray[np.bool_],
+    required: NDArray[np.bool_],
     particles: NDArray[np.bool_],
     n: int,
     *,
     rule: str = "block",
     most_cells: int = MOST_CELLS,
 ) -> int:
-    """Return a lower bound on the number of commands, from the pairs of wanted cells: the largest
-    number of commands that two particles need to reach two wanted cells.
+    """Return a lower bound on the number of commands, from the pairs of required cells: the largest
+    number of commands that two particles need to reach two required cells.
 
     The two particles start in any two particles' cells, or are the same particle, and each command
     moves both. A particle may stay where others can stop it: under the rule block, if there are
     fewer free cells ahead of it than other particles; under the rule merge, only at a wall. A
     breadth-first search over the pairs of cells therefore finds at most as many commands as a plan
-    for all wanted cells has.
+    for all required cells has.
 
     Return 0 for a workspace with more than ``most_cells`` cells, whose pairs would take too much
     memory. The other arguments are those of `fewest_commands`.
     """
     from shoal.swarm.kernels.theory import reach_pairs
 
-    cells = np.flatnonzero(free | wanted)
-    if cells.size > most_cells or not wanted.any():
+    cells = np.flatnonzero(free | required)
+    if cells.size > most_cells or not required.any():
         return 0
     ahead, may_stay = moves_of(free, offsets, cells, n, rule)
     inner, starts = free[cells], np.searchsorted(cells, np.flatnonzero(particles))
@@ -126,7 +126,7 @@ def fewest_for_pairs(
         ahead,
         may_stay,
         inner,
-        wanted[cells],
+        required[cells],
         starts,
         n > 1,
         rule == "tilt",
@@ -141,7 +141,7 @@ def fewest_for_pairs(
 def fewest_by_flow(
     free: NDArray[np.bool_],
     offsets: NDArray[np.int64],
-    wanted: NDArray[np.bool_],
+    required: NDArray[np.bool_],
     particles: NDArray[np.bool_],
     n: int,
     *,
@@ -160,7 +160,7 @@ def fewest_by_flow(
         f[t, x, c] <= y[t, x],    f[t, x, c] <= n u[t, c]  (under block: u[t, c])
         f[t, x, c] >= y[t, x] - n (1 - u[t, c])  where no other particle can stop one in x
         a[t, x, c] <= y[t, x],    a[t, x, c] <= u[t, c]
-        sum of all f and a into each wanted cell >= 1
+        sum of all f and a into each required cell >= 1
 
     The bound is one more than the largest T for which HiGHS proves that there is no solution with
     whole u, with branch and bound over at most ``most_nodes`` nodes.
@@ -177,9 +177,9 @@ def fewest_by_flow(
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import coo_array
 
-    cells = np.flatnonzero(free | wanted)
+    cells = np.flatnonzero(free | required)
     ahead, may_stay = moves_of(free, offsets, cells, n, rule)
-    inner, goals, start = free[cells], wanted[cells], particles[cells]
+    inner, goals, start = free[cells], required[cells], particles[cells]
     k, m, most = offsets.size, cells.size, n if rule == "merge" else 1
     bound = least
     while goals.any():
@@ -192,15 +192,15 @@ def fewest_by_flow(
             flows: list[list[tuple[int, float]]] = [[(y + x, 1)] for x in range(m)]
             for x in np.flatnonzero(inner).tolist():
                 for c in range(k):
-                    there, flow = int(ahead[c, x]), f + x * k + c
-                    if there < 0:
+                    successor, flow = int(ahead[c, x]), f + x * k + c
+                    if successor < 0:
                         continue
-                    entering[there].append(flow)
+                    entering[successor].append(flow)
                     rows.append(([(flow, 1), (y + x, -1)], -np.inf, 0))
                     rows.append(([(flow, 1), (u + c, -most)], -np.inf, 0))
-                    if inner[there]:
+                    if inner[successor]:
                         flows[x].append((flow, -1))
-                        flows[there].append((flow, 1))
+                        flows[successor].append((flow, 1))
                         if not may_stay[c, x]:
                             rows.append(([(flow, 1), (y + x, -1), (u + c, -most)], -most, np.inf))
             after = (t + 1) * step + k
@@ -209,26 +209,26 @@ def fewest_by_flow(
         rows.extend(([(flow, 1) for flow in into], 1, np.inf) for into in wanted_flows)
         size = bound * step + k + m
         upper = np.full(size, float(most))
-        lower, whole = np.zeros(size), np.zeros(size)
+        lower, integrality = np.zeros(size), np.zeros(size)
         for t in range(bound):
             upper[t * step : t * step + k] = 1
-            whole[t * step : t * step + k] = 1
+            integrality[t * step : t * step + k] = 1
         lower[k : k + m] = upper[k : k + m] = start
         entries = [(i, j, value) for i, row in enumerate(rows) for j, value in row[0]]
         table = np.array(entries, dtype=float).reshape(-1, 3).T
         matrix = coo_array(
             (table[2], (table[0].astype(int), table[1].astype(int))), shape=(len(rows), size)
         ).tocsr()
-        solved = milp(
+        solution = milp(
             np.zeros(size),
-            integrality=whole,
+            integrality=integrality,
             bounds=Bounds(lower, upper),
             constraints=LinearConstraint(
                 matrix, [row[1] for row in rows], [row[2] for row in rows]
             ),
             options={"node_limit": most_nodes},
         )
-        if solved.status != 2:  # anything but a proof that there is no solution
+        if solution.status != 2:  # anything but a proof that there is no solution
             return bound
         bound += 1
     return bound

@@ -58,14 +58,14 @@ def least_corridor_ratio(cells: int) -> Fraction:
     lowest, highest = 0, len(ratios) - 1
     while lowest < highest:
         middle = (lowest + highest) // 2
-        if _is_kept(ratios[middle], cells):
+        if _is_achievable(ratios[middle], cells):
             highest = middle
         else:
             lowest = middle + 1
     return ratios[lowest]
 
 
-def _is_kept(ratio: Fraction, cells: int) -> bool:
+def _is_achievable(ratio: Fraction, cells: int) -> bool:
     """Return whether a policy exists that keeps a ratio in every corridor.
 
     A state is the explored cells and the side of the particle. The least number of moves to reach
@@ -169,22 +169,26 @@ class _SmartDfs:
                 stack.pop()
                 continue
             direction = directions.pop(0)
-            there = _beside(base, direction)
-            if there in self.walls or there in self.layers:
+            neighbour = _beside(base, direction)
+            if neighbour in self.walls or neighbour in self.layers:
                 continue
             self._walk_to(base)
-            self.path.append(there)
-            self._see(there)
-            stack.append((there, self._order(there, direction)))
+            self.path.append(neighbour)
+            self._see(neighbour)
+            stack.append((neighbour, self._order(neighbour, direction)))
         self._walk_to(self.start)
         return self.path
 
     def _see(self, cell: Cell) -> None:
         """Note the walls beside a cell, and its layer."""
-        self.walls |= {there for k in range(4) if (there := _beside(cell, k)) not in self.cells}
+        self.walls |= {
+            neighbour for k in range(4) if (neighbour := _beside(cell, k)) not in self.cells
+        }
         around = [(cell[0] + r, cell[1] + c) for r, c in _RING]
-        known = [0 if one in self.walls else self.layers.get(one) for one in around]
-        self.layers[cell] = 1 + min((one for one in known if one is not None), default=0)
+        marks = [0 if position in self.walls else self.layers.get(position) for position in around]
+        self.layers[cell] = 1 + min(
+            (position for position in marks if position is not None), default=0
+        )
 
     def _order(self, cell: Cell, ahead: int) -> list[int]:
         """Return the directions in which to go on from a cell, in their order."""
@@ -202,8 +206,8 @@ class _SmartDfs:
         open_ones = [direction for direction in turns if direction in partly]
         if not any(partly.values()):
             first = next(directions for directions, *_ in parts if open_ones[0] in directions)
-            rest = [direction for direction in open_ones if direction not in first]
-            return rest + [direction for direction in open_ones if direction in first]
+            others = [direction for direction in open_ones if direction not in first]
+            return others + [direction for direction in open_ones if direction in first]
         return sorted(open_ones, key=lambda direction: partly[direction])
 
     def _parts(self, cell: Cell) -> list[tuple[list[int], int, int]]:
@@ -211,7 +215,7 @@ class _SmartDfs:
         the cells at both of its sides; a wall has the layer 0.
         """
         around = [(cell[0] + r, cell[1] + c) for r, c in _RING]
-        marks = [0 if one in self.walls else self.layers.get(one) for one in around]
+        marks = [0 if position in self.walls else self.layers.get(position) for position in around]
         if all(mark is None for mark in marks):
             return []
         begin = next(k for k in range(8) if marks[k] is not None)
@@ -221,7 +225,7 @@ class _SmartDfs:
             if mark is None:
                 run.append(k % 8)
                 continue
-            directions = [one // 2 for one in run if one % 2 == 0]
+            directions = [position // 2 for position in run if position % 2 == 0]
             if directions:
                 parts.append((directions, before or 0, mark))
             run, before = [], mark
@@ -229,21 +233,21 @@ class _SmartDfs:
 
     def _walk_to(self, goal: Cell) -> None:
         """Walk to a cell on a shortest path through visited cells."""
-        here = self.path[-1]
-        if here == goal:
+        position = self.path[-1]
+        if position == goal:
             return
         before: dict[Cell, Cell] = {goal: goal}
         queue = deque([goal])
-        while here not in before:
+        while position not in before:
             cell = queue.popleft()
             for k in range(4):
-                there = _beside(cell, k)
-                if there in self.layers and there not in before:
-                    before[there] = cell
-                    queue.append(there)
-        while here != goal:
-            here = before[here]
-            self.path.append(here)
+                neighbour = _beside(cell, k)
+                if neighbour in self.layers and neighbour not in before:
+                    before[neighbour] = cell
+                    queue.append(neighbour)
+        while position != goal:
+            position = before[position]
+            self.path.append(position)
 
 
 def _beside(cell: Cell, direction: int) -> Cell:
@@ -281,10 +285,12 @@ class CoverageInstance:
         cells = [*path]
         names = {step: letter for letter, step in STEPS.items()}
         letters = []
-        for one, other in pairwise(cells):
-            step = (other[0] - one[0], other[1] - one[1])
+        for cell, following in pairwise(cells):
+            step = (following[0] - cell[0], following[1] - cell[1])
             if step not in names:
-                raise InvalidInputError(f"path: expected neighbouring cells, got {one} and {other}")
+                raise InvalidInputError(
+                    f"path: expected neighbouring cells, got {cell} and {following}"
+                )
             letters.append(names[step])
         return "".join(letters)
 

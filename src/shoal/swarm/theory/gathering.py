@@ -50,8 +50,8 @@ def pair_bound(
     """
     if np.count_nonzero(free) > MOST_CELLS:
         return 0
-    here = np.searchsorted(np.flatnonzero(free), np.flatnonzero(particles))
-    between = fewest_by_pairs(free, offsets, goal, n, rule)[np.ix_(here, here)]
+    indices = np.searchsorted(np.flatnonzero(free), np.flatnonzero(particles))
+    between = fewest_by_pairs(free, offsets, goal, n, rule)[np.ix_(indices, indices)]
     if (between < 0).any():
         raise InvalidInputError(
             "gathering: expected particles that commands can bring together, got two that no"
@@ -77,8 +77,8 @@ def count_bound(
     outside = particles if goal is None else particles & ~goal
     cells = np.flatnonzero(free)
     if rule == "merge":
-        kept = 1 if goal is None else int(np.count_nonzero(goal))
-        excess = int(np.count_nonzero(particles)) - kept
+        final_count = 1 if goal is None else int(np.count_nonzero(goal))
+        excess = int(np.count_nonzero(particles)) - final_count
         a_command = [
             int(np.count_nonzero(~free[cells + step] & free[cells - step])) for step in offsets
         ]
@@ -89,8 +89,8 @@ def count_bound(
         if rule == "tilt":
             a_command = [excess]
     needed = -(-excess // max(1, *a_command)) if excess > 0 else 0
-    done = not outside.any() if goal is not None else np.count_nonzero(particles) == 1
-    return 0 if done else max(1, needed)
+    gathered = not outside.any() if goal is not None else np.count_nonzero(particles) == 1
+    return 0 if gathered else max(1, needed)
 
 
 def distance_bound(
@@ -107,11 +107,11 @@ def distance_bound(
     region, under the rule block each another cell.
     """
     cells = np.flatnonzero(free)
-    here = np.searchsorted(cells, np.flatnonzero(particles))
+    indices = np.searchsorted(cells, np.flatnonzero(particles))
     ahead, _ = moves_of(free, offsets, cells, 1, rule)
     steps, queue = np.zeros(cells.size, dtype=np.int64), np.zeros(cells.size, dtype=np.int64)
-    paths = np.empty((here.size, cells.size), dtype=np.int64)
-    for i, cell in enumerate(here):
+    paths = np.empty((indices.size, cells.size), dtype=np.int64)
+    for i, cell in enumerate(indices):
         kernels.measure_paths_from(ahead, cell, -1, steps, queue)
         paths[i] = steps
     if goal is None:
@@ -132,8 +132,8 @@ def _can_assign(allowed: NDArray[np.bool_]) -> bool:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 
-    matched = maximum_bipartite_matching(csr_array(allowed.astype(np.int8)), perm_type="column")
-    return bool((matched >= 0).all())
+    matching = maximum_bipartite_matching(csr_array(allowed.astype(np.int8)), perm_type="column")
+    return bool((matching >= 0).all())
 
 
 def search_gathering(
@@ -161,32 +161,32 @@ def search_gathering(
 
     def estimate(state: int) -> int:
         cells = [index[bit] for bit in set_bits(state)]
-        known = [between[one][other] for one in cells for other in cells]
-        return -1 if min(known) < 0 else max(known)
+        distances = [between[first][second] for first in cells for second in cells]
+        return -1 if min(distances) < 0 else max(distances)
 
     def gathered(state: int) -> bool:
         return state.bit_count() == 1 if region is None else not state & ~region
 
-    seen = {particles: 0}
+    costs = {particles: 0}
     queue = [(estimate(particles), 0, particles, "")]
     while queue and queue[0][0] >= 0:
-        _, negative, here, plan = heapq.heappop(queue)
+        _, negative, current, plan = heapq.heappop(queue)
         moves = -negative
-        if gathered(here):
-            return moves, plan, len(seen)
-        if seen[here] < moves:
+        if gathered(current):
+            return moves, plan, len(costs)
+        if costs[current] < moves:
             continue
         for command, letter in enumerate(letters):
-            there, _ = world.step(here, 0, command, mapping=False)
-            if seen.get(there, most_states) <= moves + 1:
+            successor, _ = world.step(current, 0, command, mapping=False)
+            if costs.get(successor, most_states) <= moves + 1:
                 continue
-            if len(seen) >= most_states:
+            if len(costs) >= most_states:
                 raise InvalidInputError(f"optimum: expected at most {most_states} states, got more")
-            seen[there] = moves + 1
-            left = estimate(there)
-            if left >= 0:
-                heapq.heappush(queue, (moves + 1 + left, -moves - 1, there, plan + letter))
+            costs[successor] = moves + 1
+            remaining = estimate(successor)
+            if remaining >= 0:
+                heapq.heappush(queue, (moves + 1 + remaining, -moves - 1, successor, plan + letter))
     raise InvalidInputError(
         "optimum: expected a task that particles can complete under the rule"
-        f" {world.rule}, got none of {len(seen)} states in which it is complete"
+        f" {world.rule}, got none of {len(costs)} states in which it is complete"
     )

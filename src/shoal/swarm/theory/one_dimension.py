@@ -43,13 +43,13 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
     InvalidInputError
         Raised if the positions are not strictly increasing whole numbers from 1 to ``cells``.
     """
-    given = np.asarray(positions)
-    if given.ndim < 1 or given.shape[-1] < 1 or not np.issubdtype(given.dtype, np.integer):
+    values = np.asarray(positions)
+    if values.ndim < 1 or values.shape[-1] < 1 or not np.issubdtype(values.dtype, np.integer):
         raise InvalidInputError(
-            f"positions: expected whole numbers, at least one per line, got {given.dtype} of shape"
-            f" {given.shape}"
+            f"positions: expected whole numbers, at least one per line, got {values.dtype} of shape"
+            f" {values.shape}"
         )
-    array = given.astype(np.int64)
+    array = values.astype(np.int64)
     if array.size and not 1 <= int(array.min()) <= int(array.max()) <= cells:
         raise InvalidInputError(
             f"positions: expected 1 to {cells}, got {array.min()} to {array.max()}"
@@ -221,7 +221,7 @@ class CoverageCounts:
         """
         if g < extra:
             return 0
-        return _truncated(
+        return _truncate(
             lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1
         )
 
@@ -237,7 +237,7 @@ class CoverageCounts:
         )
 
     def _all_below(self, g: int) -> int:
-        return _truncated(
+        return _truncate(
             lambda total: self._bounded(self.with_ends, total, g + 1), self.empty, g - 2
         )
 
@@ -259,10 +259,10 @@ class CoverageCounts:
         top = self.empty - 2 * g + 1
         if top <= 0:
             return 0
-        whole = 1 if top % g == 0 else 0  # i = 0 is excluded; its coefficient is 1
+        constant = 1 if top % g == 0 else 0  # i = 0 is excluded; its coefficient is 1
         return (
-            sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False))
-            - whole
+            sum(sign * term for sign, term in zip(self.signs, self._sums(top, g), strict=False))
+            - constant
         )
 
     def _sums(self, top: int, g: int) -> Iterator[int]:
@@ -296,7 +296,7 @@ def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int
     return total + sum(placements - counts.printed(g, extra) for g in range(empty + 1 + extra))
 
 
-def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
+def _truncate(coefficient: Callable[[int], int], total: int, most: int) -> int:
     """Return the coefficient of x^total in the product of a power series F and the sum of (t+1) x^t
     for t from 0 to ``most``.
 
@@ -699,19 +699,19 @@ def sample(
 
     def measure(index: int) -> int:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        part = table[starts[index] : starts[index] + size]
-        draws = rng.integers(0, limits, size=(len(part), few), dtype=np.uint32)
+        rows = table[starts[index] : starts[index] + size]
+        draws = rng.integers(0, limits, size=(len(rows), few), dtype=np.uint32)
         words = np.zeros(-(-line.cells // 64), dtype=np.uint64)
-        kernels.trials(draws, line.cells, words, few != line.particles, part)
-        return len(part)
+        kernels.trials(draws, line.cells, words, few != line.particles, rows)
+        return len(rows)
 
-    done = 0
+    completed = 0
     with ThreadPoolExecutor(workers or count_processors()) as threads:
         try:
             for count in threads.map(measure, range(len(starts))):
-                done += count
+                completed += count
                 if on_trials is not None:
-                    on_trials(done)
+                    on_trials(completed)
         except BaseException:
             threads.shutdown(wait=False, cancel_futures=True)
             raise

@@ -23,10 +23,10 @@ DUALS, MOST_PLACES_OF_DUALS, DEAREST = 40, 2000, 12
 
 
 def search_optimum(
-    world: SmallWorld, particles: int, left: int, mapping: bool, letters: str, most_states: int
+    world: SmallWorld, particles: int, remaining: int, mapping: bool, letters: str, most_states: int
 ) -> tuple[int, str, int]:
-    """Return the fewest commands that classify the cells ``left``, a plan with them, and the number
-    of states that the search has found.
+    """Return the fewest commands that classify the cells ``remaining``, a plan with them, and the
+    number of states that the search has found.
 
     An A* search over places (sets of cells that hold particles) and the cells that are left. Its
     estimate comes from prices. Give each cell a price. If k commands classify the cells that are
@@ -44,44 +44,50 @@ def search_optimum(
         Raised if no commands classify all cells, or if the search needs more than ``most_states``
         states.
     """
-    if not left:
+    if not remaining:
         return 0, "", 1
-    graph, cells = explore(world, particles, left, mapping)
+    graph, cells = explore(world, particles, remaining, mapping)
     lists = simple_prices(graph, cells)
     easy = min(EASY, most_states)
-    found = _search(graph, cells, lists, easy, letters)
-    if found is None and most_states > easy:
+    result = _search(graph, cells, lists, easy, letters)
+    if result is None and most_states > easy:
         if len(graph.ahead) <= MOST_PLACES_OF_DUALS:
             lists = np.concatenate([lists, dual_prices(graph, cells)])
-        found = _search(graph, cells, lists, most_states, letters)
-    if found is None:
+        result = _search(graph, cells, lists, most_states, letters)
+    if result is None:
         raise InvalidInputError(f"optimum: expected at most {most_states} states, got more")
-    if not found[1]:
+    if not result[1]:
         raise InvalidInputError(
             "optimum: expected a task that particles can complete under the rule"
-            f" {world.rule}, got none of {found[2]} states in which it is complete"
+            f" {world.rule}, got none of {result[2]} states in which it is complete"
         )
-    return found
+    return result
 
 
-def explore(world: SmallWorld, particles: int, left: int, mapping: bool) -> tuple[Graph, int]:
+def explore(world: SmallWorld, particles: int, remaining: int, mapping: bool) -> tuple[Graph, int]:
     """Return the places that particles can reach, at most `MOST_PLACES` of them explored, and the
     number of cells to classify.
     """
-    index = {bit: i for i, bit in enumerate(set_bits(left))}
+    index = {bit: i for i, bit in enumerate(set_bits(remaining))}
     numbers, places = {particles: 0}, [particles]
     ahead: list[list[int]] = []
     tried: list[list[int]] = []
     while len(ahead) < min(len(places), MOST_PLACES):
-        here = places[len(ahead)]
-        steps = [world.step(here, left, command, mapping) for command in range(len(world.offsets))]
-        for there, _ in steps:
-            if there not in numbers:
-                numbers[there] = len(places)
-                places.append(there)
-        ahead.append([numbers[there] for there, _ in steps])
+        current = places[len(ahead)]
+        steps = [
+            world.step(current, remaining, command, mapping)
+            for command in range(len(world.offsets))
+        ]
+        for successor, _ in steps:
+            if successor not in numbers:
+                numbers[successor] = len(places)
+                places.append(successor)
+        ahead.append([numbers[successor] for successor, _ in steps])
         tried.append(
-            [sum(1 << index[bit] for bit in set_bits(left & ~after & ~here)) for _, after in steps]
+            [
+                sum(1 << index[bit] for bit in set_bits(remaining & ~after & ~current))
+                for _, after in steps
+            ]
         )
     commands, words = len(world.offsets), max(1, -(-len(index) // 64))
     all_ahead = np.full((len(places), commands), -1, dtype=np.int32)
@@ -98,11 +104,16 @@ def simple_prices(graph: Graph, cells: int) -> NDArray[np.int64]:
     the cells that no other command can classify; and for each cell, 1 for this cell only.
     """
     commands = graph.ahead.shape[1]
-    by = np.array([_bits(np.bitwise_or.reduce(one), cells) for one in graph.tried.swapaxes(0, 1)])
+    by = np.array(
+        [
+            _bits(np.bitwise_or.reduce(cells_by_place), cells)
+            for cells_by_place in graph.tried.swapaxes(0, 1)
+        ]
+    )
     lists = np.eye(cells, dtype=np.int64)
     for allowed in range(1, 1 << commands):
-        others = [command for command in range(commands) if not allowed >> command & 1]
-        lists = np.vstack([lists, ~by[others].any(axis=0)])
+        forbidden = [command for command in range(commands) if not allowed >> command & 1]
+        lists = np.vstack([lists, ~by[forbidden].any(axis=0)])
     return np.unique(lists[lists.any(axis=1)], axis=0)
 
 
@@ -128,28 +139,28 @@ def dual_prices(graph: Graph, cells: int) -> NDArray[np.int64]:
 
     places, commands = graph.ahead.shape
     steps = places * commands
-    ahead, here = graph.ahead.ravel(), np.repeat(np.arange(places), commands)
+    ahead, source = graph.ahead.ravel(), np.repeat(np.arange(places), commands)
     tried = csr_array(_bits(graph.tried, cells).reshape(steps, cells), dtype=float)
-    probes = np.flatnonzero((ahead == here) & (tried.sum(axis=1) > 0))
-    moves = np.flatnonzero((ahead != here) & (ahead >= 0))
-    at = _table(here[probes], np.arange(probes.size), (places, probes.size))
+    probes = np.flatnonzero((ahead == source) & (tried.sum(axis=1) > 0))
+    moves = np.flatnonzero((ahead != source) & (ahead >= 0))
+    at = _table(source[probes], np.arange(probes.size), (places, probes.size))
     left_by, entered = (
-        _table(np.arange(moves.size), ends[moves], (moves.size, places)) for ends in (here, ahead)
+        _table(np.arange(moves.size), ends[moves], (moves.size, places)) for ends in (source, ahead)
     )
     rows = [
         [tried[probes], None, -eye_array(probes.size)],
         [csr_array((places, cells)), eye_array(places), at],
-        [tried[moves], left_by - entered, at[here[moves]]],
+        [tried[moves], left_by - entered, at[source[moves]]],
     ]
     table = block_array([row for row in rows if row[0].shape[0]], format="csr")
     least = np.concatenate([np.ones(probes.size), np.zeros(places), np.ones(moves.size)])
     limits = [(0, None)] * cells + [(None, 0)] * places + [(0, None)] * probes.size
     lists = []
-    for place, left in _samples(graph, cells):
+    for place, remaining in _samples(graph, cells):
         worth = np.zeros(table.shape[1])
-        worth[:cells], worth[cells + place] = np.where(left, -1, 0), -1
-        solved = linprog(worth, A_ub=table, b_ub=least, bounds=limits, method="highs")
-        if solved.status == 0 and (prices := solved.x[:cells] * left).max(initial=0) > 0:
+        worth[:cells], worth[cells + place] = np.where(remaining, -1, 0), -1
+        solution = linprog(worth, A_ub=table, b_ub=least, bounds=limits, method="highs")
+        if solution.status == 0 and (prices := solution.x[:cells] * remaining).max(initial=0) > 0:
             lists.append(np.rint(DEAREST * prices / prices.max()).astype(np.int64))
     return np.array(lists).reshape(-1, cells)
 
@@ -167,15 +178,15 @@ def _samples(graph: Graph, cells: int) -> Iterator[tuple[int, NDArray[np.bool_]]
     rng, commands = np.random.default_rng(0), graph.ahead.shape[1]
     yield 0, np.ones(cells, dtype=np.bool_)
     for number in range(1, DUALS):
-        place, left = 0, np.ones(cells, dtype=np.bool_)
+        place, remaining = 0, np.ones(cells, dtype=np.bool_)
         for _ in range(1000):
-            if left.sum() <= cells * (1 - number / DUALS) or graph.ahead[place, 0] < 0:
+            if remaining.sum() <= cells * (1 - number / DUALS) or graph.ahead[place, 0] < 0:
                 break
-            tried = _bits(graph.tried[place], cells) & left
+            tried = _bits(graph.tried[place], cells) & remaining
             useful = np.flatnonzero(tried.any(axis=1))
             command = rng.choice(useful) if useful.size else rng.integers(commands)
-            place, left = int(graph.ahead[place, command]), left & ~tried[command]
-        yield place, left
+            place, remaining = int(graph.ahead[place, command]), remaining & ~tried[command]
+        yield place, remaining
 
 
 def _bits(words: NDArray[np.uint64], cells: int) -> NDArray[np.bool_]:
@@ -191,8 +202,8 @@ def _search(
     and None if the search needs more than ``most_states`` states.
     """
     commands, words = len(letters), graph.tried.shape[2]
-    prices = _tabulated(graph, lists)
-    progress, room = np.array([1, 1, 0, -1]), np.zeros(words, dtype=np.uint64)
+    prices = _tabulate(graph, lists)
+    progress, buffer = np.array([1, 1, 0, -1]), np.zeros(words, dtype=np.uint64)
     states = _states(min(1 << 14, most_states + commands), words)
     full = (1 << cells) - 1
     states.left[0] = np.frombuffer(full.to_bytes(8 * words, "little"), dtype="<u8")
@@ -200,7 +211,7 @@ def _search(
         return 0, "", 1
     states.queued[0], states.heads[min(least, MOST_MOVES - 1)] = 0, 0
     kernels.fill_slots(states, 1)
-    while (ended := kernels.search(graph, prices, states, progress, room)) == kernels.FULL:
+    while (ended := kernels.search(graph, prices, states, progress, buffer)) == kernels.FULL:
         capacity = states.place.size
         if capacity >= most_states + commands:
             return None
@@ -220,7 +231,7 @@ def _search(
     return len(plan), plan, count
 
 
-def _tabulated(graph: Graph, lists: NDArray[np.int64]) -> Prices:
+def _tabulate(graph: Graph, lists: NDArray[np.int64]) -> Prices:
     """Return the prices with their tables."""
     places, commands = graph.ahead.shape
     words, bits = graph.tried.shape[2], int(lists.max(initial=1)).bit_length()

@@ -527,11 +527,11 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     candidates: list[ScanSchedule] = [_best_equal_steps(scan, move, max_distance)]
     if scan and move:
         candidates.insert(0, Custom(least_worst(scan, move, max_distance, MAX_SCANS)))
-    made = [
-        OptimalSchedule(one, scan_cost=scan, move_cost=move, max_distance=max_distance)
-        for one in candidates
+    schedules = [
+        OptimalSchedule(candidate, scan_cost=scan, move_cost=move, max_distance=max_distance)
+        for candidate in candidates
     ]
-    return min(made, key=lambda schedule: schedule.guarantee.ratio)
+    return min(schedules, key=lambda schedule: schedule.guarantee.ratio)
 
 
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
@@ -553,7 +553,9 @@ def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> Equa
     steps = [EqualSteps(step) for step in (low - 1, low) if step > 0]
     return min(
         steps,
-        key=lambda one: one.worst(scan_cost=scan, move_cost=move, max_distance=max_distance).ratio,
+        key=lambda schedule: (
+            schedule.worst(scan_cost=scan, move_cost=move, max_distance=max_distance).ratio
+        ),
     )
 
 
@@ -606,8 +608,8 @@ class _Latest:
         positions: list[int] = []
         last = 0
         while last < self.end:
-            spent = scan * (len(positions) + 2)
-            allowed = p * (move * (last + 1) + 2 * scan) - q * spent - (1 if below else 0)
+            scan_price = scan * (len(positions) + 2)
+            allowed = p * (move * (last + 1) + 2 * scan) - q * scan_price - (1 if below else 0)
             position = min(allowed // (q * move), self.end)
             if position <= last or len(positions) == self.max_scans:
                 return None

@@ -30,23 +30,25 @@ class SmallWorld:
         moving = particles & self.shifted(self.free if free is None else free, -offset)
         staying = particles & ~moving
         while self.rule != "merge":
-            held = moving & self.shifted(staying, -offset)
-            if not held:
+            blocked = moving & self.shifted(staying, -offset)
+            if not blocked:
                 break
-            staying |= held
-            moving &= ~held
+            staying |= blocked
+            moving &= ~blocked
         return staying | self.shifted(moving, offset)
 
-    def step(self, particles: int, left: int, command: int, mapping: bool) -> tuple[int, int]:
-        """Return the cells that hold particles after one command, and the cells that are left of
-        ``left``, the cells to classify. Under the rule tilt, a command is pushes until all stop.
+    def step(self, particles: int, remaining: int, command: int, mapping: bool) -> tuple[int, int]:
+        """Return the cells that hold particles after one command, and the cells that stay
+        unclassified of ``remaining``. Under the rule tilt, a command is pushes until all stop.
         """
         while True:
-            there = self.push(particles, command)
-            left &= ~(there | (self.shifted(particles, self.offsets[command]) if mapping else 0))
-            if self.rule != "tilt" or there == particles:
-                return there, left
-            particles = there
+            after = self.push(particles, command)
+            remaining &= ~(
+                after | (self.shifted(particles, self.offsets[command]) if mapping else 0)
+            )
+            if self.rule != "tilt" or after == particles:
+                return after, remaining
+            particles = after
 
     def reached_by(self, particles: int) -> int:
         """Return all cells with a path from a particle, and the walls beside these cells."""

@@ -31,7 +31,7 @@ class Canvas:
         self._pixels = np.asarray(self._renderer.buffer_rgba())
         self._flip = Affine2D().scale(1, -1).translate(0, height)
         self._words: dict[tuple[str, float, bool], tuple[Path, float]] = {}
-        self._pixels[...] = [*(round(255 * part) for part in to_rgb(background)), 255]
+        self._pixels[...] = [*(round(255 * channel) for channel in to_rgb(background)), 255]
         self._kept = self._pixels.copy()
 
     def keep(self) -> None:
@@ -96,9 +96,9 @@ class Canvas:
 
         The first ring is the outer border, and rings with the opposite orientation are holes.
         """
-        kept = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
-        if kept:
-            self._draw(_path(kept, closed=True), fill, edge, width, alpha, None)
+        outlines = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
+        if outlines:
+            self._draw(_path(outlines, closed=True), fill, edge, width, alpha, None)
 
     def disc(
         self,
@@ -140,24 +140,24 @@ class Canvas:
             return 0.0
         path, width = self._outline(words, size, bold)
         x, y = np.asarray(place)
-        moved = path.transformed(
+        transformed = path.transformed(
             Affine2D().scale(1, -1).translate(float(x) - align * width, float(y))
         )
-        self._draw(moved, colour, None, 0, 1.0, None)
+        self._draw(transformed, colour, None, 0, 1.0, None)
         return width
 
     def _outline(self, words: str, size: float, bold: bool) -> tuple[Path, float]:
         """Return the outline of a text as a path, and the width of the text in pixels; a cache
         keeps known outlines.
         """
-        known = self._words.get((words, size, bold))
-        if known is None:
+        outline = self._words.get((words, size, bold))
+        if outline is None:
             font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
             path: Path = TextPath((0, 0), words, size=size, prop=font)
-            known = path, float(np.asarray(path.vertices)[:, 0].max())
+            outline = path, float(np.asarray(path.vertices)[:, 0].max())
             if len(self._words) < 2000:
-                self._words[words, size, bold] = known
-        return known
+                self._words[words, size, bold] = outline
+        return outline
 
     def _draw(
         self,
@@ -202,9 +202,9 @@ def rings_of(area: Any) -> list[list[Ring]]:
     float64, shape (n, 2).
     """
     return [
-        [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
-        for part in getattr(area, "geoms", [area])
-        if part.geom_type == "Polygon" and not part.is_empty
+        [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+        for polygon in getattr(area, "geoms", [area])
+        if polygon.geom_type == "Polygon" and not polygon.is_empty
     ]
 
 

@@ -76,7 +76,7 @@ def printed(width: float | None, font_size: float | None) -> Iterator[None]:
             raise InvalidInputError("font size: expected a width beside it, got none")
         yield
         return
-    asked = _Print(
+    settings = _Print(
         check_number(width, what="width", least=30.0, most=1000.0),
         _TEXT
         if font_size is None
@@ -84,16 +84,16 @@ def printed(width: float | None, font_size: float | None) -> Iterator[None]:
     )
     from matplotlib import rc_context
 
-    token = _print.set(asked)
+    token = _print.set(settings)
     try:
-        with rc_context({"font.size": asked.font_size}):
+        with rc_context({"font.size": settings.font_size}):
             yield
     finally:
         _print.reset(token)
 
 
 @contextmanager
-def with_room(kind: str) -> Iterator[list[Figure]]:
+def check_layout(kind: str) -> Iterator[list[Figure]]:
     """Draw a figure of a ``with`` block, and refuse it if it is for print and what it shows has no
     room in it.
 
@@ -103,8 +103,8 @@ def with_room(kind: str) -> Iterator[list[Figure]]:
         If text would be cut off or cover other text, or leaves no room for the axes.
     """
     figures: list[Figure] = []
-    asked = _print.get()
-    if asked is None:
+    settings = _print.get()
+    if settings is None:
         yield figures
         return
     with warnings.catch_warnings():
@@ -122,7 +122,7 @@ def with_room(kind: str) -> Iterator[list[Figure]]:
     if not fits:
         raise InvalidInputError(
             f"figure {kind}: expected a width with room for the text, got"
-            f" {asked.width:g} mm for text of {asked.font_size:g} pt"
+            f" {settings.width:g} mm for text of {settings.font_size:g} pt"
         )
 
 
@@ -161,14 +161,14 @@ def _fits(figure: Figure) -> bool:
 
 def text_size(size: float = _TEXT) -> float:
     """Return the size of a text, in points, that has the given size in figures for a screen."""
-    asked = _print.get()
-    return size if asked is None else size * asked.font_size / _TEXT
+    settings = _print.get()
+    return size if settings is None else size * settings.font_size / _TEXT
 
 
 def figure_width(width: float) -> float:
     """Return the width in inches of a figure that is ``width`` inches wide on a screen."""
-    asked = _print.get()
-    return width if asked is None else asked.width / _MM
+    settings = _print.get()
+    return width if settings is None else settings.width / _MM
 
 
 def new_figure(width: float, height: float, *, rows: bool = False) -> Figure:
@@ -181,13 +181,13 @@ def new_figure(width: float, height: float, *, rows: bool = False) -> Figure:
         NotebookFigure,  # needs matplotlib, which is slow to import
     )
 
-    asked = _print.get()
-    if asked is not None:
-        wanted = asked.width / _MM
+    settings = _print.get()
+    if settings is not None:
+        print_width = settings.width / _MM
         text, left = _WORDS
-        scale = asked.font_size / _TEXT
-        height = height * scale if rows else (height - text) * wanted / width + left * scale
-        width = wanted
+        scale = settings.font_size / _TEXT
+        height = height * scale if rows else (height - text) * print_width / width + left * scale
+        width = print_width
     return NotebookFigure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
@@ -202,9 +202,9 @@ def new_panels(
     """Return a figure and the axes of ``count`` panels in ``rows`` rows, with widths in the
     proportion ``ratios``. In a narrow figure for print, the panels lie one below another.
     """
-    asked = _print.get()
+    settings = _print.get()
     columns = count // rows
-    if asked is None or asked.width >= _NARROW or count == 1:
+    if settings is None or settings.width >= _NARROW or count == 1:
         figure = new_figure(width, height)
         return figure, list(
             figure.subplots(rows, columns, squeeze=False, width_ratios=ratios).ravel()
@@ -283,16 +283,16 @@ def fit_height(figure: Figure) -> None:
         figure.draw_without_rendering()
         spare: dict[int, float] = {}  # in each row, beside its tallest axes
         for axes in maps:
-            room, used = (
-                axes.get_position(original=whole).transformed(axes.figure.transSubfigure)
-                for whole in (True, False)
+            available, occupied = (
+                axes.get_position(original=original).transformed(axes.figure.transSubfigure)
+                for original in (True, False)
             )
-            beside = room.height - used.height
+            beside = available.height - occupied.height
             if beside < 1.0:  # too low: what its width would need
-                beside = max(least, (1.0 - room.width / used.width) * used.height)
-            spare[round(room.y0)] = min(spare.get(round(room.y0), inf), beside)
-        wanted = figure.get_figheight() - sum(spare.values()) / figure.dpi
-        figure.set_figheight(min(wanted, most))
+                beside = max(least, (1.0 - available.width / occupied.width) * occupied.height)
+            spare[round(available.y0)] = min(spare.get(round(available.y0), inf), beside)
+        needed = figure.get_figheight() - sum(spare.values()) / figure.dpi
+        figure.set_figheight(min(needed, most))
 
 
 def settle_layout(figure: Figure, *, rounds: int = 1) -> None:
@@ -519,14 +519,14 @@ def fit_columns(
         2.8 * size,
         FontProperties(size=size),
     )  # a handle with its distance from the label
-    measured = (text_to_path.get_text_width_height_descent(label, font, False) for label in labels)
-    lengths = [handle + width for width, _, _ in measured]
+    measures = (text_to_path.get_text_width_height_descent(label, font, False) for label in labels)
+    lengths = [handle + width for width, _, _ in measures]
     for columns in range(min(most, len(labels)), 1, -1):
         rows = -(-len(labels) // columns)
         if -(-len(labels) // rows) < columns:
             continue  # as many rows with fewer columns, which are more even
         # shared out as by Matplotlib: the first columns have one entry more
-        widths = [float(part.max()) for part in np.array_split(lengths, columns)]
+        widths = [float(column.max()) for column in np.array_split(lengths, columns)]
         if sum(widths) + (len(widths) - 1) * spacing * size <= 72.0 * width:
             return columns
     return 1
@@ -549,7 +549,7 @@ def add_legend(figure: Figure, handles: Sequence[Any], most: int, *, spacing: fl
             )
             for order in (handles, by_length)
         ),
-        key=lambda one: one[:2],
+        key=lambda entry: entry[:2],
     )
     figure.legend(
         handles=handles,

@@ -339,9 +339,9 @@ def means_figure(means: Sequence[Any], *, title: str, measure: str) -> Figure:
     axes = figure.add_subplot()
     places = sorted({mean.values[axis] for mean in means}) if axis else []
     for number, (label, line) in enumerate(lines.items()):
-        at = np.array([one.values[axis] for one in line] if axis else [number])
-        middle = np.array([one.estimate.mean for one in line])
-        ends = np.array([[one.estimate.low, one.estimate.high] for one in line]).T
+        at = np.array([mean.values[axis] for mean in line] if axis else [number])
+        middle = np.array([mean.estimate.mean for mean in line])
+        ends = np.array([[mean.estimate.low, mean.estimate.high] for mean in line]).T
         errors = np.nan_to_num(np.abs(ends - middle))
         colour = COLOURS[number % len(COLOURS)] if axis else COLOURS[0]
         if axis:
@@ -398,22 +398,22 @@ def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
     exists.
     """
     for name in points[0]:
-        found = {
+        values = {
             point[name]
             for point in points
             if isinstance(point[name], int | float) and not isinstance(point[name], bool)
         }
-        if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):
+        if len(values) > 1 and all(isinstance(point[name], int | float) for point in points):
             return name
     return None
 
 
 def _words(values: Mapping[str, Any], without: str | None) -> str:
-    kept = {name: value for name, value in values.items() if name != without}
+    others = {name: value for name, value in values.items() if name != without}
     return (
         ", ".join(
             str(value) if isinstance(value, str) else f"{name} {value}"
-            for name, value in kept.items()
+            for name, value in others.items()
         )
         or "all"
     )

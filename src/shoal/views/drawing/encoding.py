@@ -55,12 +55,12 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
+def report_frames(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
     """Yield the frames of a film, and call ``on_frame`` after each frame to report the progress."""
-    for done, frame in enumerate(frames, start=1):
+    for number, frame in enumerate(frames, start=1):
         yield frame
         if on_frame is not None:
-            on_frame(done, total)
+            on_frame(number, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,10 @@ class Clip(Generic[At]):
 
 def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
     """Write a film as GIF, or as MP4 with H.264."""
-    frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
+    frames, moments = (
+        report_frames(clip.frames(clip.moments), len(clip.moments), on_frame),
+        clip.moments,
+    )
     if gif:
         palette = clip.palette
         if palette is None:
@@ -121,25 +124,25 @@ def palette_of(frames: list[Frame]) -> bytes:
     order = np.argsort(-counts, kind="stable")
     # Soft edges have many colours of few pixels each. To keep them visible, the weight of a colour
     # grows slowly with its area.
-    rest = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
-    found = (
-        Pillow.fromarray(_unpacked(rest)[None])
+    sample = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
+    entries = (
+        Pillow.fromarray(_unpack(sample)[None])
         .quantize(256, method=Pillow.Quantize.MEDIANCUT)
         .getpalette()
         or []
     )
-    chosen = np.zeros((0, 3), np.int64)
+    palette = np.zeros((0, 3), np.int64)
     for colour in np.concatenate(
-        [_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]
+        [_unpack(colours[order[:_KEPT]]), np.array(entries, np.uint8).reshape(-1, 3)]
     ).astype(np.int64):
-        if len(chosen) < 255 and (
-            not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART
+        if len(palette) < 255 and (
+            not len(palette) or np.abs(palette - colour).max(axis=1).min() >= _APART
         ):
-            chosen = np.vstack([chosen, colour])
-    return chosen.astype(np.uint8).tobytes()
+            palette = np.vstack([palette, colour])
+    return palette.astype(np.uint8).tobytes()
 
 
-def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
+def _unpack(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
 
 
@@ -198,9 +201,9 @@ class VideoPlanes:
         picture = np.ascontiguousarray(picture)
         if picture.shape != self._shape:
             raise ValueError(f"expected a picture of shape {self._shape}, got {picture.shape}")
-        whole = picture.size // WORD
+        count = picture.size // WORD
         words, last = (
-            flat[: WORD * whole].view(np.uint64) for flat in (picture.reshape(-1), self._last)
+            flat[: WORD * count].view(np.uint64) for flat in (picture.reshape(-1), self._last)
         )
         convert_changes(picture, words, last, *self._planes)
 
@@ -225,8 +228,8 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, quality: int)
     ]
     # fmt: on
     with (
-        tempfile.TemporaryFile() as said,
-        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder,
+        tempfile.TemporaryFile() as log,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as encoder,
     ):
         assert encoder.stdin is not None
         try:
@@ -242,8 +245,8 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, quality: int)
             encoder.kill()
             raise
         failed = encoder.wait() != 0
-        said.seek(0)
-        words = said.read().decode(errors="replace").splitlines()
+        log.seek(0)
+        words = log.read().decode(errors="replace").splitlines()
     if failed:
         why = words[0].rpartition(": ")[2] if words else f"exit code {encoder.returncode}"
         raise OSError(f"the film encoder stopped: {why}")  # atomic() adds the name of the file

@@ -58,7 +58,7 @@ class Stage:
     def with_card(self, clip: Clip[Any], episode: Episode, title: str) -> Clip[Any]:
         """Return a clip that ends with a card, which says in one sentence what happened."""
         card = end_card(self, episode, title)
-        return with_rest(clip, card, round(_CARD * self.rate))
+        return append_still(clip, card, round(_CARD * self.rate))
 
 
 def stage_of(suffix: str, size: str | None, rate: int | None) -> Stage | None:
@@ -85,12 +85,12 @@ def stage_of(suffix: str, size: str | None, rate: int | None) -> Stage | None:
     return Stage(size, rate or RATES[0])
 
 
-def with_rest(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
+def append_still(clip: Clip[Any], picture: Frame, count: int) -> Clip[Any]:
     """Return a clip that shows a picture in ``count`` further frames at its end."""
-    shown: Callable[[Sequence[Any]], Iterator[Frame]] = clip.frames
+    draw_frames: Callable[[Sequence[Any]], Iterator[Frame]] = clip.frames
 
     def frames(moments: Sequence[Any]) -> Iterator[Frame]:
-        yield from shown([moment for moment in moments if moment is not None])
+        yield from draw_frames([moment for moment in moments if moment is not None])
         for moment in moments:
             if moment is None:
                 yield picture

@@ -81,8 +81,8 @@ def _noisy(free_colour: str) -> CellPalette:
     shades = np.where(
         shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown)
     )
-    others = [_shade(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
-    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
+    overlays = [_shade(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
+    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, overlays])
     solid = np.zeros(len(colours), dtype=np.bool_)
     solid[[noise.FREE, *range(noise.FRONTIER, len(colours))]] = True
     return CellPalette(colours.round().astype(np.uint8), solid)

@@ -38,7 +38,7 @@ from shoal.views.swarm.colours import (
     legend_of,
     palette_of_cells,
 )
-from shoal.views.swarm.volume import CORNER, Fit, Slices, room_of_names, sheet_width
+from shoal.views.swarm.volume import CORNER, Fit, Slices, caption_boxes, sheet_width
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -111,12 +111,12 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
     axes.set_axis_off()
     if workspace.ndim == 3:
         _name_slices(
-            axes, slices, *room_of_names(codes.shape, SIDE, workspace.spacing, line), points
+            axes, slices, *caption_boxes(codes.shape, SIDE, workspace.spacing, line), points
         )
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
-    looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
-    lost = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
-    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}", in_print="")
+    scan_note = "" if episode.trace.scanned.all() else f" and {scans} scans"
+    note = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{scan_note}{note}", in_print="")
     _legend(
         figure,
         axes,
@@ -125,9 +125,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | Sequence[int] | None = Non
         seen=episode.observations is not None,
     )
     if workspace.spacing is not None:
-        turned = workspace.ndim == 3
-        cell = min(workspace.spacing) / fit.pixels_a_cell(SIDE) if turned else workspace.spacing[1]
-        draw_scale_bar(figure, axes, unit="mm", size=cell, above=SIDE if turned else width - 0.5)
+        volume = workspace.ndim == 3
+        cell = min(workspace.spacing) / fit.pixels_a_cell(SIDE) if volume else workspace.spacing[1]
+        draw_scale_bar(figure, axes, unit="mm", size=cell, above=SIDE if volume else width - 0.5)
     return figure
 
 
@@ -305,10 +305,10 @@ def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> N
     """Return the photograph with the outline of the mask drawn just outside the vessels; uint8,
     shape (H, W, 3).
     """
-    drawn = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
+    picture = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
     wide = max(1, round(max(mask.shape) / 1000))
-    drawn[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
-    return drawn
+    picture[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
+    return picture
 
 
 def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -24,7 +24,7 @@ from shoal.views.swarm.colours import (
     rgb_of,
 )
 from shoal.views.swarm.photograph import PhotographBelow
-from shoal.views.swarm.presentation import presented_clip
+from shoal.views.swarm.presentation import presentation_clip
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
@@ -42,15 +42,15 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
     episode skips moves. With a stage, it is one for presentations.
     """
     if stage is not None:
-        return presented_clip(episode, stage)
+        return presentation_clip(episode, stage)
     volume = episode.workspace.ndim == 3
-    shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
+    move_numbers = frame_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
         frames=lambda moves: pictures_with_legend(
             episode, moves, film_frames(episode, np.asarray(moves))
         ),
-        moments=shown.tolist(),
-        rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
+        moments=move_numbers.tolist(),
+        rate=float(np.clip(len(move_numbers) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         quality=26,
         # shading of a volume, or a photograph: colours of the frames themselves
         palette=(
@@ -59,13 +59,13 @@ def clip_of(episode: SwarmEpisode, suffix: str, stage: Stage | None) -> Clip[Any
     )
 
 
-def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
+def frame_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     """Return the numbers of moves after which a film has a frame: at most ``at_most`` numbers, from
     0 to ``moves``.
 
     Examples
     --------
-    >>> shown_moves(10, 4).tolist()
+    >>> frame_moves(10, 4).tolist()
     [0, 3, 7, 10]
     """
     return np.unique(
@@ -73,19 +73,19 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     )
 
 
-def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture of an episode after each number of moves in ``shown``; uint8, shape (H, W,
+def film_frames(episode: SwarmEpisode, moves: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the picture of an episode after each number of moves in ``moves``; uint8, shape (H, W,
     3).
 
     The picture of a 2-D map has one pixel for each cell. The picture of a 3-D map is a rotating
     view with a height of `VOLUME_SIDE` pixels, and slices on its right.
     """
-    wanted = set(shown.tolist())
+    selection = set(moves.tolist())
     workspace = episode.workspace
     volume = (Slices.of(workspace), Fit.of(workspace)) if workspace.ndim == 3 else None
     palette = palette_of_cells(episode)
     for move, codes in enumerate(codes_by_move(episode)):
-        if move in wanted:
+        if move in selection:
             if volume is not None:
                 turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
                 picture = sheet(
@@ -131,8 +131,8 @@ def pictures_with_legend(
             sheet.paste(Image.fromarray(below.under(cells, _hides(episode, cells))))
         command = episode.commands[move - 1] if move else ""
         arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
-        lost = f"   {episode.out_of_reach} are out of reach" if episode.unreachable else ""
-        text = f"move {move} of {episode.moves}{arrow}{lost}"
+        note = f"   {episode.out_of_reach} are out of reach" if episode.unreachable else ""
+        text = f"move {move} of {episode.moves}{arrow}{note}"
         ImageDraw.Draw(sheet).text(
             (10, sheet.height - CAPTION + 8), text, _colour("obstacle"), _font(sheet.width)
         )
@@ -177,9 +177,9 @@ def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) ->
     """
     if workspace.spacing is None:
         return
-    turned = workspace.ndim == 3
-    pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if turned else times
-    size = (min(workspace.spacing) if turned else workspace.spacing[1]) / pixels
+    volume = workspace.ndim == 3
+    pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if volume else times
+    size = (min(workspace.spacing) if volume else workspace.spacing[1]) / pixels
     length = bar_length(0.2 * sheet.width * size)
     pen = ImageDraw.Draw(sheet)
     font = _font(sheet.width)
@@ -212,10 +212,10 @@ def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.
     height = max(2, width // 40)
     strip = np.full((height + 2, width, 3), _colour("free"), dtype=np.uint8)
     tape = np.concatenate([[True], scanned])
-    shown = np.arange(width) - width // 2 + move
-    inside = (shown >= 0) & (shown < len(tape))
+    moves = np.arange(width) - width // 2 + move
+    inside = (moves >= 0) & (moves < len(tape))
     strip[1 : height + 1, inside] = np.where(
-        tape[shown[inside], None], _colour("obstacle"), _colour("unknown")
+        tape[moves[inside], None], _colour("obstacle"), _colour("unknown")
     )
     strip[height + 1 :, width // 2] = _colour("particle")
     return strip

@@ -51,11 +51,11 @@ def check_page(episode: SwarmEpisode) -> None:
     InvalidInputError
     """
     cells = episode.workspace.free.size
-    parts, what = (cells, "cells") if _is_recorded(episode) else (len(episode.start), "particles")
+    parts, unit = (cells, "cells") if _is_recorded(episode) else (len(episode.start), "particles")
     for kind, most, count in (
         ("cells", WIDEST, cells),
         ("moves", LONGEST, episode.moves),
-        (f"{what} times a number of moves", LARGEST, parts * episode.moves),
+        (f"{unit} times a number of moves", LARGEST, parts * episode.moves),
     ):
         if count > most:
             raise InvalidInputError(
@@ -100,7 +100,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
 
         Only the data of an episode with noise contain ``moments``, ``looks``, ``noise``, ``goal``,
         ``truth`` and ``seen``. The data of an episode with noise contain no ``start`` and no
-        ``targets``. ``moments`` is the base64 text of `packed_moments`, and
+        ``targets``. ``moments`` is the base64 text of `pack_moments`, and
         ``looks`` explains the colour codes of the cells. ``noise`` holds the probabilities of the
         noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the
         true map is known, so that the page can show classification errors. ``seen`` states whether
@@ -116,27 +116,27 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         "rule": episode.rule,
         "shape": list(episode.workspace.shape),
         "spacing": None if episode.workspace.spacing is None else list(episode.workspace.spacing),
-        "free": _packed(episode.workspace.free),
+        "free": _pack(episode.workspace.free),
         "commands": episode.commands,
-        "scanned": None if episode.trace.scanned.all() else _packed(episode.trace.scanned),
+        "scanned": None if episode.trace.scanned.all() else _pack(episode.trace.scanned),
         "status": str(episode.status),
         "unreachable": episode.unreachable,
         "playing": True,
         "seed": episode.seed,
         "version": episode.versions["shoal"],
-    } | (_recorded(episode) if _is_recorded(episode) else _simulated(episode))
+    } | (_recorded_data(episode) if _is_recorded(episode) else _simulation_data(episode))
 
 
-def _simulated(episode: SwarmEpisode) -> dict[str, object]:
+def _simulation_data(episode: SwarmEpisode) -> dict[str, object]:
     """Return the data that a player page needs to simulate an episode without noise."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
         "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
-        "targets": None if episode.targets is None else _packed(episode.targets),
+        "targets": None if episode.targets is None else _pack(episode.targets),
     }
 
 
-def _recorded(episode: SwarmEpisode) -> dict[str, object]:
+def _recorded_data(episode: SwarmEpisode) -> dict[str, object]:
     """Return the recorded data of an episode that a player page cannot simulate."""
     errors = episode.errors
     if errors is None:
@@ -144,7 +144,7 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
     else:
         seen, truth, goal = False, True, errors.free + errors.walls
     return {
-        "moments": base64.b64encode(packed_moments(episode.moments())).decode(),
+        "moments": base64.b64encode(pack_moments(episode.moments())).decode(),
         "looks": {
             "unknown": noise.UNKNOWN,
             "free": noise.FREE,
@@ -162,11 +162,11 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
     } | (
         {}
         if episode.true_cells is None
-        else {"points": base64.b64encode(_packed_points(episode)).decode()}
+        else {"points": base64.b64encode(_pack_points(episode)).decode()}
     )
 
 
-def _packed_points(episode: SwarmEpisode) -> bytes:
+def _pack_points(episode: SwarmEpisode) -> bytes:
     """Return where the particles were at each moment, as `page_data` describes."""
     assert episode.true_cells is not None
     parts, points = [], np.empty((0, 2))
@@ -177,11 +177,11 @@ def _packed_points(episode: SwarmEpisode) -> bytes:
     return np.concatenate(parts).astype("<i4").tobytes()
 
 
-def _packed(mask: NDArray[np.bool_]) -> str:
+def _pack(mask: NDArray[np.bool_]) -> str:
     return base64.b64encode(np.packbits(mask.ravel()).tobytes()).decode()
 
 
-def packed_moments(frames: Iterable[Moment]) -> bytes:
+def pack_moments(frames: Iterable[Moment]) -> bytes:
     """Return the moments of an episode as bytes.
 
     For each moment, the bytes contain two lists: the cells of the particles, and the cells whose
@@ -199,38 +199,38 @@ def packed_moments(frames: Iterable[Moment]) -> bytes:
     Examples
     --------
     >>> looks = np.array([[8, 16, 8]], dtype=np.uint8)
-    >>> list(packed_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
+    >>> list(pack_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
     [1, 1, 1, 1, 16, 1, 1, 0]
     """
-    written, before = bytearray(), None
+    data, before = bytearray(), None
     for moment in frames:
         looks = moment.looks.ravel()
         if before is None:
             before = np.full_like(looks, noise.UNKNOWN)
         changed = np.flatnonzero(looks != before)
-        _write(written, np.flatnonzero(moment.particles.ravel()))
-        _write(written, changed, looks[changed])
+        _write(data, np.flatnonzero(moment.particles.ravel()))
+        _write(data, changed, looks[changed])
         before = looks
-        if len(written) > HEAVIEST:
+        if len(data) > HEAVIEST:
             raise InvalidInputError(
                 f"the HTML player: expected at most {HEAVIEST // 10**6} MB of moments with noise,"
                 " got more (use .gif or .mp4)"
             )
-    return bytes(written)
+    return bytes(data)
 
 
 def _write(
-    written: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
+    data: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
 ) -> None:
-    written += bytes(_seven_bits(len(cells)))
+    data += bytes(_seven_bits(len(cells)))
     steps = np.diff(cells, prepend=0).tolist()
     for i, step in enumerate(steps):
         if step < 128:
-            written.append(step)
+            data.append(step)
         else:
-            written += bytes(_seven_bits(step))
+            data += bytes(_seven_bits(step))
         if looks is not None:
-            written.append(looks[i])
+            data.append(looks[i])
 
 
 def _seven_bits(number: int) -> Iterator[int]:

@@ -39,7 +39,7 @@ _LINE = "#dfe3e8"
 _ARROWS = {"l": "\u2190", "r": "\u2192", "u": "\u2191", "d": "\u2193"}
 
 
-def presented_clip(episode: SwarmEpisode, stage: Stage) -> Clip[float]:
+def presentation_clip(episode: SwarmEpisode, stage: Stage) -> Clip[float]:
     """Return the film of a swarm on a plane map for presentations.
 
     Raises
@@ -70,13 +70,13 @@ class PresentedSwarm:
         self._episode = episode
         self.width, self.height = stage.width, stage.height
         rows, columns = (side + 2 for side in episode.workspace.shape)  # with the rim
-        room = self.width - 2 * _SIDE, self.height - _HEAD - _FOOT
-        scale = min(room[0] / columns, room[1] / rows)
+        available = self.width - 2 * _SIDE, self.height - _HEAD - _FOOT
+        scale = min(available[0] / columns, available[1] / rows)
         self._scale = scale if scale < _WHOLE else float(int(scale))
         self._size = round(columns * self._scale), round(rows * self._scale)
         self._corner = (
             (self.width - self._size[0]) // 2,
-            _HEAD + (room[1] - self._size[1]) // 2,
+            _HEAD + (available[1] - self._size[1]) // 2,
         )
         self.title = (
             f"{episode.task.capitalize()} of {Path(episode.workspace.name).name} with"
@@ -99,11 +99,11 @@ class PresentedSwarm:
         (left, top), (width, height) = self._corner, self._size
         inside = frame[top : top + height, left : left + width]
         for moment in moments:
-            begun = move
+            previous = move
             while after is not None and move < min(int(moment), self._episode.moves):
                 move, (codes, before) = move + 1, after
                 after = next(steps, None)
-            if move != begun:
+            if move != previous:
                 ground = self._ground(codes)
             inside[...] = ground
             self._draw_particles(inside, self._between(before, after, move, moment - move))
@@ -205,16 +205,16 @@ class PresentedSwarm:
         episode = self._episode
         move = min(int(moment) + (moment % 1 > 0), episode.moves)
         arrow = _ARROWS.get(episode.commands[move - 1], "") if move else ""
-        lost = f"   {episode.out_of_reach} out of reach" if episode.unreachable else ""
-        words = f"move {move:,} of {episode.moves:,}  {arrow}{lost}"
+        note = f"   {episode.out_of_reach} out of reach" if episode.unreachable else ""
+        words = f"move {move:,} of {episode.moves:,}  {arrow}{note}"
         top = self.height - 146  # above the letters
         # Pillow writes text that changes with each picture in a tenth of Matplotlib's time
         line = Image.fromarray(self._plain[top : self.height - 102, :-_SCALE_BAR])
         ImageDraw.Draw(line).text((_SIDE, 32), words, INK, _font(), anchor="ls")
         frame[top : self.height - 102, :-_SCALE_BAR] = np.asarray(line)
         left, right, level = _SIDE, self.width - _SIDE, self.height - 30
-        done = left + round((right - left) * moment / max(1, episode.moves))
-        frame[level - 3 : level + 4, left:done] = rgb_of(BLUE)
+        position = left + round((right - left) * moment / max(1, episode.moves))
+        frame[level - 3 : level + 4, left:position] = rgb_of(BLUE)
 
 
 @cache

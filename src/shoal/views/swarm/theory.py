@@ -77,11 +77,11 @@ def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) 
     a sample.
     """
     probabilities = exact.probabilities
-    shown = np.flatnonzero(probabilities > probabilities.max() / 1000)
-    low, high = int(exact.values[shown[0]]), int(exact.values[shown[-1]])
+    support = np.flatnonzero(probabilities > probabilities.max() / 1000)
+    low, high = int(exact.values[support[0]]), int(exact.values[support[-1]])
     if values is not None:
         _bars(axes, values, low, high, SKY, "Monte Carlo")
-    axes.plot(exact.values[shown], probabilities[shown], color=BLUE, lw=1.8, label="exact")
+    axes.plot(exact.values[support], probabilities[support], color=BLUE, lw=1.8, label="exact")
     mean = float(exact.mean)
     axes.axvline(mean, color=ORANGE, lw=1.2, label=f"mean {mean:.2f}")
     axes.legend(frameon=False, fontsize=text_size())
@@ -209,7 +209,7 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     figure, (left, right) = new_panels(7.6, 4.2, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
-        costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
+        costs = [schedule.cost(distance) for distance in chart_distances(schedule, max_distance)]
         # quotients of exact integers, which may be too large for a float
         at = [log10(cost.distance + 1) for cost in costs]
         left.plot(
@@ -251,7 +251,7 @@ def _float(ratio: Fraction) -> float:
     return float(min(ratio, Fraction(10**100)))
 
 
-def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
+def chart_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
     """Return the distances, in cells, at which a chart shows the ratios of a scan schedule.
 
     For a schedule of up to 40 scans, the result contains the distances just before and just after
@@ -265,10 +265,12 @@ def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
         )
     ]
     if len(scans) <= _TEETH:
-        chosen = [position - side for position in scans for side in (1, 0)]
+        distances = [position - side for position in scans for side in (1, 0)]
     elif len(scans) <= _POINTS:
         return [0, *scans]
     else:
         tenths = (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)
-        chosen = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in tenths]
-    return sorted({0, *(distance for distance in chosen if distance <= max_distance), max_distance})
+        distances = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in tenths]
+    return sorted(
+        {0, *(distance for distance in distances if distance <= max_distance), max_distance}
+    )

@@ -108,7 +108,7 @@ def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
     return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
 
 
-def turned_view(
+def rotated_view(
     codes: NDArray[np.uint8],
     *,
     azimuth: float,
@@ -150,7 +150,7 @@ def turned_view(
     scale = 0.96 * small / largest
     size = max(1, int(np.ceil(scale * float(sizes.max()))))
 
-    def placed(
+    def project(
         cells: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
@@ -162,7 +162,7 @@ def turned_view(
         )
         return left, top, away * np.cos(elevation) + y * np.sin(elevation)
 
-    left, top, depth = placed(cells)
+    left, top, depth = project(cells)
     order = np.argsort(-depth, kind="stable")  # the nearest last, over all others
     nearness = 1 - (depth - depth.min()) / max(1e-9, float(np.ptp(depth)))
     shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
@@ -171,7 +171,7 @@ def turned_view(
     # Particles inside a wide vessel are visible through its wall.
     particles = np.argwhere(codes == palette.particle)
     through, colour = picture.copy(), palette.rgb[palette.particle]
-    _splat(through, *placed(particles), np.broadcast_to(colour, (len(particles), 3)), size)
+    _splat(through, *project(particles), np.broadcast_to(colour, (len(particles), 3)), size)
     covered = (through == colour).all(axis=2) & (picture != colour).any(axis=2)
     mixed = THROUGH * colour + (1 - THROUGH) * picture[covered]
     picture[covered] = mixed.astype(np.uint8)
@@ -182,12 +182,12 @@ def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64
     """Return the drawn cells that lie in the rim or beside a cell that is not drawn; int64, shape
     (n, 3).
     """
-    shown = np.pad(palette.solid[codes], 1).ravel()
-    flat = np.flatnonzero(shown)
+    solid = np.pad(palette.solid[codes], 1).ravel()
+    flat = np.flatnonzero(solid)
     hidden = np.ones(len(flat), dtype=np.bool_)
     shape = tuple(side + 2 for side in codes.shape)
     for step in (1, shape[2], shape[1] * shape[2]):
-        hidden &= shown[flat - step] & shown[flat + step]
+        hidden &= solid[flat - step] & solid[flat + step]
     return np.stack(np.unravel_index(flat[~hidden], shape), axis=1) - 1
 
 
@@ -221,17 +221,17 @@ def slice_pictures(
     front = codes[slices.layer + 1]
     above = codes[::-1, slices.row + 1]  # the front is at the bottom
     right = codes[:, :, slices.column + 1].T
-    return [palette.rgb[cut] for cut in (front, above, right)]
+    return [palette.rgb[plane] for plane in (front, above, right)]
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
     """Return the width, in pixels, of the picture that `sheet` makes from colour codes of the given
     shape.
     """
-    return side + GAP + _room(shape, side, spacing)[1]
+    return side + GAP + _slice_box(shape, side, spacing)[1]
 
 
-def _room(
+def _slice_box(
     shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None, line: int | None = None
 ) -> tuple[int, int, int]:
     """Return the maximum height of a slice, the maximum width of a slice, and the height of a
@@ -260,35 +260,35 @@ def sheet(
     """
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
-    *room, line = _room(codes.shape, side, spacing, unnamed)
-    whole = np.full((side, side + GAP + room[1], 3), 255, dtype=np.uint8)
-    whole[:, :side] = turned_view(
+    *box, line = _slice_box(codes.shape, side, spacing, unnamed)
+    page = np.full((side, side + GAP + box[1], 3), 255, dtype=np.uint8)
+    page[:, :side] = rotated_view(
         codes, azimuth=azimuth, side=side, spacing=spacing, palette=palette, fit=fit
     )
     for number, (picture, (tall, wide), name) in enumerate(
         zip(slice_pictures(codes, slices, palette), lengths, slices.names, strict=True)
     ):
-        scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
+        scale = min(box[0] / (picture.shape[0] * tall), box[1] / (picture.shape[1] * wide))
         height = max(1, int(picture.shape[0] * tall * scale))
         width = max(1, int(picture.shape[1] * wide * scale))
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
-        drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
-        top, left = number * (room[0] + line + GAP), side + GAP
+        slice_picture = np.asarray(Image.fromarray(picture).resize((width, height), method))
+        top, left = number * (box[0] + line + GAP), side + GAP
         if unnamed is None:
-            whole[top : top + line, left:] = _written(name, room[1], line)
-        whole[top + line : top + line + height, left : left + width] = drawn
-    return whole
+            page[top : top + line, left:] = _written(name, box[1], line)
+        page[top + line : top + line + height, left : left + width] = slice_picture
+    return page
 
 
-def room_of_names(
+def caption_boxes(
     shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None, unnamed: int
 ) -> tuple[list[tuple[int, int]], int]:
     """Return where `sheet` leaves ``unnamed`` rows for the names of the three slices: their left
     lower corners (x, y), and their width, in pixels.
     """
-    *room, line = _room(shape, side, spacing, unnamed)
-    corners = [(side + GAP, number * (room[0] + line + GAP) + line) for number in range(3)]
-    return corners, room[1]
+    *box, line = _slice_box(shape, side, spacing, unnamed)
+    corners = [(side + GAP, number * (box[0] + line + GAP) + line) for number in range(3)]
+    return corners, box[1]
 
 
 def notebook_picture(workspace: GridWorkspace, *, side: int = 640) -> bytes:

@@ -185,7 +185,7 @@ class Lookahead(NamedTuple):
 
 
 @in_place_kernel
-def tried(field, occupied, command):
+def count_tried(field, occupied, command):
     """Return the number of unknown cells that particles in the cells ``occupied`` would try to
     enter with one command.
     """
@@ -211,7 +211,7 @@ def tried(field, occupied, command):
 
 
 @in_place_kernel
-def predicted(field, occupied, counts):
+def known_field(field, occupied, counts):
     """Return the known part of the map as a field, with particles in the cells ``occupied``.
 
     Unknown cells count as walls, because no particle tries to enter them.
@@ -236,7 +236,7 @@ def shift(field, predicted_field, command, rule):
     """Move the particles of a predicted field if the outcome of the command is certain. Return
     whether a particle has moved.
     """
-    if tried(field, predicted_field.occupied, command) > 0:
+    if count_tried(field, predicted_field.occupied, command) > 0:
         return False
     if command == LEFT or command == RIGHT:
         return move_along(predicted_field, command, rule)[0] > 0
@@ -252,7 +252,7 @@ def best_last_command(field, lookahead, occupied, prices, steps, rate):
     """
     command = -1
     for last in range(4 if field.layers == 1 else 6):
-        count = tried(field, occupied, last)
+        count = count_tried(field, occupied, last)
         if count > rate * (prices.scan + prices.move * (steps + 1)):
             command, rate = last, count / (prices.scan + prices.move * (steps + 1))
     return command, rate
@@ -274,8 +274,8 @@ def explore(field, rule, lookahead, prices, rate):
     result is ``rate``.
     """
     best = lookahead.best
-    once = predicted(field, lookahead.shifted, lookahead.counts)
-    twice = predicted(field, lookahead.twice, lookahead.counts)
+    once = known_field(field, lookahead.shifted, lookahead.counts)
+    twice = known_field(field, lookahead.twice, lookahead.counts)
     directions = 4 if field.layers == 1 else 6
     for first in range(directions):
         copy_board(field.occupied, once.occupied)

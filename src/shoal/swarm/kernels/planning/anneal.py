@@ -40,7 +40,7 @@ class AnnealedPlan(NamedTuple):
     plan: NDArray[np.int8]  # the current plan
     trial: NDArray[np.int8]  # a changed copy of the current plan
     shortest: NDArray[np.int8]  # the shortest plan so far
-    kept: NDArray[
+    checkpoints: NDArray[
         np.uint64
     ]  # (places, boards, words): the states along the current plan after each ``every`` moves
     every: int
@@ -59,21 +59,21 @@ def change(planner, plans, length):
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
     command = draw(planner, np.int64(directions(planner.scene)))
     many = np.int64(1) << draw(planner, np.int64(4))
-    added, taken = np.int64(1), np.int64(1)
+    added, removed = np.int64(1), np.int64(1)
     if kind == 1:
-        added, taken = many, np.int64(0)
+        added, removed = many, np.int64(0)
     elif kind == 2:
-        added, taken = np.int64(0), many
+        added, removed = np.int64(0), many
     elif kind == 3:
-        added, taken = many, many
+        added, removed = many, many
     elif kind == 4:
-        taken = 1 + draw(planner, np.int64(4))
+        removed = 1 + draw(planner, np.int64(4))
     for i in range(at // plans.every * plans.every, at):
         trial[i] = plan[i]
     for i in range(at, at + added):
         trial[i] = command
     end = at + added
-    for i in range(at + taken, length):
+    for i in range(at + removed, length):
         trial[end] = plan[i]
         end += 1
     return at, end
@@ -90,8 +90,8 @@ def finish(planner, state, plan, at, length, limit):
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
-    left = count(state[FRONTIER])
-    while left > 0:
+    remaining = count(state[FRONTIER])
+    while remaining > 0:
         if at >= limit:
             return limit + 1, simulated + at - begin
         if at >= length:
@@ -105,7 +105,7 @@ def finish(planner, state, plan, at, length, limit):
                 if length <= at:
                     return limit + 1, simulated + at - begin
         last = np.int64(plan[at])
-        left -= advance(scene, state, last)
+        remaining -= advance(scene, state, last)
         at += 1
     return at, simulated + at - begin
 
@@ -118,10 +118,10 @@ def keep_states(planner, plans, at, length):
     Return the number of simulated moves.
     """
     place = at // plans.every
-    copy_state(plans.kept[place], planner.state)
+    copy_state(plans.checkpoints[place], planner.state)
     for i in range(place * plans.every, length):
         if i % plans.every == 0:
-            copy_state(planner.state, plans.kept[i // plans.every])
+            copy_state(planner.state, plans.checkpoints[i // plans.every])
         advance(planner.scene, planner.state, np.int64(plans.plan[i]))
     return length - place * plans.every
 
@@ -134,15 +134,15 @@ def anneal(planner, plans, length, fewest, heat, budget):
     moves with the probability exp(-x / heat). Return the lengths of the current plan and of the
     shortest plan, and the number of simulated moves.
     """
-    plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
-    copy_state(planner.root, plans.kept[0])
+    plan, trial, capacity = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
+    copy_state(planner.root, plans.checkpoints[0])
     spent = keep_states(planner, plans, np.int64(0), length)
     while spent < budget and length > 0:
         at, end = change(planner, plans, length)
         chance = (1.0 + draw(planner, np.int64(_FINENESS))) / _FINENESS
-        limit = min(np.int64(length - heat * math.log(chance)), room)
+        limit = min(np.int64(length - heat * math.log(chance)), capacity)
         begin = at // plans.every * plans.every
-        copy_state(plans.kept[begin // plans.every], planner.state)
+        copy_state(plans.checkpoints[begin // plans.every], planner.state)
         end, simulated = finish(planner, planner.state, trial, begin, end, limit)
         spent += simulated
         if end > limit:

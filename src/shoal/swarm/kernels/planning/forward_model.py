@@ -71,9 +71,9 @@ class Scene(NamedTuple):
 def copy_state(source, target):
     """Copy the three boards of a state."""
     for board in range(BOARDS):
-        here, there = source[board], target[board]
-        for i in range(here.shape[0]):
-            there[i] = here[i]
+        source_board, target_board = source[board], target[board]
+        for i in range(source_board.shape[0]):
+            target_board[i] = source_board[i]
 
 
 @in_place_kernel
@@ -94,7 +94,7 @@ def immediate_gains(scene, state, gains):
     """
     occupied, frontier, size, width = state[OCCUPIED], state[FRONTIER], state.shape[1], scene.width
     inner = size - 2 * width
-    here, wanted, over, under = (
+    inner_occupied, inner_frontier, over, under = (
         occupied[width:],
         frontier[width:],
         frontier[:inner],
@@ -103,7 +103,7 @@ def immediate_gains(scene, state, gains):
     before, after = frontier[width - 1 :], frontier[width + 1 :]
     left, up, right, down = 0, 0, 0, 0
     for i in range(inner):
-        particles, cells = here[i], wanted[i]
+        particles, cells = inner_occupied[i], inner_frontier[i]
         left += popcount(particles & ((cells << ONE) | (before[i] >> TOP)))
         right += popcount(particles & ((cells >> ONE) | (after[i] << TOP)))
         up += popcount(particles & over[i])
@@ -127,12 +127,12 @@ def advance(scene, state, command):
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
     tried, ground, frontier = scene.tried, scene.ground, state[FRONTIER]
-    classified, found = 0, ZERO
+    classified, free = 0, ZERO
     for i in range(tried.shape[0]):
         classified += popcount(tried[i])
-        found |= tried[i] & ground[i]
+        free |= tried[i] & ground[i]
         frontier[i] &= ~tried[i]
-    if scene.mapping and found != ZERO:
+    if scene.mapping and free != ZERO:
         discover(scene, frontier, state[UNSEEN])
     return classified
 
@@ -196,21 +196,21 @@ def discover(scene, frontier, unseen):
 
 
 @in_place_kernel
-def reveal_around(scene, frontier, unseen, i, found):
-    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the
+def reveal_around(scene, frontier, unseen, i, cells):
+    """Add the unseen neighbours of the ``cells``, which lie in word ``i``, to the
     frontier.
     """
     width, layer = scene.width, scene.width * scene.rows
-    reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
-    if found >> TOP != ZERO:
+    reveal(frontier, unseen, i, (cells << ONE) | (cells >> ONE))
+    if cells >> TOP != ZERO:
         reveal(frontier, unseen, i + 1, ONE)
-    if found & ONE != ZERO:
+    if cells & ONE != ZERO:
         reveal(frontier, unseen, i - 1, ONE << TOP)
-    reveal(frontier, unseen, i - width, found)
-    reveal(frontier, unseen, i + width, found)
+    reveal(frontier, unseen, i - width, cells)
+    reveal(frontier, unseen, i + width, cells)
     if scene.layers > 1:
-        reveal(frontier, unseen, i - layer, found)
-        reveal(frontier, unseen, i + layer, found)
+        reveal(frontier, unseen, i - layer, cells)
+        reveal(frontier, unseen, i + layer, cells)
 
 
 @in_place_kernel
@@ -289,13 +289,17 @@ def spread(scene, planes, frontier, level):
     )
     first = layer if scene.layers > 1 else width
     last = size - first
-    here, before, after = wave[first:last], wave[first - 1 : last - 1], wave[first + 1 : last + 1]
+    current, before, after = (
+        wave[first:last],
+        wave[first - 1 : last - 1],
+        wave[first + 1 : last + 1],
+    )
     above, below = wave[first - width : last - width], wave[first + width : last + width]
     free, out, goals = unreached[first:last], mark[first:last], frontier[first:last]
     for i in range(out.shape[0]):
         new = (
-            (here[i] << ONE)
-            | (here[i] >> ONE)
+            (current[i] << ONE)
+            | (current[i] >> ONE)
             | (before[i] >> TOP)
             | (after[i] << TOP)
             | above[i]

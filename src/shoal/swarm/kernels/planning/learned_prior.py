@@ -57,7 +57,7 @@ class LearnedPrior(NamedTuple):
         np.int16
     ]  # (hidden,); with the trained weights, every sum fits into 16 bits, and every result into 32 bits
     marks: NDArray[np.uint64]  # for each cell: hash of the window at the last evaluation
-    told: NDArray[
+    outputs: NDArray[
         np.uint8
     ]  # for each cell: index of the network's result in ``chances``, without the bias
     bias: NDArray[
@@ -92,9 +92,9 @@ def look(learned, opened, known, cell, command):
         begin = (row + i) * width
         free, wall = ZERO, _ROW
         if 0 <= begin < known.shape[0]:
-            seen = part_of_row(known, begin, width, column)
-            free = part_of_row(opened, begin, width, column) & seen
-            wall = (seen | (~part_of_row(learned.inner, begin, width, column) & _ROW)) & ~free
+            known_row = part_of_row(known, begin, width, column)
+            free = part_of_row(opened, begin, width, column) & known_row
+            wall = (known_row | (~part_of_row(learned.inner, begin, width, column) & _ROW)) & ~free
         learned.opened[i], learned.walls[i] = free, wall
         word = mark + ((free << np.uint64(SPAN)) | wall) + _MIX
         mark = (word ^ (word >> _HALF)) * _SPREAD
@@ -169,8 +169,10 @@ def learned_chance(learned, opened, known, cell, command):
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark
         at = log_odds(learned, command) + ODDS * MOST_ODDS
-        learned.told[cell] = np.uint8(min(max(at, np.int64(0)), np.int64(2 * ODDS * MOST_ODDS - 1)))
-    at = np.int64(learned.told[cell]) + np.int64(np.floor(learned.bias[0] + 0.5))
+        learned.outputs[cell] = np.uint8(
+            min(max(at, np.int64(0)), np.int64(2 * ODDS * MOST_ODDS - 1))
+        )
+    at = np.int64(learned.outputs[cell]) + np.int64(np.floor(learned.bias[0] + 0.5))
     return learned.chances[min(max(at, np.int64(0)), np.int64(2 * ODDS * MOST_ODDS - 1))]
 
 

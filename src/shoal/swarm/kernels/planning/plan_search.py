@@ -346,12 +346,12 @@ def complete(planner, length, horizon, discount, worth, expected, best):
                 plan[at] = command
                 length = at + 1
             else:
-                found = path_to_nearest(scene, state, planner.planes, plan, at, horizon - at)
-                if found == TOO_FAR:
+                path_length = path_to_nearest(scene, state, planner.planes, plan, at, horizon - at)
+                if path_length == TOO_FAR:
                     return horizon, value, at, at, total
-                if found == 0:
+                if path_length == 0:
                     return finished, value, at, at, total
-                length = at + found
+                length = at + path_length
         command = np.int64(plan[at])
         classified = advance(scene, state, command)
         at += 1

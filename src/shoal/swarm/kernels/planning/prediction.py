@@ -66,7 +66,7 @@ class OccupancyPrior(NamedTuple):
         np.int64
     ]  # (TALLIES, 2): number of classified cells, number of free cells among the classified cells
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
-    told: NDArray[
+    forecasts: NDArray[
         np.float64
     ]  # (EXPERTS,): each expert's probability that the last classified cell is free
     before: NDArray[np.uint64]  # the cells known before the last command
@@ -83,7 +83,9 @@ class OccupancyPrediction(NamedTuple):
     cells: NDArray[np.int64]  # the cells of the present layer, as 64 * word + bit
     following: NDArray[np.int64]  # the cells of the next layer
     verdicts: NDArray[np.int8]  # UNDECIDED, WALL or FREE for each cell of the present layer
-    told: NDArray[np.float64]  # results of the learned prior for the cells of the present layer
+    learned_chances: NDArray[
+        np.float64
+    ]  # results of the learned prior for the cells of the present layer
     chances: NDArray[
         np.float64
     ]  # (FINE,): results of `chance` for all surroundings; NOT_ASKED before the first use
@@ -121,8 +123,8 @@ def pair_at(opened, known, cell, side):
     """Return a number from 0 to 5 that identifies the states of the two cells beside a cell,
     regardless of their order.
     """
-    one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
-    low, high = min(one, other), max(one, other)
+    first, second = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
+    low, high = min(first, second), max(first, second)
     return high * (high + 1) // 2 + low
 
 
@@ -140,7 +142,7 @@ def around(opened, known, cell, step, side):
 
 
 @in_place_kernel
-def smoothed(tallies, entry, likely):
+def smooth(tallies, entry, likely):
     """Return the fraction of free cells in one tally, smoothed towards the coarser fraction
     ``likely``.
     """
@@ -153,15 +155,15 @@ def chance(prior, number):
     surroundings of the cell.
     """
     tallies = prior.tallies
-    likely = smoothed(tallies, 0, 0.5)
-    likely = smoothed(tallies, 1 + number // PAIRS, likely)
-    return smoothed(tallies, 1 + COARSE + number, likely)
+    likely = smooth(tallies, 0, 0.5)
+    likely = smooth(tallies, 1 + number // PAIRS, likely)
+    return smooth(tallies, 1 + COARSE + number, likely)
 
 
 @in_place_kernel
 def learn(prior, number, free):
     """Compute the count expert's probability for a cell, and then add the cell to the counts."""
-    prior.told[COUNTED] = chance(prior, number)
+    prior.forecasts[COUNTED] = chance(prior, number)
     for entry in (0, 1 + number // PAIRS, 1 + COARSE + number):
         prior.tallies[entry, 0] += 1
         prior.tallies[entry, 1] += 1 if free else 0
@@ -175,7 +177,7 @@ def weigh(prior, free):
     """
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):
-        weights[expert] *= prior.told[expert] if free else 1.0 - prior.told[expert]
+        weights[expert] *= prior.forecasts[expert] if free else 1.0 - prior.forecasts[expert]
         total += weights[expert]
         having += 1 if weights[expert] > 0.0 else 0
     for expert in range(EXPERTS):
@@ -193,8 +195,10 @@ def learn_from_command(field, prior, learned, command):
         while new != ZERO:
             cell, free = 64 * i + lowest(new), field.open[i] & new & (~new + ONE) != ZERO
             if prior.weights[LEARNED] > 0.0:
-                prior.told[LEARNED] = learned_chance(learned, field.open, before, cell, command)
-                learn_bias(learned, prior.told[LEARNED], free)
+                prior.forecasts[LEARNED] = learned_chance(
+                    learned, field.open, before, cell, command
+                )
+                learn_bias(learned, prior.forecasts[LEARNED], free)
             learn(prior, around(field.open, before, cell, step, side), free)
             weigh(prior, free)
             new &= new - ONE
@@ -231,7 +235,7 @@ def list_cells(cells, size, i, word):
 
 
 @in_place_kernel
-def counted(prediction, prior, number):
+def cached_chance(prediction, prior, number):
     """Return the result of `chance` for fine surroundings. The kernel computes each result only
     once in a prediction.
     """
@@ -258,7 +262,7 @@ def find_walls(prediction, prior, learned, size):
     The kernel predicts walls before `find_free` predicts free cells, because the experts recognize
     corridors between known walls.
     """
-    opened, known, seen, share = (
+    opened, known, tallies, share = (
         prediction.open,
         prediction.known,
         prior.tallies[1:],
@@ -271,14 +275,14 @@ def find_walls(prediction, prior, learned, size):
         if prediction.verdicts[k] == WALL:
             continue
         if share > LEAST:
-            prediction.told[k] = ask_learned(prediction, learned, cell)
+            prediction.learned_chances[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
-            if mixed(prediction, prior, k, number) < UNLIKELY and (
-                share > 0.5 or seen[number // PAIRS, 0] >= FEWEST
+            if mean_chance(prediction, prior, k, number) < UNLIKELY and (
+                share > 0.5 or tallies[number // PAIRS, 0] >= FEWEST
             ):
                 prediction.verdicts[k] = WALL
                 break
@@ -288,16 +292,18 @@ def find_walls(prediction, prior, learned, size):
 
 
 @in_place_kernel
-def mixed(prediction, prior, k, number):
+def mean_chance(prediction, prior, k, number):
     """Return the weighted mean of the experts' probabilities that cell number k of the layer is
     free.
     """
     share = prior.weights[LEARNED]
     if share <= LEAST:
-        return counted(prediction, prior, number)
+        return cached_chance(prediction, prior, number)
     if share >= 1.0 - LEAST:
-        return prediction.told[k]
-    return share * prediction.told[k] + (1.0 - share) * counted(prediction, prior, number)
+        return prediction.learned_chances[k]
+    return share * prediction.learned_chances[k] + (1.0 - share) * cached_chance(
+        prediction, prior, number
+    )
 
 
 @in_place_kernel
@@ -315,15 +321,18 @@ def find_free(prediction, prior, learned, size, needed):
         if prediction.verdicts[k] == WALL:
             continue
         if (
-            share > LEAST and prediction.told[k] <= needed
+            share > LEAST and prediction.learned_chances[k] <= needed
         ):  # walls predicted by `find_walls` may change the result
-            prediction.told[k] = ask_learned(prediction, learned, cell)
+            prediction.learned_chances[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
             prediction.verdicts[k] = FREE
-            if not mixed(prediction, prior, k, around(opened, known, cell, step, side)) > needed:
+            if (
+                not mean_chance(prediction, prior, k, around(opened, known, cell, step, side))
+                > needed
+            ):
                 prediction.verdicts[k] = UNDECIDED
                 break
         some |= prediction.verdicts[k] == FREE

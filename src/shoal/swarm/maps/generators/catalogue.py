@@ -233,14 +233,14 @@ def _size(text: str, generator: Generator, spec: str) -> tuple[int, ...]:
             f"expected a size of {len(axes)} number{'s' * (len(axes) > 1)} ({generator.size}), got"
             f" {_cut(text)} in {_cut(spec)}: write for example {generator.example}"
         )
-    for part, axis in zip(parts, axes, strict=True):
-        if not re.fullmatch("[+-]?[0-9]{1,1000}", part):
+    for digits, axis in zip(parts, axes, strict=True):
+        if not re.fullmatch("[+-]?[0-9]{1,1000}", digits):
             raise InvalidInputError(
-                f"expected a whole number of {axis.lower()}, got {_cut(part)} in {_cut(spec)}"
+                f"expected a whole number of {axis.lower()}, got {_cut(digits)} in {_cut(spec)}"
             )
-        if int(part) < 1:
+        if int(digits) < 1:
             raise InvalidInputError(
-                f"expected at least 1 for the {axis.lower()}, got {_cut(part)} in {_cut(spec)}"
+                f"expected at least 1 for the {axis.lower()}, got {_cut(digits)} in {_cut(spec)}"
             )
     size = tuple(map(int, parts))
     cells = math.prod(size)

@@ -36,9 +36,9 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     rooms = free[::2, ::2]
     rooms[:] = True
     rows, columns = rooms.shape
-    entered, left = _walk(rows, columns, rng)
+    entered, previous = _walk(rows, columns, rng)
     # The wall between two neighbouring rooms is the cell halfway between them.
-    free[entered // columns + left // columns, entered % columns + left % columns] = True
+    free[entered // columns + previous // columns, entered % columns + previous % columns] = True
     if width % 2 == 0:
         free[::2, -1] = rng.random(rows) < 0.5
     if height % 2 == 0:
@@ -60,19 +60,19 @@ def _walk(
     unvisited[room] = 0
     trail = [room]
     entered: list[int] = []
-    left: list[int] = []
+    previous: list[int] = []
     while trail:
         room = trail[-1]
         doors = _doors(room, rows, columns, unvisited)
         if not doors:
             trail.pop()
             continue
-        left.append(room)
+        previous.append(room)
         room = doors[draws[len(entered)] % len(doors)]
         unvisited[room] = 0
         entered.append(room)
         trail.append(room)
-    return np.array(entered, dtype=np.int64), np.array(left, dtype=np.int64)
+    return np.array(entered, dtype=np.int64), np.array(previous, dtype=np.int64)
 
 
 def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int]:
@@ -213,10 +213,10 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
     if halves:
         arms = _arms(halves)
         # Cut one arm after the other, from its tip, until enough cells are removed.
-        cut = tree_size(halves) - count - (np.cumsum(arms.length) - arms.length)
-        kept = arms.length - np.clip(cut, 0, arms.length)
-        arm = np.repeat(np.arange(len(kept)), kept)
-        along = 1 + np.arange(len(arm)) - np.repeat(np.cumsum(kept) - kept, kept)
+        surplus = tree_size(halves) - count - (np.cumsum(arms.length) - arms.length)
+        lengths = arms.length - np.clip(surplus, 0, arms.length)
+        arm = np.repeat(np.arange(len(lengths)), lengths)
+        along = 1 + np.arange(len(arm)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         cells = np.concatenate([cells, arms.start[arm] + along[:, None] * arms.step[arm]])
         cells -= cells.min(axis=0)
     free = np.zeros(cells.max(axis=0) + 1, dtype=np.bool_)

@@ -113,7 +113,7 @@ def subtrees(parents: Indices) -> tuple[Indices, Indices]:
     ``first`` to ``first + size - 1``.
     """
     up = parents.tolist()
-    size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)
+    size, first, offset = [1] * len(up), [0] * len(up), [1] * len(up)
     for node in range(len(up) - 1, -1, -1):
         if up[node] != node:
             size[up[node]] += size[node]
@@ -123,8 +123,8 @@ def subtrees(parents: Indices) -> tuple[Indices, Indices]:
             first[node] = roots_end
             roots_end += size[node]
         else:
-            first[node] = first[parent] + taken[parent]
-            taken[parent] += size[node]
+            first[node] = first[parent] + offset[parent]
+            offset[parent] += size[node]
     return np.array(first), np.array(size)
 
 
@@ -170,19 +170,19 @@ def _colonise(
     while True:
         # Opposing targets can cancel each other. Remove a target that no vessel approaches, so that
         # growth ends.
-        left = (distance > 0.6 * spacing) & (patience > 0)
-        targets = targets[left]
-        distance = distance[left]
-        nearest = nearest[left]
-        patience = patience[left]
-        seen = distance < sight
-        if not seen.any():
+        active = (distance > 0.6 * spacing) & (patience > 0)
+        targets = targets[active]
+        distance = distance[active]
+        nearest = nearest[active]
+        patience = patience[active]
+        visible = distance < sight
+        if not visible.any():
             return points, parents
-        growing, pulls = np.unique(nearest[seen], return_counts=True)
-        growing = _uncrowded(
+        growing, pulls = np.unique(nearest[visible], return_counts=True)
+        growing = _thin_out(
             points[growing], growing, pulls + 1000 * (growing >= fresh), 0.5 * spacing
         )
-        pulling = seen & np.isin(nearest, growing)
+        pulling = visible & np.isin(nearest, growing)
         new = points[growing] + STEP * _headings(points, targets[pulling], nearest[pulling], rng)
         closer, which = cKDTree(new).query(targets)
         better = closer < distance - 0.05 * STEP
@@ -193,16 +193,16 @@ def _colonise(
         points, parents = np.concatenate([points, new]), np.concatenate([parents, growing])
 
 
-def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """For every two nodes that are at most ``room`` cells apart, drop the node of lower rank.
+def _thin_out(places: Points, nodes: Indices, rank: Indices, clearance: float) -> Indices:
+    """For every two nodes that are at most ``clearance`` cells apart, drop the node of lower rank.
     Return the remaining nodes.
 
     Dropping nodes prevents dense rows of parallel vessels.
     """
     from scipy.spatial import cKDTree
 
-    one, two = cKDTree(places).query_pairs(room, output_type="ndarray").T
-    loser = np.where(rank[one] >= rank[two], two, one)
+    first, second = cKDTree(places).query_pairs(clearance, output_type="ndarray").T
+    loser = np.where(rank[first] >= rank[second], second, first)
     return nodes[~np.isin(np.arange(len(nodes)), loser)]
 
 
@@ -260,9 +260,11 @@ def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tu
             np.asarray(tree.query_ball_point(points[tip], JOIN_REACH * SPACING), dtype=np.int64)
         )
         branch = _ancestor(parents, int(tip), kin_steps)
-        other = near[(first[near] < first[branch]) | (first[near] >= first[branch] + size[branch])]
+        unrelated = near[
+            (first[near] < first[branch]) | (first[near] >= first[branch] + size[branch])
+        ]
         heading = points[tip] - points[_ancestor(parents, int(tip), 3)]
-        target = _best_target(points, int(tip), heading, other)
+        target = _best_target(points, int(tip), heading, unrelated)
         if target is not None:
             joined |= {int(tip), target}
             curves.append(_bend(points[tip], points[target], heading))
@@ -275,12 +277,12 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
     """
     from scipy.spatial import cKDTree
 
-    one, two = points[in_first_tree], points[~in_first_tree]
-    if not len(two):
+    first, second = points[in_first_tree], points[~in_first_tree]
+    if not len(second):
         return []
-    distance, nearest = cKDTree(one).query(two)
+    distance, nearest = cKDTree(first).query(second)
     end = int(np.argmin(distance))
-    return [np.linspace(one[nearest[end]], two[end], int(distance[end] / STEP) + 2)]
+    return [np.linspace(first[nearest[end]], second[end], int(distance[end] / STEP) + 2)]
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
@@ -292,9 +294,9 @@ def _best_target(points: Points, tip: int, heading: Points, candidates: Indices)
     """
     if not len(candidates):
         return None
-    way = points[candidates] - points[tip]
-    length = np.hypot(way[:, 0], way[:, 1]) + 1e-9
-    ahead = way @ heading / (length * (np.hypot(*heading) + 1e-9))
+    vectors = points[candidates] - points[tip]
+    length = np.hypot(vectors[:, 0], vectors[:, 1]) + 1e-9
+    ahead = vectors @ heading / (length * (np.hypot(*heading) + 1e-9))
     cost = np.where(ahead > -0.2, length * (1.8 - ahead), np.inf)
     best = int(np.argmin(cost))
     return int(candidates[best]) if np.isfinite(cost[best]) else None
@@ -466,7 +468,7 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 
 def _nearest_cells(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells with the shortest paths to the first free cell of the map."""
-    kept = np.zeros_like(free)
+    component = np.zeros_like(free)
     offsets = np.array([-1, -free.shape[1], 1, free.shape[1]])
-    kept.ravel()[nearest_cells(free.ravel(), offsets, int(np.argmax(free)), count)] = True
-    return kept
+    component.ravel()[nearest_cells(free.ravel(), offsets, int(np.argmax(free)), count)] = True
+    return component

@@ -70,12 +70,12 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
 
 def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask:
     tips = max(2, count // CELLS_A_TIP)
-    start, end, fed = grow_tree(_spread(tips, rng), rng)
+    start, end, tip_counts = grow_tree(_spread(tips, rng), rng)
     if loops:
-        bridges = _bridges(end[fed == 1], max(1, round(loops * tips)))
+        bridges = _bridges(end[tip_counts == 1], max(1, round(loops * tips)))
         start, end = np.concatenate([start, bridges[0]]), np.concatenate([end, bridges[1]])
-        fed = np.concatenate([fed, np.ones(len(bridges[0]), dtype=np.int64)])
-    return _trimmed(_fitted(start, end, murray_radius(fed), count), count)
+        tip_counts = np.concatenate([tip_counts, np.ones(len(bridges[0]), dtype=np.int64)])
+    return _trim(_fit_to_count(start, end, murray_radius(tip_counts), count), count)
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -102,20 +102,20 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
     The trunk comes first.
     """
-    starts, ends, fed = [], [], []
+    starts, ends, tip_counts = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
     while waiting:
-        start, wanted = waiting.pop()
-        middle = wanted.mean(axis=0)
-        end = wanted[0] if len(wanted) == 1 else start + REACH * (middle - start)
+        start, supplied = waiting.pop()
+        middle = supplied.mean(axis=0)
+        end = supplied[0] if len(supplied) == 1 else start + REACH * (middle - start)
         starts.append(start)
         ends.append(end)
-        fed.append(len(wanted))
-        if len(wanted) > 1:
-            first = _first_half(wanted, end - start, rng)
-            waiting += [(end, wanted[~first]), (end, wanted[first])]
-    return np.array(starts), np.array(ends), np.array(fed, dtype=np.int64)
+        tip_counts.append(len(supplied))
+        if len(supplied) > 1:
+            first = _first_half(supplied, end - start, rng)
+            waiting += [(end, supplied[~first]), (end, supplied[first])]
+    return np.array(starts), np.array(ends), np.array(tip_counts, dtype=np.int64)
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -149,26 +149,26 @@ def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
     from scipy.spatial import cKDTree
 
     near = cKDTree(tips).query(tips, k=min(8, len(tips)))
-    chosen: list[tuple[float, int, int]] = []
-    for one, (distances, others) in enumerate(zip(*near, strict=True)):
-        for distance, other in zip(distances.tolist(), others.tolist(), strict=True):
-            if abs(other - one) > 0.1 * len(tips) and one < other:
-                chosen.append((distance, one, other))
+    candidates: list[tuple[float, int, int]] = []
+    for tip, (distances, neighbours) in enumerate(zip(*near, strict=True)):
+        for distance, neighbour in zip(distances.tolist(), neighbours.tolist(), strict=True):
+            if abs(neighbour - tip) > 0.1 * len(tips) and tip < neighbour:
+                candidates.append((distance, tip, neighbour))
                 break
-    chosen.sort()
-    if not chosen:
-        chosen = [(0.0, 0, len(tips) - 1)]
-    pairs = np.array([(one, other) for _, one, other in chosen[:count]])
+    candidates.sort()
+    if not candidates:
+        candidates = [(0.0, 0, len(tips) - 1)]
+    pairs = np.array([(tip, neighbour) for _, tip, neighbour in candidates[:count]])
     return tips[pairs[:, 0]], tips[pairs[:, 1]]
 
 
-def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
+def _fit_to_count(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
     """Return a map of the vessel tree at the scale that gives ``count`` free cells or slightly
     more.
     """
     scale, low, high, best = 2.0 * float(np.cbrt(count)), 0.0, np.inf, None
     for attempt in range(30):
-        free = _drawn(start * scale, end * scale, radius)
+        free = _draw_branches(start * scale, end * scale, radius)
         excess = int(np.count_nonzero(free)) - count
         if excess >= 0:
             best, high = free, scale
@@ -183,7 +183,7 @@ def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int)
     return best
 
 
-def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
+def _draw_branches(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     """Return the cells that the branches cover. The cells of each branch are 6-connected."""
     steps = np.maximum(1, np.ceil(2 * np.linalg.norm(end - start, axis=1)).astype(np.int64))
     branch = np.repeat(np.arange(len(start)), steps + 1)
@@ -196,9 +196,11 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     free = np.zeros(cell.max(axis=0) + margin + 1, dtype=np.bool_)
     free[tuple(cell.T)] = True
     same = branch[1:] == branch[:-1]
-    one, other = cell[:-1][same], cell[1:][same]
-    free[other[:, 0], one[:, 1], one[:, 2]] = True  # the corner cells of a diagonal step
-    free[other[:, 0], other[:, 1], one[:, 2]] = True
+    start_cell, end_cell = cell[:-1][same], cell[1:][same]
+    free[end_cell[:, 0], start_cell[:, 1], start_cell[:, 2]] = (
+        True  # the corner cells of a diagonal step
+    )
+    free[end_cell[:, 0], end_cell[:, 1], start_cell[:, 2]] = True
     _paint_balls(free, at, cell, radius[branch])
     return free
 
@@ -222,7 +224,7 @@ def _paint_balls(
             free[tuple(place[inside].T)] = True
 
 
-def _trimmed(free: Mask, count: int) -> Mask:
+def _trim(free: Mask, count: int) -> Mask:
     """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border
     layers of obstacles.
     """
@@ -231,10 +233,10 @@ def _trimmed(free: Mask, count: int) -> Mask:
     inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]
     row, layer = padded.shape[2], padded.shape[1] * padded.shape[2]
     offsets = np.array([-1, 1, -row, row, -layer, layer])
-    kept = np.zeros_like(padded)
-    kept.ravel()[
+    trimmed = np.zeros_like(padded)
+    trimmed.ravel()[
         nearest_cells(
             padded.ravel(), offsets, int(np.ravel_multi_index(tuple(inlet), padded.shape)), count
         )
     ] = True
-    return crop(kept)
+    return crop(trimmed)

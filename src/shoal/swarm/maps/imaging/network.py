@@ -64,13 +64,15 @@ class Segment(NamedTuple):
 
         If fewer than two points of the centre line lie between the two distances, return NaN.
         """
-        part = np.flatnonzero((self.along >= first) & (self.along <= last))
-        if len(part) < 2:
+        indices = np.flatnonzero((self.along >= first) & (self.along <= last))
+        if len(indices) < 2:
             return float("nan")
         ends = (
-            self.area[part[0]] + self.area[part[-1]]
+            self.area[indices[0]] + self.area[indices[-1]]
         ) / 2  # half of the area of the first and of the last point lies outside
-        return float((self.area[part].sum() - ends) / (self.along[part[-1]] - self.along[part[0]]))
+        return float(
+            (self.area[indices].sum() - ends) / (self.along[indices[-1]] - self.along[indices[0]])
+        )
 
     def backward(self) -> Segment:
         """Return the reversed segment, which runs from the last node to the first node."""
@@ -146,7 +148,7 @@ def centre_lines(mask: Mask) -> CentreLines:
         np.ravel_multi_index(tuple(at.T), vessels.shape)
     ]
     segments = [_segment(chain, node_of, at, area) for chain in chains]
-    return _joined(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
+    return _join_junctions(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
 
 
 def _links(skeleton: Mask, at: Indices) -> Links:
@@ -161,13 +163,13 @@ def _links(skeleton: Mask, at: Indices) -> Links:
         linked = skeleton[rows + down, columns + right]
         if down and right:
             linked &= ~(skeleton[rows + down, columns] | skeleton[rows, columns + right])
-        for one, two in zip(
+        for first, second in zip(
             np.flatnonzero(linked),
             index[rows + down, columns + right][linked].tolist(),
             strict=True,
         ):
-            links[one].append(two)
-            links[two].append(int(one))
+            links[first].append(second)
+            links[second].append(int(first))
     return links
 
 
@@ -195,8 +197,8 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
         for step in links[pixel]:
             chain = [pixel, step]
             while chain[-1] not in node_of:
-                one, two = links[chain[-1]]
-                chain.append(two if one == chain[-2] else one)
+                first, second = links[chain[-1]]
+                chain.append(second if first == chain[-2] else first)
             inside = len(chain) == 2 and node_of[step] == node  # both in the same junction
             # once, not from both of its ends
             if not inside and (chain[0], chain[1]) <= (chain[-1], chain[-2]):
@@ -209,14 +211,14 @@ def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
 
     For a chain that is not a spur, return an empty list.
     """
-    one, two = len(links[chain[0]]), len(links[chain[-1]])
-    if min(one, two) != 1 or max(one, two) < 3:
+    first_degree, last_degree = len(links[chain[0]]), len(links[chain[-1]])
+    if min(first_degree, last_degree) != 1 or max(first_degree, last_degree) < 3:
         return []
-    chain = chain if one == 1 else chain[::-1]
+    chain = chain if first_degree == 1 else chain[::-1]
     return chain[:-1] if len(chain) - 1 < SPUR * depth[chain[-1]] else []
 
 
-def _joined(
+def _join_junctions(
     segments: list[Segment], node_of: dict[int, int], at: Indices, depth: Points, skeleton: Mask
 ) -> CentreLines:
     """Return the centre lines after joining all connected junctions with overlapping discs."""
@@ -239,12 +241,12 @@ def _joined(
     places /= np.bincount(joint[nodes], minlength=joints)[:, None]
     largest = np.zeros(joints)
     np.maximum.at(largest, joint, radii)
-    kept = [
+    remaining = [
         segment._replace(nodes=(int(joint[segment.nodes[0]]), int(joint[segment.nodes[1]])))
         for segment, gone in zip(segments, close.tolist(), strict=True)
         if not gone
     ]
-    return CentreLines(kept, places - 1, largest, skeleton)
+    return CentreLines(remaining, places - 1, largest, skeleton)
 
 
 def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
@@ -430,12 +432,12 @@ def _join_parts(mask: Mask) -> Mask:
     reach = max(mask.shape) / 200
     wide = np.pad(mask, int(reach) + 2)
     wide = ndimage.distance_transform_edt(~wide) <= reach
-    part = largest_part(wide, corners=True)
+    component = largest_part(wide, corners=True)
     inner = slice(int(reach) + 2, -int(reach) - 2)
-    closed = (ndimage.distance_transform_edt(part) > reach)[inner, inner]
+    closed = (ndimage.distance_transform_edt(component) > reach)[inner, inner]
     return largest_part(
-        (mask & part[inner, inner])
-        | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner],
+        (mask & component[inner, inner])
+        | imaging_module("morphology").skeletonize(closed | mask) & component[inner, inner],
         corners=True,
     )
 
@@ -451,9 +453,9 @@ def _trace(
     free[rows[at[:, 0]], columns[at[:, 1]]] = True
     padded = np.pad(skeleton, 1)
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        one = at[padded[at[:, 0] + 1 + down, at[:, 1] + 1 + right]]
-        row_one, column_one = rows[one[:, 0]], columns[one[:, 1]]
-        row_two, column_two = rows[one[:, 0] + down], columns[one[:, 1] + right]
+        pair = at[padded[at[:, 0] + 1 + down, at[:, 1] + 1 + right]]
+        row_one, column_one = rows[pair[:, 0]], columns[pair[:, 1]]
+        row_two, column_two = rows[pair[:, 0] + down], columns[pair[:, 1] + right]
         # If only the row or only the column changes, the corner cell equals one of the two cells.
         upper = share[row_one, column_two] >= share[row_two, column_one]
         free[np.where(upper, row_one, row_two), np.where(upper, column_two, column_one)] = True

@@ -47,18 +47,18 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         Number of picture sizes: 1 for vessels up to 10 pixels wide, and one more for each doubling
         of the vessel width.
     """
-    answers = []
+    responses = []
     for level in range(levels):
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
-        lines = standardised(_line_strength(small, inside), inside)
-        ridges = standardised(_ridge_strength(small), inside)
-        answer = standardised(lines + RIDGE_WEIGHT * ridges, inside)
+        lines = standardise(_line_strength(small, inside), inside)
+        ridges = standardise(_ridge_strength(small), inside)
+        response = standardise(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
-            answer = _enlarged(answer, view.shape, step)
-        answers.append(answer)
-    return _highest(answers)
+            response = _enlarge(response, view.shape, step)
+        responses.append(response)
+    return _highest(responses)
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
@@ -69,18 +69,18 @@ def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
     mirror images of pixels inside the field of view replace the pixels outside the field of view.
     """
     reach = int(3 * deviation)
-    grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
+    grey = np.pad(_mirror(grey, view), reach, mode="symmetric")
     step = max(1, int(deviation / 5))
     coarse = scipy.ndimage.median_filter(
         scipy.ndimage.uniform_filter(grey, step)[::step, ::step], int(3 * deviation / step)
     )
-    ground = _enlarged(coarse, grey.shape, step)
+    ground = _enlarge(coarse, grey.shape, step)
     return np.asarray(
         (grey - scipy.ndimage.gaussian_filter(ground, deviation / 4))[reach:-reach, reach:-reach]
     )
 
 
-def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
+def _enlarge(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
     places = (
         np.minimum(np.arange(n) / step, m - 1) for n, m in zip(shape, coarse.shape, strict=True)
     )
@@ -89,21 +89,21 @@ def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
     )
 
 
-def standardised(values: Grey, view: Mask) -> Grey:
+def standardise(values: Grey, view: Mask) -> Grey:
     """Scale the pixel values to mean 0 and standard deviation 1 over the field of view."""
     inside = values[view]
     return np.asarray((values - inside.mean()) / (inside.std() + 1e-12))
 
 
-def _mirrored(grey: Grey, view: Mask) -> Grey:
+def _mirror(grey: Grey, view: Mask) -> Grey:
     if view.all():
         return grey
     nearest = scipy.ndimage.distance_transform_edt(
         ~view, return_distances=False, return_indices=True
     )
     across = tuple(
-        np.clip(2 * near - here, 0, side - 1)
-        for near, here, side in zip(nearest, np.indices(grey.shape), grey.shape, strict=True)
+        np.clip(2 * near - index, 0, side - 1)
+        for near, index, side in zip(nearest, np.indices(grey.shape), grey.shape, strict=True)
     )
     return np.asarray(np.where(view[across], grey[across], grey[tuple(nearest)]))
 
@@ -123,9 +123,9 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
             half = (length - 1) / 2
             sums = sums + scipy.ndimage.convolve(grey, _points(np.array([-half, half]), angle))
             np.maximum(highest, sums / length, out=highest)
-    total = standardised(grey, view)
+    total = standardise(grey, view)
     for highest in strongest:
-        total = total + standardised(highest - around, view)
+        total = total + standardise(highest - around, view)
     return total / (len(strongest) + 1)
 
 
@@ -258,7 +258,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
     return _at_size_of_filters(grey, _field_of_view(light))
 
 
-def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
+def resize(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
     """Return a picture scaled to another size. Smooth the picture before reducing its size."""
     from PIL import Image
 
@@ -276,7 +276,7 @@ def _from_0_to_1(values: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray((values - darkest) / (brightest - darkest), dtype=np.float32)
 
 
-def _scaled(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
+def _scaled_shape(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
     return tuple(max(SMALLEST_SIDE, round(side * factor)) for side in shape)
 
 
@@ -286,7 +286,7 @@ def _field_of_view(light: NDArray[np.float32]) -> Mask:
     """
     from scipy import ndimage
 
-    small = resized(light, _scaled(light.shape, min(1.0, SIDE / max(light.shape))))
+    small = resize(light, _scaled_shape(light.shape, min(1.0, SIDE / max(light.shape))))
     rim = max(1, max(small.shape) // 60)
     for plain in (small < SURROUND, small > 1 - SURROUND):
         parts = ndimage.label(np.pad(plain, 1, constant_values=True))[0]
@@ -305,15 +305,15 @@ def _at_size_of_filters(grey: NDArray[np.float32], view: Mask) -> Photograph:
     from scipy import ndimage
 
     if view.all():
-        small = resized(grey, _scaled(grey.shape, min(1.0, SIDE / max(grey.shape))))
+        small = resize(grey, _scaled_shape(grey.shape, min(1.0, SIDE / max(grey.shape))))
         view = np.ones(small.shape, dtype=np.bool_)
         return Photograph(small, view, view)
     extent = max(int(np.ptp(np.flatnonzero(view.any(axis=axis)))) + 1 for axis in (0, 1))
     factor = FIELD / (extent * max(grey.shape) / max(view.shape))
     if abs(np.log(factor)) < CLOSE:
         factor = 1.0
-    small = resized(grey, _scaled(grey.shape, factor))
-    inside = np.pad(resized(view, small.shape) > 0.5, 1)
+    small = resize(grey, _scaled_shape(grey.shape, factor))
+    inside = np.pad(resize(view, small.shape) > 0.5, 1)
     depth = ndimage.distance_transform_edt(inside)[1:-1, 1:-1]
     return Photograph(small, depth > RIM, depth > RIM - MIRRORED)
 
@@ -461,11 +461,11 @@ class VesselFinder:
         _check_thresholds(low, high)
         first = 0.0
         for levels in self.tried:
-            confidence, way, clearest = self._clearest_at(levels, low, high)
+            confidence, bright, clearest = self._clearest_at(levels, low, high)
             # Vessels wider than usual must have a clear response.
             if confidence >= (LEAST_CONFIDENCE if levels == self.tried[0] else SURE):
                 self._clearest = clearest
-                return Vessels(clearest.mask(low, high, self.shape), confidence, way)
+                return Vessels(clearest.mask(low, high, self.shape), confidence, bright)
             first = confidence if levels == self.tried[0] else first
         raise InvalidInputError(
             "expected a picture with vessels, got no network of lines that stands out "
@@ -493,19 +493,24 @@ class VesselFinder:
         view = self.picture.view
         flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
         if self.bright is not None:
-            ways = [self.bright]
+            polarities = [self.bright]
         else:
             lines = [line[view] for line in lines_through(flat)]
             dark = _mean_of_highest(_highest(-line for line in lines), 0.05)
             ratio = _mean_of_highest(_highest(lines), 0.05) / (dark + 1e-12)
             # an optic disc is also bright
-            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
-        for way in ways:
-            if (levels, way) not in self._filtered:
-                self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
-        found = [(bool(way), self._filtered[levels, way]) for way in ways]
+            polarities = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
+        for bright in polarities:
+            if (levels, bright) not in self._filtered:
+                self._filtered[levels, bright] = _filter(
+                    flat if bright else -flat, self.picture, levels
+                )
+        candidates = [(bool(bright), self._filtered[levels, bright]) for bright in polarities]
         return max(
-            ((_confidence(one.flat, view, one.network(low, high)), way, one) for way, one in found),
+            (
+                (_confidence(filtered.flat, view, filtered.network(low, high)), bright, filtered)
+                for bright, filtered in candidates
+            ),
             key=lambda entry: entry[0],
         )
 
@@ -522,10 +527,10 @@ class _Filtered:
     levels: int
 
     def network(self, low: float, high: float) -> Mask:
-        passed = imaging_module("filters").apply_hysteresis_threshold(
+        mask = imaging_module("filters").apply_hysteresis_threshold(
             self.response, low * self.split, high * self.split
         )
-        return _without_small(passed, SMALLEST_PART * self.levels)
+        return _without_small(mask, SMALLEST_PART * self.levels)
 
     def mask(self, low: float, high: float, shape: tuple[int, ...]) -> Mask:
         return _in_own_pixels(self.network(low, high), self.response, low * self.split, shape)
@@ -587,17 +592,17 @@ def _strength(flat: Grey, view: Mask) -> float:
 
 def _mean_of_highest(values: Grey, share: float) -> float:
     """Return the mean of the highest values, which are the fraction ``share`` of all."""
-    kept = max(1, int(share * values.size))
-    return float(np.partition(values, -kept)[-kept:].mean())
+    count = max(1, int(share * values.size))
+    return float(np.partition(values, -count)[-count:].mean())
 
 
-def _without_small(found: Mask, least: float) -> Mask:
+def _without_small(mask: Mask, least: float) -> Mask:
     """Remove connected parts with fewer than ``least`` pixels. If all parts are smaller, keep the
     largest parts.
     """
     from scipy import ndimage
 
-    parts, _ = ndimage.label(found, np.ones((3, 3)))
+    parts, _ = ndimage.label(mask, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     return np.asarray(sizes[parts] >= max(1, min(least, int(sizes.max()))))
@@ -644,7 +649,9 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
     from scipy import ndimage
 
     parts, _ = ndimage.label(network, np.ones((3, 3)))
-    sides = [[one.stop - one.start for one in part] for part in ndimage.find_objects(parts)]
+    sides = [
+        [extent.stop - extent.start for extent in slices] for slices in ndimage.find_objects(parts)
+    ]
     return float(np.hypot(*np.array(sides).T)[parts[middle] - 1].mean() / max(network.shape))
 
 
@@ -659,8 +666,8 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
 
     smooth = ndimage.gaussian_filter(network.astype(np.float64), 1)
     rows, across, columns = (
-        part[middle]
-        for part in imaging_module("feature").structure_tensor(smooth, sigma=3, order="rc")
+        component[middle]
+        for component in imaging_module("feature").structure_tensor(smooth, sigma=3, order="rc")
     )
     angle = np.arctan2(2 * across, rows - columns) / 2  # across the vessel
     reach = (ndimage.distance_transform_edt(network)[middle] + 2.5) * np.array(
@@ -668,8 +675,8 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
     )
     flat = ndimage.gaussian_filter(flat, 1)
     sides = [
-        ndimage.map_coordinates(flat, np.nonzero(middle) + way * reach, order=1, mode="nearest")
-        for way in (1, -1)
+        ndimage.map_coordinates(flat, np.nonzero(middle) + side * reach, order=1, mode="nearest")
+        for side in (1, -1)
     ]
     more, less = flat[middle] - np.minimum(*sides), flat[middle] - np.maximum(*sides)
     return float(np.mean(less > more / 2)), float(np.abs(np.exp(4j * angle).mean()))
@@ -685,5 +692,5 @@ def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, 
     from scipy import ndimage
 
     near = ndimage.binary_dilation(network, np.ones((3, 3)))
-    mask = resized(np.where(near, response, np.minimum(response, low)), shape) > low
+    mask = resize(np.where(near, response, np.minimum(response, low)), shape) > low
     return _without_small(mask, SMALLEST_PART * mask.size / network.size)

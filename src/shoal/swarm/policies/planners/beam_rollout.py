@@ -129,8 +129,8 @@ def _is_astray(memory: _Remembered, view: View, belief: Belief) -> bool:
     Only noise can make it so.
     """
     before, layout = memory.belief, view.occupied.layout
-    tried = memory.occupied.shifted(letters_of(layout.ndim)[memory.command])
-    if view.mapping and tried & before.frontier & belief.frontier:
+    entered = memory.occupied.shifted(letters_of(layout.ndim)[memory.command])
+    if view.mapping and entered & before.frontier & belief.frontier:
         return True
     state = SwarmState(memory.occupied)
     expected = pushed(layout, before.open.words, state, memory.command, view.rule)

@@ -32,8 +32,8 @@ def weights() -> dict[str, Any]:
     """
     cells = np.arange(SPAN * SPAN).reshape(SPAN, SPAN)
     places = np.array([np.argsort(np.rot90(cells, turns).ravel()) for turns in TURNS])
-    with np.load(WEIGHTS) as stored:
-        arrays = {name: np.ascontiguousarray(stored[name]) for name in stored.files}
+    with np.load(WEIGHTS) as archive:
+        arrays = {name: np.ascontiguousarray(archive[name]) for name in archive.files}
     return arrays | {"places": places, "chances": arrays["chances"] / CHANCES}
 
 
@@ -50,7 +50,7 @@ def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
         used=np.zeros(SPAN * SPAN, dtype=np.int64),
         sums=np.zeros(len(weights()["first_bias"]), dtype=np.int16),
         marks=np.zeros(size, dtype=np.uint64),
-        told=np.zeros(size, dtype=np.uint8),
+        outputs=np.zeros(size, dtype=np.uint8),
         bias=np.zeros(1),
         width=width,
     )

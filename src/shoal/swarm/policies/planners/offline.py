@@ -155,8 +155,8 @@ def plan_coverage(
     check_integer(attempts, what="attempts", least=1)
     world = GridWorld(workspace, rule)
     state = world.initial(check_start(workspace, start, rule=rule))
-    wanted = workspace.free if targets is None else np.asarray(targets, dtype=np.bool_)
-    belief = Coverage().begin(world, state, wanted)
+    required = workspace.free if targets is None else np.asarray(targets, dtype=np.bool_)
+    belief = Coverage().begin(world, state, required)
     plans = [
         plan_from(belief, state, rule, budget, trial_rng(seed, trial)) for trial in range(attempts)
     ]
@@ -169,17 +169,17 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
     if belief.complete:
         return ""
     planner, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
-    room = 2 * len(first) + 8 * anneal.LONGEST_CHANGE
-    every = max(4, -(-room // PLACES))
-    plan, trial, shortest = (np.zeros(room, dtype=np.int8) for _ in range(3))
-    kept = np.zeros((room // every + 1, *planner.root.shape), dtype=np.uint64)
-    course = anneal.AnnealedPlan(plan, trial, shortest, kept, every)
+    capacity = 2 * len(first) + 8 * anneal.LONGEST_CHANGE
+    every = max(4, -(-capacity // PLACES))
+    plan, trial, shortest = (np.zeros(capacity, dtype=np.int8) for _ in range(3))
+    checkpoints = np.zeros((capacity // every + 1, *planner.root.shape), dtype=np.uint64)
+    course = anneal.AnnealedPlan(plan, trial, shortest, checkpoints, every)
     plan[: len(first)] = shortest[: len(first)] = first
     length = fewest = len(first)
     plan_search.prepare(field_of(belief.open.words, state, belief), False, planner)
-    whole = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
+    total = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
     for heat in np.geomspace(HEAT, COOL, PIECES):
-        length, fewest, _ = anneal.anneal(planner, course, length, fewest, heat, whole / PIECES)
+        length, fewest, _ = anneal.anneal(planner, course, length, fewest, heat, total / PIECES)
     return decode(shortest[:fewest])
 
 

@@ -71,7 +71,7 @@ def new_prior(layout: GridLayout, *, learned: bool = False) -> prediction.Occupa
     return prediction.OccupancyPrior(
         tallies=np.zeros((prediction.TALLIES, 2), dtype=np.int64),
         weights=np.array([0.5, 0.5] if learned else [1.0, 0.0]),
-        told=np.full(prediction.EXPERTS, 0.5),
+        forecasts=np.full(prediction.EXPERTS, 0.5),
         before=empty_boards(layout, 1)[0],
         rows=layout.rows,
         width=layout.words[1],
@@ -95,21 +95,21 @@ def planner_of(
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
-    foreseen = prediction.OccupancyPrediction(
+    predicted_map = prediction.OccupancyPrediction(
         open=boards(),
         known=boards(),
         inner=layout.pack(np.pad(np.ones(layout.shape, dtype=np.bool_), 1)).ravel(),
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
-        told=np.zeros(64 * size),
+        learned_chances=np.zeros(64 * size),
         chances=np.zeros(prediction.FINE),
         **extents,
     )
-    given = dict(zip(OPTIONS.names or (), options, strict=False))
-    if "beam_width" in given:
-        given["beam_width"] = min(int(given["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
-    learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
+    values = dict(zip(OPTIONS.names or (), options, strict=False))
+    if "beam_width" in values:
+        values["beam_width"] = min(int(values["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
+    learned = mapping and layout.ndim == 2 and values.get("learned", 0) > 0
     memory = new_record(plan_search.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
@@ -118,9 +118,9 @@ def planner_of(
     )  # a known map has no prediction errors
     return plan_search.Planner(
         memory=memory,
-        options=new_record(OPTIONS, **given),
+        options=new_record(OPTIONS, **values),
         scene=forward_model.Scene(
-            ground=foreseen.open,
+            ground=predicted_map.open,
             tried=boards(),
             moving=boards(),
             rule=RULE_CODES[rule],
@@ -133,10 +133,10 @@ def planner_of(
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
-        beam=beam_of(size, int(given.get("beam_width", 0)), int(given.get("beam_depth", 0))),
+        beam=beam_of(size, int(values.get("beam_width", 0)), int(values.get("beam_depth", 0))),
         prior=new_prior(layout, learned=learned),
-        prediction=foreseen,
-        learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
+        prediction=predicted_map,
+        learned=learned_prior_of(predicted_map.inner, layout.words[1], used=learned),
     )
 
 
