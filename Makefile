@@ -19,6 +19,7 @@ help:
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make dev      set up .venv with all that tests and checks need, and run none of them'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time, for the first commands of all users'
+	@echo 'make test-firefox  run the tests of the studio and the players in Firefox'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make test-clients  install libraries for reinforcement learning into .venv-clients, and train with each in the environments'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
@@ -87,6 +88,13 @@ test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest --durations=8 $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; code=0; \
 	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
 	  wait $$waiting || code=$$?; cat $(WAITING_LOG); exit $$code
+
+# Playwright speaks with Debian's Firefox by its standard protocol. Versions of Playwright after this one ask for more than it knows.
+FIREFOX := $(VENV)/firefox
+test-firefox: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
+	@command -v firefox-esr >/dev/null || { echo 'installing Firefox ...'; $(APT) update -qq && $(APT) install -y -qq firefox-esr >/dev/null; }
+	@[ -d $(FIREFOX) ] || env -u PIP_CONSTRAINT $(PIP) install --target $(FIREFOX) playwright==1.60.0
+	@SHOAL_BROWSER=firefox PYTHONPATH=$(FIREFOX) $(BIN)/python -m pytest tests/browser
 
 # What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
 WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_map_files.py tests/unit/search/test_mission_lint.py

@@ -307,12 +307,12 @@ def foretold(name, n, trial):
             for bit in (bit for bit in range(64) if new >> bit & 1):
                 cell, free = np.int64(64 * word + bit), bool(int(field.open[word]) >> bit & 1)
                 weights = fresh.weights.copy()
-                fresh.told[LEARNED] = learned_chance(
+                fresh.forecasts[LEARNED] = learned_chance(
                     learned, field.open, before, cell, np.int64(trace.commands[0])
                 )
-                learn_bias(learned, fresh.told[LEARNED], free)
+                learn_bias(learned, fresh.forecasts[LEARNED], free)
                 learn(fresh, around(field.open, before, cell, step, side), free)
-                rows.append((*fresh.told, weights @ fresh.told, free))
+                rows.append((*fresh.forecasts, weights @ fresh.forecasts, free))
                 weigh(fresh, free)
     return rows
 

@@ -86,7 +86,7 @@ class Ways:
         shapely.prepare(self.blocked)
         self.known: dict[Any, np.ndarray] = {}
 
-    def way(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def path(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return the points of the way between two points, with both."""
         straight = np.stack([start, end])
         if not shapely.intersects(self.blocked, shapely.linestrings(straight)):

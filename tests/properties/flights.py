@@ -106,7 +106,7 @@ def missions_of_plan(plan, **options):
             home=plan.places[robot],
             vehicle=plan.vehicle,
             link=LINK * float(plan.footprints[robot]),
-            ways=plan.leg,
+            find_path=plan.leg,
             **options,
         )
     return found
