@@ -18,7 +18,7 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 8  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 1_600  # at most; twice as many as blocks in small searches
+_KICKS = 1_200  # at most; twice as many as blocks in small searches
 _WIDEST = 50  # blocks that a kick turns round or passes over
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3
