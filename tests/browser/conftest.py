@@ -26,6 +26,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     other test.
     """
     items.sort(key=lambda item: item.get_closest_marker("browser") is not None)
+    for item in items if FIREFOX else ():
+        if missing := item.get_closest_marker("chromium"):
+            item.add_marker(pytest.mark.skip(f"Firefox's protocol has no {missing.args[0]}"))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -432,6 +432,7 @@ def test_zoom_pan_and_fit(open_player):
     assert page.is_hidden("#fit")
 
 
+@pytest.mark.chromium("system theme")
 def test_theme_follows_the_system_until_toggled(open_player):
     page = open_player(pond(), color_scheme="dark")
     ground = "getComputedStyle(document.body).backgroundColor"
@@ -592,6 +593,7 @@ def test_nothing_in_the_data_can_close_the_script():
     assert json.loads(block[1])["map"] == hostile
 
 
+@pytest.mark.chromium("reduced motion")
 def test_it_plays_at_once_where_that_is_wanted(open_player):
     page = open_player(pond() | {"playing": True})
     until(page, "shoalPlayer.move > 0")

@@ -33,6 +33,7 @@ def test_the_address_opens_the_page_and_keeps_no_secret(page: Page, studio: Stud
     assert page.locator("#folder").inner_text() == studio.folder.name
 
 
+@pytest.mark.chromium("reduced motion")
 def test_a_run_is_played_and_is_the_episode_of_the_library(page: Page, studio: Studio) -> None:
     given = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
     studio.open(page, "vessels", {"problem": given, "seed": 3})

@@ -171,6 +171,7 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
     other.close()
 
 
+@pytest.mark.chromium("files of downloads")
 def test_a_film_for_a_talk_is_exported(page: Page, studio: Studio) -> None:
     given = {"map": "line:6", "particles": 1, "policy": "closest-frontier"}
     studio.open(page, "vessels", {"problem": given, "seed": 0})

@@ -544,6 +544,7 @@ def test_a_search_of_robots_is_watched(page: Page, studio: Studio) -> None:
         page.get_by_role("button", name="Watch", exact=True).wait_for()
 
 
+@pytest.mark.chromium("bodies of requests")
 def test_a_ring_keeps_its_commas(page, studio):
     """Several values of a field are separated by semicolons."""
     opened(page, studio)
