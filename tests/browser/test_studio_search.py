@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Locator, Page, expect
 from tests.browser.studio import Studio, run_and_load, tab, written_by
 from tests.browser.waiting import settle, until
 
@@ -402,9 +402,9 @@ def test_map_tiles_of_a_folder_lie_where_they_are_on_earth(page: Page, studio: S
         assert np.abs(np.array(corners) - wanted).max() < 0.05
     assert page.get_by_label("Point 1, column of the picture").is_hidden()
     page.locator("#underlayOpacity").fill("0.4")
-    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.4"
+    expect(page.locator(".plane .tiles")).to_have_attribute("opacity", "0.4")
     page.locator(".plane").press("Control+z")
-    assert page.locator(".plane .tiles").get_attribute("opacity") == "0.7"
+    expect(page.locator(".plane .tiles")).to_have_attribute("opacity", "0.7")
     studio.open(
         page, "search", {"problem": {"region": "square:40", **FAST}, "under": {"file": "town"}}
     )
