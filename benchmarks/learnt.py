@@ -7,6 +7,7 @@ Needs the extras of `make test-clients`: .venv-clients/bin/python -m benchmarks.
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -31,7 +32,8 @@ def main() -> None:
 
 
 def run(*words: str) -> None:
-    subprocess.run([sys.executable, *words], check=True)
+    # sums in one order on every machine: another number of threads trains another network
+    subprocess.run([sys.executable, *words], check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
 
 
 if __name__ == "__main__":
