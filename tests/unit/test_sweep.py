@@ -359,8 +359,9 @@ def test_same_rows_for_any_workers_and_batches(tmp_path):
     for name, options in (
         ("a", {"workers": 0}),
         ("b", {"workers": 1, "batch_seconds": 0.001}),
-        ("c", {"workers": 3, "batch_seconds": 0.001}),
-        ("d", {"workers": 0, "batch_seconds": 50}),
+        ("c", {"workers": 2, "batch_seconds": 0.001}),
+        ("d", {"workers": 4, "batch_seconds": 0.001}),
+        ("e", {"workers": 0, "batch_seconds": 50}),
     ):
         assert run_sweep(numbers(), tmp_path / name, **options).complete
         tables.append(rows_of(tmp_path / name))

@@ -69,6 +69,16 @@ def test_noise_alone_is_refused(kind):
         find_vessels(noise(kind))
 
 
+def test_a_cat_is_refused():  # other pictures: test_imaging
+    data = pytest.importorskip("skimage.data")
+    try:
+        picture = data.chelsea()
+    except (OSError, ModuleNotFoundError):
+        pytest.skip("a picture that this scikit-image does not ship")
+    with pytest.raises(InvalidInputError, match="got no network of lines that stands out"):
+        find_vessels(picture)
+
+
 def test_the_command_writes_mask_overlay_and_map(tmp_path):
     picture, truth = angiogram(3, (120, 160), widest=5)
     Image.fromarray(picture).save(tmp_path / "photo.png")

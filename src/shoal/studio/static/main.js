@@ -128,19 +128,27 @@ const show = guarded(async () => {
 
 // ---- undo, in every place that has it ----
 
-const committed = new WeakMap(); // of fields: the text that has been taken up
-const commit = (field) => {
-  if (field && "value" in field) committed.set(field, field.value);
-};
-document.addEventListener("focusin", (event) => commit(event.target));
+const unedited = new WeakMap(); // of fields that are being edited: their text before
+document.addEventListener("beforeinput", ({ target }) => {
+  if (target && "value" in target && !unedited.has(target)) unedited.set(target, target.value);
+});
 document.addEventListener("change", (event) => {
-  commit(event.target);
+  unedited.delete(event.target);
   opened.get(here)?.store?.end();
 });
 /** Whether letters are being typed that nothing has taken up yet: the browser takes them back. */
-const typing = (field) =>
-  field.matches?.("textarea, input[type=text], input[type=number]") &&
-  field.value !== (committed.get(field) ?? "");
+const typing = (field) => unedited.has(field) && field.value !== unedited.get(field);
+/** Say that a field has changed if the browser did not: Firefox compares the text with that at the
+ *  focus, even if the page has set another one since. */
+const takeUp = (field) => {
+  if (typing(field)) field.dispatchEvent(new Event("change", { bubbles: true }));
+  unedited.delete(field);
+};
+document.addEventListener("focusout", (event) => takeUp(event.target));
+document.addEventListener("keydown", ({ key, target }) => {
+  // after what the browser does at this key
+  if (key === "Enter" && target instanceof HTMLInputElement) setTimeout(() => takeUp(target));
+});
 
 document.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase(),
@@ -157,7 +165,7 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
   if (key === "y" || event.shiftKey) past.redo();
   else past.undo();
-  commit(document.activeElement);
+  unedited.delete(document.activeElement);
 });
 
 // ---- keys ----
