@@ -211,7 +211,8 @@ def check_array(values: Any, *, expected: str) -> NDArray[Any]:
     except ValueError:
         raise InvalidInputError(f"{expected}, got rows of different lengths") from None
     try:
-        if array.dtype.kind == "O":  # such as decimal numbers
+        # such as decimal numbers; NumPy would take None for nan
+        if array.dtype.kind == "O" and not any(entry is None for entry in array.flat):
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         pass

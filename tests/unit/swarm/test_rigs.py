@@ -209,7 +209,7 @@ def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_l
             "expected cells inside (4, 9), got (1, 9223372036854775808)",
         ),
         (lambda cells: cells[:, :1], "expected integer cells of shape (n, 2), got int64 (3, 1)"),
-        (lambda cells: None, "expected integer cells of shape (n, 2), got float64"),
+        (lambda cells: None, "expected integer cells of shape (n, 2), got None"),
     ],
 )
 def test_a_position_outside_the_field_is_an_error_of_the_rig_which_keeps_the_map(wrong, words):

@@ -520,6 +520,18 @@ def _wake_all(routes):
 
 
 @in_place_kernel
+def _give(blocks, routes, r, i, s, low, high, turned):
+    """Move the blocks from ``low`` to ``high`` of route ``s`` behind place ``i`` of route ``r``."""
+    count = _take_out(routes, s, low, high, turned)
+    _put_in(routes, r, i + 1, count)
+    _sum_up(blocks, routes, r, i + 1, i + 1 + count)
+    _sum_up(blocks, routes, s, low, low)
+    _wake(routes, r, i)
+    _wake(routes, r, i + count)
+    _wake(routes, s, low)
+
+
+@in_place_kernel
 def _improve_beside(blocks, routes, a, b, longest, least):
     """Let block b follow block a, by the first change that lowers the latency by more than
     ``least``. Return whether there was one.
@@ -548,13 +560,7 @@ def _improve_beside(blocks, routes, a, b, longest, least):
                 continue
             if r != s:
                 if _gain_of_giving(blocks, routes, r, i, s, low, high, turned) > least:
-                    _take_out(routes, s, low, high, turned)
-                    _put_in(routes, r, i + 1, count)
-                    _sum_up(blocks, routes, r, i + 1, i + 1 + count)
-                    _sum_up(blocks, routes, s, low, low)
-                    _wake(routes, r, i)
-                    _wake(routes, r, i + count)
-                    _wake(routes, s, low)
+                    _give(blocks, routes, r, i, s, low, high, turned)
                     return True
             elif not (low <= i <= high or (low == i + 1 and not turned)):
                 if _gain_of_shifting(blocks, routes, r, i, low, high, turned) > least:
@@ -624,13 +630,7 @@ def _kick(blocks, routes, state, widest):
     r, i, s, j = routes.route[a], routes.place[a], routes.route[b], routes.place[b]
     most = min(_FOLLOWING, routes.counts[s] - j)
     if r != s:
-        count = _take_out(routes, s, j, j + _draw(state, most), 0)
-        _put_in(routes, r, i + 1, count)
-        _sum_up(blocks, routes, r, i + 1, i + 1 + count)
-        _sum_up(blocks, routes, s, j, j)
-        _wake(routes, r, i)
-        _wake(routes, r, i + count)
-        _wake(routes, s, j)
+        _give(blocks, routes, r, i, s, j, j + _draw(state, most), 0)
         return True
     if abs(j - i) == 1 or abs(j - i) > widest:
         return False
