@@ -111,6 +111,8 @@ def open_player(visitor: Visitor, tmp_path: Path) -> Iterator[OpenPlayer]:
         file.write_text(data if isinstance(data, str) else render("swarm", data), encoding="utf-8")
         files.append(file.as_uri())
         page = visitor.page(**options) if options else visitor.plain
+        if FIREFOX:  # where no field of a page behind another one has the focus
+            page.bring_to_front()
         page.mouse.move(0, 0)
         page.goto(files[-1])
         return page
@@ -174,6 +176,8 @@ def page(studio_page: Page, studio: Studio, form: Form) -> Iterator[Page]:
     """The page in one of the four forms; what a test writes into the folder is gone after it."""
     there = set(studio.folder.rglob("*"))
     wear(studio_page, *form)
+    if FIREFOX:
+        studio_page.bring_to_front()
     yield studio_page
     for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()

@@ -879,7 +879,7 @@ WRONG_KINDS = [
     (lambda: steering.open_workspace([5]), r"workspace: expected the path .*, got \[5\]"),
     (lambda: steering.prism("x", 1.0), "base: expected a ConvexWorkspace, got 'x'"),
     (lambda: steering.disk(center=masked(0.0, 1.0)), r"center: .* got a masked one at \(0, 1\)"),
-    (lambda: steering.disk(center=[1j, 2]), "center: expected 1 points of 2 numbers, got"),
+    (lambda: steering.disk(center=[1j, 2]), "center: expected one point of 2 numbers, got"),
     (lambda: steering.region(SQUARE, 5), "obstacles: expected a list, got 5"),
     (lambda: steering.ContactWorld("x"), "workspace: expected a ConvexWorkspace, got 'x'"),
     (lambda: steering.certify("x"), "episode: expected a SteeringEpisode, got 'x'"),
@@ -898,7 +898,7 @@ WRONG_KINDS = [
     (lambda: search.compare_plans(OPEN), "problem: expected a SearchProblem, got <GridWorkspace"),
     (lambda: search.cells_of("x", 1.0), "region: expected a SearchRegion, got 'x'"),
     (lambda: search.cells_of(FIELD, 10.0, angle="x"), "angle: expected a number"),
-    (lambda: search.cells_of(FIELD, 10.0, offset=5), "offset: expected 1 points of 2 numbers"),
+    (lambda: search.cells_of(FIELD, 10.0, offset=5), "offset: expected one point of 2 numbers"),
     (lambda: search.coverage_check("x", [], 1.0), "region: expected a SearchRegion, got 'x'"),
     (lambda: search.coverage_check(FIELD, 5, 1.0), "routes: expected a list, got 5"),
     (lambda: search.coverage_check(FIELD, np.array(5), 1.0), "routes: expected a list"),
@@ -955,7 +955,7 @@ WRONG_KINDS = [
     (lambda: rigs.read_log(5), "log: expected the path"),
     (lambda: rigs.SimulatedRig("x", [(0, 0)]), "workspace: expected a GridWorkspace, got 'x'"),
     (lambda: rigs.NoisyRig(OPEN, [(0, 0)], 5, RNG), "noise: expected a Noise, got 5"),
-    (lambda: rigs.GridCalibration(5.0, origin="x"), "origin: expected 1 points of 2 numbers"),
+    (lambda: rigs.GridCalibration(5.0, origin="x"), "origin: expected one point of 2 numbers"),
     (lambda: rigs.tie_by_marks([[1], [2, 3]]), "mark: expected .*, got rows of different"),
     (lambda: rigs.open_rig(5), "rig: expected a text, got 5"),
     (lambda: rigs.open_camera(5), "camera: expected a text, got 5"),
@@ -966,7 +966,7 @@ WRONG_KINDS = [
     (lambda: robots.upload_missions([(1, 2)], []), "pairs: expected pairs of a Cargo and a Seat"),
     (lambda: robots.check_fleet(5), "fleet: expected a Fleet, got 5"),
     (lambda: robots.SimulatedVehicle(autopilot="x"), "autopilot: expected one of"),
-    (lambda: robots.SimulatedVehicle(home="x"), "home: expected 1 points of 2 numbers"),
+    (lambda: robots.SimulatedVehicle(home="x"), "home: expected one point of 2 numbers"),
 ]
 
 

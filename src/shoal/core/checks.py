@@ -227,9 +227,8 @@ def check_points(
     """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose
     absolute value exceeds `FARTHEST`.
     """
-    expected = (
-        f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
-    )
+    number = {None: "points", 1: "one point"}.get(count, f"{count} points")
+    expected = f"{what}: expected {number} of {dimensions} numbers"
     array = check_array(points, expected=expected).astype(np.float64, copy=False)
     if (
         array.ndim != 2
