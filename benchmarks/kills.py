@@ -169,11 +169,10 @@ def kill(spec: Path, store: Path, kills: int) -> list[str]:
                 flush=True,
             )
         if coordinator.poll() is not None:
-            wrong += (
-                [f"exit code {coordinator.returncode}"]
-                if coordinator.returncode not in (0, 130, -9)
-                else []
-            )
+            if coordinator.returncode not in (0, 130, -9):
+                stderr = coordinator.stderr
+                said = stderr.read().decode() if stderr and not stderr.closed else ""
+                wrong.append(f"exit code {coordinator.returncode}: {said}")
             # begun anew: what is complete cannot be killed
             if done_in(store) and coordinator.returncode == 0:
                 store.unlink()

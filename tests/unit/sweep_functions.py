@@ -10,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+from shoal.lab.batches import worker_versions
+
 
 def number(*, seed: int, factor: int = 1, pause: float = 0.0) -> dict[str, object]:
     """Return something that depends on the seed and an argument."""
@@ -112,3 +114,11 @@ def torn(*, seed: int, mark: str) -> dict[str, object]:
 
 
 torn.measures = ("value",)
+
+
+def versions_at_the_second_start():
+    """Return the versions of a worker, but kill the first worker that is asked."""
+    if not Path("started").exists():
+        Path("started").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return worker_versions()

@@ -276,6 +276,14 @@ def test_nothing_that_was_loaded_is_looked_through_at_the_end(monkeypatch, capsy
     assert frozen > 1000
 
 
+def test_an_interruption_is_said_while_c_libraries_are_quiet():
+    script = "from shoal.cli.output import quiet; from shoal.core.interruption import end\nwith quiet(): end()"
+    ended = subprocess.run(
+        [sys.executable, "-c", script], check=False, capture_output=True, text=True
+    )
+    assert (ended.returncode, ended.stderr) == (130, "shoal: interrupted\n")
+
+
 def test_importing_shoal_loads_nothing_heavy():
     script = (
         "import sys, shoal; heavy = {'numpy', 'numba', 'matplotlib', 'scipy', 'typer', 'PIL'} &"

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.unit.sweep_functions import versions_at_the_second_start
 
 import shoal
 from shoal.cli import run as command
@@ -509,12 +510,38 @@ run_sweep(sweep, sys.argv[1], workers=2, batch_seconds=0.02)
 
 
 def test_a_worker_that_is_killed_in_the_middle_of_an_answer_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr("shoal.lab.coordinator._LOOK", 0.1)
+    monkeypatch.setattr("shoal.lab.coordinator.LOOK", 0.1)
     problem = {"kind": "function", "function": f"{HERE}:torn"}
     arguments = {"mark": [str(tmp_path / "mark")]}
     sweep = Sweep(name="s", problem=problem, axes=arguments, trials=4)
     status = run_sweep(sweep, tmp_path / "s", workers=1)
     assert (status.done, status.failures) == (4, 0)
+
+
+def test_a_worker_that_is_killed_at_its_start_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("shoal.lab.workers.worker_versions", versions_at_the_second_start)
+    assert run_sweep(numbers(), tmp_path / "s", workers=1).complete
+    assert (tmp_path / "started").exists()
+
+
+def test_a_script_without_a_main_guard_is_told(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(COORDINATOR)
+    root = str(Path(__file__).parents[2])
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([root, *sys.path])}
+    ended = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "s")],
+        check=False,
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 1
+    assert "call run_sweep under if __name__ == '__main__'" in ended.stderr.splitlines()[-1]
+    assert ended.stderr.count("Traceback") == 1
+    assert done_of(tmp_path / "s") == 0
 
 
 def test_killed_coordinators_lose_nothing(tmp_path):

@@ -18,6 +18,7 @@ from typing import Any
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError, OutputError
+from shoal.core.interruption import error_streams
 
 Advance = Callable[[int], None]
 
@@ -185,11 +186,13 @@ def quiet() -> Iterator[None]:
     if listeners:
         notices.listeners[:] = [waiting.append]
     with open(os.devnull, "w") as nowhere:
+        error_streams.append(kept)
         os.dup2(nowhere.fileno(), 2)
     try:
         yield
     finally:
         os.dup2(kept, 2)
+        error_streams.remove(kept)
         os.close(kept)
         notices.listeners[:] = listeners
         for text in waiting:

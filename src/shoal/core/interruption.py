@@ -28,6 +28,11 @@ GRACE = 0.7
 half_written: set[Path] = set()
 """Unfinished files to remove at the forced end of a command."""
 
+error_streams = [2]
+"""File descriptors of stderr. The last one is in use: the descriptor 2 itself, or a copy while 2 leads
+elsewhere.
+"""
+
 _KNOTS = ("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.", "weakref")
 _running: list[
     str
@@ -152,7 +157,7 @@ def end(text: str = "shoal: interrupted\n") -> None:
         except OSError:
             continue
     try:
-        os.write(2, text.encode())
+        os.write(error_streams[-1], text.encode())
     finally:
         os._exit(130)
 

@@ -34,14 +34,19 @@ from shoal.lab.batches import (
 from shoal.lab.problems import check_trial
 from shoal.lab.store import Store, locked
 from shoal.lab.sweep import Point, Sweep, digest_of, distinct_places
-from shoal.lab.workers import WorkerPool, check_workers, make_worker_pool
+from shoal.lab.workers import (
+    LOOK,
+    WorkerPool,
+    check_workers,
+    end_second_start,
+    make_worker_pool,
+)
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # maximum number of trials per batch
 _PIECES = 2_000  # maximum number of points per batch
 _FIRST_ROUND = 4  # number of trials of each point in the first round
-_LOOK = 5.0  # seconds between two checks for workers
 _DEATHS = 3  # number of workers that die with a batch before its trials are run alone
 
 
@@ -92,7 +97,8 @@ def run_sweep(
     InvalidInputError
         Raised if the store contains a different sweep with an equal name, or if another process
         runs the sweep. Also raised if a point (a combination of axis values) cannot run, or if a
-        worker has other versions of software than the current process. An error inside a trial does
+        worker has other versions of software than the current process, or if no worker can start, as
+        in a script that calls `run_sweep` without a main guard. An error inside a trial does
         not raise an exception: the store records the trial as failed.
     OutputError
         Raised if Shoal cannot write the store. After an error, the store keeps all committed
@@ -113,6 +119,7 @@ def run_sweep(
     >>> status.done, status.complete
     (6, True)
     """
+    end_second_start()
     check_kind(sweep, Sweep, what="sweep")
     if only is not None:
         check_kind(only, Mapping, what="only")  # type: ignore[type-abstract]
@@ -279,7 +286,7 @@ class _Run:
                 room -= 1
             if not pending:
                 return suspects
-            ready = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED).done
+            ready = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED).done
             if not ready:
                 self.pool.look()
             if not ready and not self.pool.workers:

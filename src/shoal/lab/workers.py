@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from concurrent.futures import wait as wait_for
 from contextlib import contextmanager
 from dataclasses import field
 from multiprocessing.connection import wait
@@ -20,6 +21,11 @@ from shoal.core.registry import digest_of_module, named_modules, users_modules
 from shoal.core.version import count_processors
 from shoal.lab.batches import check_versions, worker_name, worker_versions
 from shoal.lab.trials import begin_worker, give_up
+
+LOOK = 5.0
+"""Seconds between two looks at the workers."""
+
+_STARTS = 4  # attempts to start workers
 
 
 class WorkerPool:
@@ -104,10 +110,25 @@ class Processes(WorkerPool):
 
     def __post_init__(self) -> None:
         try:
-            check_versions(self.submit(worker_versions).result(), worker="of this machine")
+            check_versions(self._first_answer(), worker="of this machine")
         except BaseException:
             self.close(at_once=True)
             raise
+
+    def _first_answer(self) -> Any:
+        """Return the versions of a worker. A worker that is killed while it starts is replaced."""
+        for _ in range(_STARTS):
+            answer = self.submit(worker_versions)
+            while not wait_for([answer], timeout=LOOK).done:
+                self.look()
+            error = answer.exception()
+            if error is None or not self.lost(error):
+                return answer.result()
+        raise InvalidInputError(
+            f"workers: expected processes that can start, got {_STARTS} that ended at once (in a"
+            " script, call run_sweep under if __name__ == '__main__', because each worker imports"
+            " the script; workers=0 needs no processes)"
+        )
 
     def submit(
         self, function: Callable[..., Any], *arguments: Any, apart_from: str = ""
@@ -324,6 +345,14 @@ class Cluster(WorkerPool):
         """Disconnect from the Dask cluster. The Dask cluster itself keeps running."""
         self._executor.shutdown(wait=not at_once)
         self._client.close()
+
+
+def end_second_start() -> None:
+    """End a worker in which a script without a main guard runs again, before it starts workers of
+    its own. The process that has started the worker says so.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)
 
 
 def check_workers(workers: int | None, dask: str | None) -> None:
