@@ -75,9 +75,9 @@ kernels: $(VENV)/.dev-installed
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium
 chromium:
-	@command -v chromium >/dev/null && /sbin/ldconfig -p | grep -q libatomic.so.1 \
+	@{ command -v chromium-headless-shell || command -v chromium; } >/dev/null && /sbin/ldconfig -p | grep -q libatomic.so.1 \
 	  || { echo 'installing Chromium for the browser tests ...'; \
-	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
+	  $(APT) update -qq && $(APT) install -y -qq chromium-headless-shell libatomic1 >/dev/null; }
 
 # Files in their order, so that small ones come last. Tests that wait most of the time, for a browser, a rig, a radio or another process,
 # run beside all others, in a process of their own. Three workers beside them were slower than two, measured on two cores.

@@ -58,9 +58,9 @@ def chromium() -> Iterator[Browser]:
                 firefox_user_prefs={"dom.events.testing.asyncClipboard": True},
             )
         else:
-            browser = playwright.chromium.launch(
-                executable_path=shutil.which("chromium"), args=ARGS
-            )
+            # without the parts for windows, the tests take a third less of the processor
+            found = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+            browser = playwright.chromium.launch(executable_path=found, args=ARGS)
         yield browser
         browser.close()
 
