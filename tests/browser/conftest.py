@@ -55,7 +55,10 @@ def chromium() -> Iterator[Browser]:
             browser = playwright.firefox.launch(
                 channel="moz-firefox",
                 executable_path=shutil.which("firefox-esr") or "firefox",
-                firefox_user_prefs={"dom.events.testing.asyncClipboard": True},
+                firefox_user_prefs={
+                    "dom.events.testing.asyncClipboard": True,
+                    "browser.download.alwaysOpenPanel": False,  # which takes the focus
+                },
             )
         else:
             # without the parts for windows, the tests take a third less of the processor
@@ -178,6 +181,8 @@ def page(studio_page: Page, studio: Studio, form: Form) -> Iterator[Page]:
     wear(studio_page, *form)
     if FIREFOX:
         studio_page.bring_to_front()
+        for other in studio_page.context.pages[1:]:  # files that it shows after a download
+            other.close()
     yield studio_page
     for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()

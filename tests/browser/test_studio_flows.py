@@ -168,6 +168,7 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
     )
     (kept,) = studio.folder.glob("*seed21*.npz")
     assert shoal.load(kept).verify()
+    page.bring_to_front()  # Firefox would leave it without the focus
     other.close()
 
 
