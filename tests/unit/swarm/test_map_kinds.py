@@ -596,7 +596,7 @@ def test_a_dicom_series_without_the_size_of_a_pixel_is_turned_too(tmp_path):
 
 
 def test_dicom_series_that_are_wrong(tmp_path, said):
-    pytest.importorskip("pydicom")
+    pydicom = pytest.importorskip("pydicom")
     write_dicom(tmp_path, VOLUME)
     write_dicom(tmp_path, VOLUME, name="other")
     for file in (tmp_path / "other").iterdir():
@@ -610,6 +610,19 @@ def test_dicom_series_that_are_wrong(tmp_path, said):
     sorted((tmp_path / "gap").iterdir(), key=lambda path: path.name[-5])[2].unlink()
     read_map(tmp_path / "gap", label=220)
     assert any("the distances of the images differ from 2.5 to 5 mm" in text for text in said)
+    for name, key, value in (
+        ("pixels", "PixelSpacing", [0.5, 0.5]),
+        ("tilted", "ImagePositionPatient", [0, 1.0, 0]),
+    ):
+        write_dicom(tmp_path, VOLUME, name=name)
+        file = next((tmp_path / name).glob("?0.dcm"))
+        image = pydicom.dcmread(file)
+        setattr(image, key, value)
+        image.save_as(file)
+    with pytest.raises(InvalidInputError, match=r"expected pixels of 0.5x\S+ mm as in the first"):
+        read_map(tmp_path / "pixels", label=220)
+    read_map(tmp_path / "tilted", label=220)
+    assert "the images are shifted against each other by up to 1 mm" in said[-1]
     write_dicom(tmp_path, VOLUME, name="same", step=0.0)
     with pytest.raises(InvalidInputError, match="expected one image at each place"):
         read_map(tmp_path / "same", label=220)

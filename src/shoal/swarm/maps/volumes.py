@@ -579,9 +579,14 @@ def _dicom_cells(
             shift = float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
+    within = _dicom_pixel(first)
+    for file, head in zip(files, heads, strict=True):
+        if within and (other := _dicom_pixel(head)) and not np.allclose(other, within, rtol=1e-3):
+            raise InvalidInputError(
+                f"{file}: expected pixels of {within[0]:g}x{within[1]:g} mm as in the first slice,"
+                f" got {other[0]:g}x{other[1]:g} mm"
+            )
     layers = free_by_number(pieces, options, where=str(where))
-    spacing = first.get("PixelSpacing") or first.get("ImagerPixelSpacing")
-    within = None if spacing is None else (float(spacing[0]), float(spacing[1]))
     free = layers[0] if len(layers) == 1 else np.stack(layers)
     sides: tuple[float, ...] | None = within
     if free.ndim == 3:
@@ -590,6 +595,12 @@ def _dicom_cells(
         free, oriented = in_front_of_body(free, sides or (1.0, 1.0, 1.0), directions, where=where)
         sides = sides and oriented  # without a size of pixels, the map has none
     return free, sides and _check_sides(where, sides)
+
+
+def _dicom_pixel(head: Any) -> tuple[float, float] | None:
+    """Return the height and width of a pixel, in millimetres."""
+    spacing = head.get("PixelSpacing") or head.get("ImagerPixelSpacing")
+    return None if spacing is None else (float(spacing[0]), float(spacing[1]))
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
@@ -654,6 +665,14 @@ def _dicom_order(
             f"shoal: warning: {where}: the distances of the images differ from {steps.min():.4g} to"
             f" {steps.max():.4g} mm; the map counts each as {distance:.4g} mm (is an image"
             " missing?)"
+        )
+    pixel = _dicom_pixel(heads[0])
+    corners = np.array(places, dtype=np.float64) @ np.column_stack([along_column, along_row])
+    shift = np.ptp(corners, axis=0)
+    if pixel is not None and (shift > 0.5 * np.array(pixel)).any():
+        tell_once(
+            f"shoal: warning: {where}: the images are shifted against each other by up to"
+            f" {shift.max():.4g} mm; the map stacks them straight (was the gantry tilted?)"
         )
     # DICOM's axes run to the left, the back and the head of the body; those of RAS to the right,
     # the front and the head.
