@@ -638,7 +638,7 @@ export function search({ remember }) {
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
       if (given?.written) missions.open(given.written);
-      if (given?.written) stages.pick("missions");
+      stages.pick(given?.written ? "missions" : "plan");
     },
     run: simulate.play,
   };

@@ -247,7 +247,7 @@ function control(name, field, ends, changed, understood) {
     type: "text",
     autocomplete: "off",
     spellcheck: false,
-    placeholder: written(field.default) || "none",
+    placeholder: written(field.default) || (field.several ? "all" : "none"),
     onchange: changed,
   });
   // not by commas: a ring has some, and names of files may

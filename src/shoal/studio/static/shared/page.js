@@ -62,9 +62,11 @@ export function say(sentence, { problem = false, link = null } = {}) {
   note.append(
     el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"),
   );
-  document.getElementById("notes").append(note);
-  while (document.getElementById("notes").children.length > 3)
-    document.getElementById("notes").firstChild.remove();
+  const notes = document.getElementById("notes");
+  for (const other of [...notes.children])
+    if (other.firstChild.textContent === sentence) other.remove(); // said anew, not twice
+  notes.append(note);
+  while (notes.children.length > 3) notes.firstChild.remove();
   if (!problem) setTimeout(close, 6000);
 }
 

@@ -26,6 +26,9 @@ export function pack(free) {
   return btoa(text);
 }
 
+/** Whether packed cells have no free one. */
+export const isEmpty = ({ free }) => /^A*=*$/.test(free);
+
 /** Numbers of cells as the player takes them. */
 export function packedCells(cells) {
   const bytes = new Uint8Array(new Uint32Array(cells).buffer);
