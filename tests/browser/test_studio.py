@@ -71,6 +71,20 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     free[1:3, 2:5] = False
     assert np.array_equal(episode.workspace.free, free)
     assert episode.problem.map == "rectangle-painted.png"
+    # by hand, on an empty canvas: what is set besides the map stays
+    page.get_by_label("A new map").select_option("canvas")
+    page.locator(".underStage .facts").get_by_text("0 free").wait_for()
+    page.locator(".warning", has_text="Paint free cells").wait_for()
+    page.get_by_label("What to paint").select_option("free")
+    page.get_by_role("button", name="Apply").click()
+    page.locator(".underStage .facts").get_by_text(" 6 free cells, 3 particles").wait_for()
+    page.get_by_role("button", name="Apply").press("Escape")
+    until(page, "!document.querySelector('details.by[open]')")
+    assert not page.locator(".stage-side > .warning").is_visible()
+    episode = run_and_load(page, studio)
+    assert np.argwhere(episode.workspace.free).tolist() == [
+        [row, column] for row in (1, 2) for column in (2, 3, 4)
+    ]
 
 
 def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:

@@ -4,6 +4,7 @@ library's numbers.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -179,8 +180,15 @@ def test_a_film_for_a_talk_is_exported(page: Page, studio: Studio) -> None:
     page.locator(".panel:not([hidden]) .exports").wait_for()
     page.get_by_role("button", name="Film for a talk", exact=True).click()
     page.locator("#filmSize").select_option("square")
+    button = page.get_by_role("button", name="Film for a talk as GIF")
+    button.evaluate("""button => {
+        button.said = [];
+        new MutationObserver(() => button.said.push(button.textContent)).observe(button, { childList: true });
+    }""")
     with page.expect_download(timeout=30_000) as download:
-        page.get_by_role("button", name="Film for a talk as GIF").click()
+        button.click()
+    assert re.fullmatch(r"GIF \d+ %", button.evaluate("button => button.said[0]"))
+    assert button.inner_text() == "GIF"
     with Image.open(download.value.path()) as film:
         assert film.size[0] == film.size[1]
 

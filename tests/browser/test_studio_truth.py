@@ -656,9 +656,12 @@ def test_play_plays_what_the_form_says(page: Page, studio: Studio) -> None:
 
 
 @pytest.mark.forms(0)
-def test_an_outline_that_would_cross_itself_is_refused_at_once(page: Page, studio: Studio) -> None:
+def test_an_outline_that_would_cross_itself_or_bend_inward_is_refused_at_once(
+    page: Page, studio: Studio
+) -> None:
     studio.open(page, "steering", {"problem": {"workspace": "square"}, "seed": 2})
     page.get_by_role("button", name="Draw a workspace").click()
+    page.get_by_text("Click the corners of a convex outline").wait_for()
     box = page.locator(".room").first.bounding_box()
     assert box is not None
 
@@ -670,7 +673,10 @@ def test_an_outline_that_would_cross_itself_is_refused_at_once(page: Page, studi
     click(0.4, 0.6)  # over the first side
     page.locator(".warning", has_text="would cross itself").wait_for()
     assert page.locator(".room .corner").count() == 3
-    click(0.4, 0.35)  # inside: its last side would cross nothing
+    click(0.4, 0.35)  # its last side would cross nothing, but bend inward
+    page.locator(".warning", has_text="bend inward").wait_for()
+    assert page.locator(".room .corner").count() == 3
+    click(0.45, 0.25)
     expect(page.locator(".warning")).to_be_hidden()
     drawn(page, studio, {"frame": None, "parts": [], "zones": []}, region="square:200")
     page.get_by_role("button", name="Region", exact=True).click()

@@ -279,6 +279,7 @@ export function search({ remember }) {
 
   const load = newest(async () => {
     facts.classList.add("loading");
+    if (!plan) refill(facts, "planning …");
     const of = JSON.stringify(question()),
       asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {

@@ -250,6 +250,7 @@ export function vessels({ remember }) {
   const load = newest(async () => {
     const of = store.text;
     facts.classList.add("loading");
+    if (!map && !editor.photograph) refill(facts, "opening the map …");
     try {
       if (problem.vessels && view === "photo" && !painted) await overlay();
       else if (painted && isEmpty(painted)) showEmpty();
@@ -345,6 +346,7 @@ export function vessels({ remember }) {
     complain,
     visible: () => view === "photo",
     placed: (found) => layers.set(found),
+    shown: () => mapped.is(null),
     said: (words) => {
       refill(facts, words);
     },

@@ -100,7 +100,7 @@ export function drafting({ shown, started }) {
   });
   const axes = el("div.axes", {}),
     room = el("div", {}),
-    info = el("p.soft", { role: "status" }),
+    info = el("p.soft", { role: "status" }, "Reading the fields of sweeps …"),
     problem = el("p.warning", { role: "alert", hidden: true });
   const text = el("textarea.code", {
     id: id("Toml"),

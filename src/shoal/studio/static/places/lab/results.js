@@ -339,7 +339,7 @@ export function results({ shown, change }) {
       .slice(0, MOST_LINES)
       .map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
     return [
-      linesChart(named, { axis, measure, zoom }),
+      linesChart(named, { axis, measure: titled(measure), zoom }),
       lines.size > MOST_LINES
         ? el(
             "p.soft",

@@ -261,7 +261,7 @@ export class Drawing {
     if (!this.hint.textContent && this.points.length > MOST_HANDLES)
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
-    this.numbers.element.hidden = !this.closing.hidden;
+    this.numbers.element.style.visibility = this.closing.hidden ? "" : "hidden";
     this.selection.element.hidden = this.tool !== SELECT;
     this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
     // a plan that comes does not take the shape out of the hand
@@ -541,9 +541,8 @@ export class Drawing {
       { role: "toolbar", "aria-label": "Drawing" },
       el("div.group", {}, this.buttons),
       stepButtons(store),
-      // beside the canvas: a corner may be anywhere on it. One row of the toolbar has both
-      this.closing,
-      this.numbers.element,
+      // not on the canvas, where a corner may be anywhere, and without another row of tools
+      el("div.either", {}, this.numbers.element, this.closing),
     );
   }
 }
