@@ -391,6 +391,24 @@ def test_small_numbers_keep_their_digits(page: Page, studio: Studio) -> None:
         [list(cases), list(shares)],
     )
     assert found == [list(cases.values()), list(shares.values())]
+    # a tie is rounded as commands round it, and so in the player
+    ties = [199.25, 199.75, 0.125, -0.375, 2.5, 1234.5, 12345.0, 0.15, 9.9995, 9.5, 2**-20]
+    rounded = """({fixed, precise}, ties) => ties.map((x) =>
+        [2, 3, 4].flatMap((n) => [Number(precise(x, n)), Number(fixed(x, n - 2))]))"""
+    expected = [
+        [number for n in (2, 3, 4) for number in (float(f"{x:.{n}g}"), float(f"{x:.{n - 2}f}"))]
+        for x in ties
+    ]
+    assert (
+        page.evaluate(
+            f"async (ties) => ({rounded})(await import('/static/shared/page.js'), ties)", ties
+        )
+        == expected
+    )
+    frame = page.locator("iframe").first.element_handle().content_frame()
+    assert frame is not None
+    frame.wait_for_load_state()
+    assert frame.evaluate(f"(ties) => ({rounded})(ShoalDesk, ties)", ties) == expected
 
 
 @pytest.mark.forms(0)

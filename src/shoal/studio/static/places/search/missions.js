@@ -1,7 +1,7 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
-import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, precise, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 import { heightProfile } from "./profile.js";
@@ -106,7 +106,7 @@ export function missionsPanel({ ready, current, changed, store }) {
         "Seen",
         check.covered_fraction === null
           ? "not measured"
-          : `${Number((100 * check.covered_fraction).toPrecision(6))} %`,
+          : `${Number(precise(100 * check.covered_fraction, 6))} %`,
       ],
       [
         "Mistakes",
