@@ -146,6 +146,18 @@ def test_policies_are_compared_from_the_same_starts(page: Page, studio: Studio) 
             row.locator("td").first.inner_text()
             == f"{np.mean([one.moves for one in episodes]):.4g}"
         )
+    # all players share their zoom
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    tab(page, "Compare")
+    view = playing(page).evaluate("""() => {
+        shoalPlayer.picture.zoomAt(3, 60, 60);
+        return shoalPlayer.picture.view;
+    }""")
+    assert view["wide"] < 1
+    tab(page, "Drive")
+    assert playing(page).evaluate("shoalPlayer.picture.view") == pytest.approx(view)
 
 
 def test_names_are_text(page: Page, studio: Studio) -> None:
@@ -395,3 +407,74 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
             for player in players:
                 below = player.evaluate("() => shoalPlayer.picture.below?.share ?? null")
                 assert below == share
+
+    # what moves stands out from any photograph, light or dark: from one of them by a line around it
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    marks(page, None, (0, 0, 0))
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.locator(".pad:not([hidden])").wait_for()
+    until(page, "document.activeElement?.tagName === 'IFRAME'")
+    for key in ["ArrowLeft"] * 3 + ["ArrowDown"] * 4 + ["ArrowRight"] * 3:
+        page.keyboard.press(key)
+    page.get_by_text("at move 10").wait_for()
+    marks(page, DARK_GHOST, (255, 255, 255))
+
+
+def playing(page: Page) -> Any:
+    """The frame of the player on the stage."""
+    shown = page.locator(".panel:not([hidden]) iframe:not([hidden])").first.element_handle()
+    frame = shown.content_frame()
+    assert frame is not None
+    for _ in range(250):
+        if frame.evaluate("!!window.shoalPlayer?.picture"):
+            return frame
+        page.wait_for_timeout(20)
+    raise AssertionError("no player")
+
+
+DARK_GHOST = (58, 36, 120)
+MARKS = """async ([photograph, colour, line]) => {
+    const {picture} = shoalPlayer, image = new OffscreenCanvas(8, 8), pen = image.getContext("2d");
+    pen.fillStyle = photograph;
+    pen.fillRect(0, 0, 8, 8);
+    if (!colour) shoalPlayer.goTo(1);
+    picture.setBelow({image, box: [0, 0, 1, 1], share: 1});
+    shoalPlayer.redraw();
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const {width, height} = picture.canvas, copy = new OffscreenCanvas(width, height).getContext("2d");
+    copy.drawImage(picture.canvas, 0, 0);
+    const {data} = copy.getImageData(0, 0, width, height);
+    const is = ([r, g, b], i) => data[4 * i] === r && data[4 * i + 1] === g && data[4 * i + 2] === b;
+    const mark = colour ?? picture.palette.frontier, {particle} = picture.palette;
+    let marked = 0, beside = 0, lined = 0;
+    for (let i = 0; i < data.length / 4; i++) {
+        lined += [0, 1, 2].every((k) => Math.abs(data[4 * i + k] - line[k]) < 20);
+        if (!is(mark, i)) continue;
+        marked += 1;
+        for (const j of [i - 1, i + 1, i - width, i + width])
+            beside += ![mark, line, particle].some((one) => is(one, j));
+    }
+    return {mark, marked, beside, lined};
+}"""
+
+
+def marks(page: Page, colour: tuple[int, ...] | None, line: tuple[int, ...]) -> None:
+    """Check that marks of a colour (None: the frontier) have at least 3:1 to a white and to a black
+    photograph, or a line around them that has.
+    """
+    for photograph in ("#ffffff", "#000000"):
+        found = playing(page).evaluate(MARKS, [photograph, colour, line])
+        assert min(found["marked"], found["lined"]) > 10
+        if colour is None:  # ghosts are discs with soft edges
+            assert found["beside"] < found["marked"] / 20
+        below = (255, 255, 255) if photograph == "#ffffff" else (0, 0, 0)
+        assert max(apart(found["mark"], below), apart(line, below)) >= 3
+        assert apart(line, found["mark"]) >= 3
+
+
+def apart(*colours: tuple[int, ...]) -> float:
+    """The contrast of two colours, as WCAG 2 defines it."""
+    low, high = sorted(luminance(np.array(colour, dtype=np.float64)) for colour in colours)
+    return (high + 0.05) / (low + 0.05)

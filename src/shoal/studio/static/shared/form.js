@@ -106,6 +106,8 @@ export function faultsOf(banner, rowOf) {
     row = (fault?.field && rowOf(fault.field)) || null;
     row?.fault(sentence);
     banner.hidden = !sentence;
+    // a hint about what is drawn, and no fault of a field
+    banner.classList.toggle("hint", typeof fault === "string");
     const there = row;
     banner.replaceChildren(
       ...(there
