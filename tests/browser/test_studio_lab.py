@@ -87,6 +87,16 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     ]
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
+    # the numbers of a row stand in it while the pointer is there
+    row = page.locator(".chartArea .row").first
+    assert not row.locator(".value").is_visible()
+    row.hover()
+    assert row.locator(".value").is_visible()
+    estimate = rows[0].estimate
+    assert estimate is not None
+    assert row.locator(".value").text_content() == (
+        f"{estimate.mean:.4g} ({estimate.low:.4g} to {estimate.high:.4g})"
+    )
     told = (
         "do not differ clearly"
         if found.difference.low <= 0 <= found.difference.high
