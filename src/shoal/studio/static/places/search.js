@@ -537,6 +537,7 @@ export function search({ remember }) {
       canvas.bounds = null;
       canvas.fit();
     }
+    canvas.element.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
     redo();
   }
   const choice = chooser({ choose, bring, blank: begin, loosen, region: () => region });

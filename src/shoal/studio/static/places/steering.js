@@ -584,6 +584,7 @@ export function steering({ remember }) {
     stages.pick("plan");
     keep();
     drawRoom();
+    room.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
   }
   /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {

@@ -406,6 +406,7 @@ export function vessels({ remember }) {
     const cells = new Uint8Array(CANVAS.shape[0] * CANVAS.shape[1]);
     await take(CANVAS.map, { shape: CANVAS.shape, free: pack(cells) });
     pickTool(FREE);
+    editor.element.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
   }
 
   /** Take another map. What says how a file is read, and where on the map something is, goes. */
