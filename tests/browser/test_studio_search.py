@@ -359,6 +359,10 @@ def test_missions_are_written_and_checked(
     page.locator(".missions .soft", has_text="paddock-2.missions.zip").wait_for()
     assert page.locator(".measures").inner_text() == measures
     assert page.get_by_label("format", exact=True).input_value() == "plan"
+    # a region that is opened is looked at
+    page.get_by_role("link", name="Start", exact=True).click()
+    page.locator(".welcome input[type=file]").set_input_files(tmp_path / "paddock.geojson")
+    page.locator("[role=tab][aria-selected=true]:visible", has_text="Plan").wait_for()
     # the command of the archive runs where it is unpacked: the region is in it
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
