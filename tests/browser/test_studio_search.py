@@ -606,6 +606,9 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
     drawing = {"frame": None, "parts": [field], "zones": []}
     studio.open(page, "search", {"problem": given, "drawing": drawing})
     page.locator(".search-place .facts:has-text('searched in'):not(.loading)").wait_for()
+    size = page.locator(".plane").evaluate("plane => [plane.clientWidth, plane.clientHeight]")
+    page.locator(".search-place .facts", has_text="keep apart").wait_for()  # what takes longer
+    assert page.locator(".plane").evaluate("one => [one.clientWidth, one.clientHeight]") == size
     page.locator(".plane").scroll_into_view_if_needed()
     for name in ("Farther", "Nearer"):  # from now on the view follows no plan
         page.get_by_role("button", name=name).click()
