@@ -71,7 +71,7 @@ const ShoalPicture = (() => {
       this.zoom = 1;
       this.view = null; // what is looked at, whatever the size of the canvas: see lookAt
       this.painted = -1; // the move that the image shows
-      this.rim = []; // sides of frontier cells to others: column, row and side of each
+      this.rim = []; // sides of frontier cells to the photograph: column, row and side of each
       this.casing = null; // colour around particles
     }
 
@@ -89,14 +89,12 @@ const ShoalPicture = (() => {
       const through = below && this.layout?.lines === 1 ? below.share : 0,
         { unknown, obstacle, frontier } = this.palette,
         shades = this.timeline.shades(this.palette);
-      const share = (shade) =>
-        shade === frontier
-          ? 0
-          : shade === unknown || shade === obstacle
-            ? through
-            : THROUGH_OPEN * through;
+      // of each shade: whether the photograph is clear through it
+      this.clear = shades.map((shade) => shade === unknown || shade === obstacle);
+      const share = (shade, i) =>
+        shade === frontier ? 0 : this.clear[i] ? through : THROUGH_OPEN * through;
       this.below = below;
-      this.packed = shades.map((shade) => packColour(shade, 1 - share(shade)));
+      this.packed = shades.map((shade, i) => packColour(shade, 1 - share(shade, i)));
       this.frontierShade = shades.indexOf(frontier);
       this.painted = -1;
     }
@@ -296,8 +294,8 @@ const ShoalPicture = (() => {
       pen.restore();
     }
 
-    /** A dark line around the frontier, which then stands out from any photograph: from what is
-     *  dark by its colour, from what is light by the line. */
+    /** A dark line between the frontier and the photograph: from what is dark, the frontier stands
+     *  out by its colour, from what is light, by the line. */
     drawCasing() {
       const { pen, size, left, top, rim } = this,
         thick = Math.max(1, Math.round(this.ratio));
@@ -333,12 +331,11 @@ const ShoalPicture = (() => {
       }
       this.rim = [];
       if (this.below) {
-        const { cols } = this.world,
-          isFrontier = (cell) => timeline.shadeOf(cell, n) === this.frontierShade;
+        const { cols } = this.world;
         for (let cell = 0; cell < x.length; cell++) {
-          if (!isFrontier(cell)) continue;
+          if (timeline.shadeOf(cell, n) !== this.frontierShade) continue;
           [cell - 1, cell + 1, cell - cols, cell + cols].forEach((next, side) => {
-            if (!isFrontier(next)) this.rim.push(x[cell], y[cell], side);
+            if (this.clear[timeline.shadeOf(next, n)]) this.rim.push(x[cell], y[cell], side);
           });
         }
       }
