@@ -71,6 +71,24 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     free[1:3, 2:5] = False
     assert np.array_equal(episode.workspace.free, free)
     assert episode.problem.map == "rectangle-painted.png"
+    # by hand, on an empty canvas: what is set besides the map stays
+    page.get_by_label("A new map").select_option("canvas")
+    page.locator(".underStage .facts").get_by_text("0 free").wait_for()
+    hint = page.locator(".warning", has_text="Paint free cells")
+    hint.wait_for()
+    tab(page, "Run")
+    assert not hint.is_visible()  # a hint about the map lies over no button of a run
+    tab(page, "Map")
+    page.get_by_label("What to paint").select_option("free")
+    page.get_by_role("button", name="Apply").click()
+    page.locator(".underStage .facts").get_by_text(" 6 free cells, 3 particles").wait_for()
+    page.get_by_role("button", name="Apply").press("Escape")
+    until(page, "!document.querySelector('details.by[open]')")
+    assert not page.locator(".stage-side > .warning").is_visible()
+    episode = run_and_load(page, studio)
+    assert np.argwhere(episode.workspace.free).tolist() == [
+        [row, column] for row in (1, 2) for column in (2, 3, 4)
+    ]
 
 
 def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:
@@ -132,6 +150,18 @@ def test_policies_are_compared_from_the_same_starts(page: Page, studio: Studio) 
             row.locator("td").first.inner_text()
             == f"{np.mean([one.moves for one in episodes]):.4g}"
         )
+    # all players share their zoom
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    tab(page, "Compare")
+    view = playing(page).evaluate("""() => {
+        shoalPlayer.picture.zoomAt(3, 60, 60);
+        return shoalPlayer.picture.view;
+    }""")
+    assert view["wide"] < 1
+    tab(page, "Drive")
+    assert playing(page).evaluate("shoalPlayer.picture.view") == pytest.approx(view)
 
 
 def test_names_are_text(page: Page, studio: Studio) -> None:
@@ -381,3 +411,74 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
             for player in players:
                 below = player.evaluate("() => shoalPlayer.picture.below?.share ?? null")
                 assert below == share
+
+    # what moves stands out from any photograph, light or dark: from one of them by a line around it
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    marks(page, None, (0, 0, 0))
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.locator(".pad:not([hidden])").wait_for()
+    until(page, "document.activeElement?.tagName === 'IFRAME'")
+    for key in ["ArrowLeft"] * 3 + ["ArrowDown"] * 4 + ["ArrowRight"] * 3:
+        page.keyboard.press(key)
+    page.get_by_text("at move 10").wait_for()
+    marks(page, DARK_GHOST, (255, 255, 255))
+
+
+def playing(page: Page) -> Any:
+    """The frame of the player on the stage."""
+    shown = page.locator(".panel:not([hidden]) iframe:not([hidden])").first.element_handle()
+    frame = shown.content_frame()
+    assert frame is not None
+    for _ in range(250):
+        if frame.evaluate("!!window.shoalPlayer?.picture"):
+            return frame
+        page.wait_for_timeout(20)
+    raise AssertionError("no player")
+
+
+DARK_GHOST = (58, 36, 120)
+MARKS = """async ([photograph, colour, line]) => {
+    const {picture} = shoalPlayer, image = new OffscreenCanvas(8, 8), pen = image.getContext("2d");
+    pen.fillStyle = photograph;
+    pen.fillRect(0, 0, 8, 8);
+    if (!colour) shoalPlayer.goTo(1);
+    picture.setBelow({image, box: [0, 0, 1, 1], share: 1});
+    shoalPlayer.redraw();
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const {width, height} = picture.canvas, copy = new OffscreenCanvas(width, height).getContext("2d");
+    copy.drawImage(picture.canvas, 0, 0);
+    const {data} = copy.getImageData(0, 0, width, height);
+    const is = ([r, g, b], i) => data[4 * i] === r && data[4 * i + 1] === g && data[4 * i + 2] === b;
+    const mark = colour ?? picture.palette.frontier;
+    let marked = 0, beside = 0, lined = 0;
+    for (let i = 0; i < data.length / 4; i++) {
+        lined += [0, 1, 2].every((k) => Math.abs(data[4 * i + k] - line[k]) < 20);
+        if (!is(mark, i)) continue;
+        marked += 1;
+        for (const j of [i - 1, i + 1, i - width, i + width])
+            beside += is([128, 128, 128], j);
+    }
+    return {mark, marked, beside, lined};
+}"""
+
+
+def marks(page: Page, colour: tuple[int, ...] | None, line: tuple[int, ...]) -> None:
+    """Check that marks of a colour (None: the frontier) have at least 3:1 to a white and to a black
+    photograph, or a line around them that has.
+    """
+    for grey in (255, 0, 128):
+        below = (grey, grey, grey)
+        found = playing(page).evaluate(MARKS, [f"rgb{below}", colour, line])
+        assert min(found["marked"], found["lined"]) > 10
+        if grey == 128:  # nothing but the line is between a mark and the photograph
+            assert found["beside"] == 0
+        assert max(apart(found["mark"], below), apart(line, below)) >= 3
+        assert apart(line, found["mark"]) >= 3
+
+
+def apart(*colours: tuple[int, ...]) -> float:
+    """The contrast of two colours, as WCAG 2 defines it."""
+    low, high = sorted(luminance(np.array(colour, dtype=np.float64)) for colour in colours)
+    return (high + 0.05) / (low + 0.05)

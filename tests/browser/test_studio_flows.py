@@ -4,6 +4,7 @@ library's numbers.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -180,8 +181,15 @@ def test_a_film_for_a_talk_is_exported(page: Page, studio: Studio) -> None:
     page.locator(".panel:not([hidden]) .exports").wait_for()
     page.get_by_role("button", name="Film for a talk", exact=True).click()
     page.locator("#filmSize").select_option("square")
+    button = page.get_by_role("button", name="Film for a talk as GIF")
+    button.evaluate("""button => {
+        button.said = [];
+        new MutationObserver(() => button.said.push(button.textContent)).observe(button, { childList: true });
+    }""")
     with page.expect_download(timeout=30_000) as download:
-        page.get_by_role("button", name="Film for a talk as GIF").click()
+        button.click()
+    assert re.fullmatch(r"GIF \d+ %", button.evaluate("button => button.said[0]"))
+    assert button.inner_text() == "GIF"
     with Image.open(download.value.path()) as film:
         assert film.size[0] == film.size[1]
 
@@ -279,3 +287,36 @@ def test_a_job_that_ends_elsewhere_says_so(page: Page, studio: Studio) -> None:
     note = page.locator(".note", has_text="Episode maze:9x7 is done.")
     note.get_by_role("link", name="Show it").click()
     page.locator(".place:visible .exports").wait_for()
+
+
+@pytest.mark.forms(0, 3)
+def test_a_failed_job_looks_failed_and_a_page_that_loads_says_so(
+    page: Page, studio: Studio
+) -> None:
+    (studio.folder / "gone.txt").write_text("#####\n#...#\n#####\n")
+    studio.open(page, "vessels", {"problem": {"map": "gone.txt", "particles": 1}, "seed": 0})
+    page.locator(".underStage .facts", has_text="3 free").wait_for()
+    (studio.folder / "gone.txt").unlink()
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".note.bad", has_text="gone.txt").wait_for()
+    assert page.locator(".note.bad").count() == 1
+    assert page.locator(".panel:not([hidden]) .exports").count() == 0
+    page.get_by_role("button", name="Jobs").click()
+    job = page.locator(".job.failed", has_text="gone.txt").first
+    job.get_by_text("No such file").wait_for()
+    assert job.get_by_role("button", name="Cancel").count() == 0
+    bad = page.locator(".note.bad").evaluate("note => getComputedStyle(note).color")
+    assert job.locator("p").evaluate("words => getComputedStyle(words).color") == bad
+    page.keyboard.press("Escape")
+
+    studio.open(page, "start")
+    page.route("**/api/ask/**", lambda _: None)  # an answer that does not come
+    for place in ("vessels", "steering", "search", "lab", "papers"):
+        page.evaluate(f"location.hash = '{place}'")
+        page.locator(".place:visible, .lab:visible, .papers:visible").get_by_text(
+            re.compile("^(opening|planning|Reading) .*…$")
+        ).first.wait_for()
+    page.evaluate("location.hash = 'lab'")
+    tab(page, "New sweep")
+    page.get_by_text("Reading the fields of sweeps …").wait_for()
+    page.unroute("**/api/ask/**")

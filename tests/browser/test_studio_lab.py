@@ -87,6 +87,16 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     ]
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
+    # the numbers of a row stand in it while the pointer is there
+    row = page.locator(".chartArea .row").first
+    assert not row.locator(".value").is_visible()
+    row.hover()
+    assert row.locator(".value").is_visible()
+    estimate = rows[0].estimate
+    assert estimate is not None
+    assert row.locator(".value").text_content() == (
+        f"{estimate.mean:.4g} ({estimate.low:.4g} to {estimate.high:.4g})"
+    )
     told = (
         "do not differ clearly"
         if found.difference.low <= 0 <= found.difference.high
@@ -94,10 +104,45 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     )
     assert told in page.locator(".verdict").inner_text()
     assert Sweep.load(studio.folder / "better.toml").problem["map"] == "maze:9x7"
+    # the store has the name now: nothing else is run under it
+    tab(page, "New sweep")
+    page.get_by_label("map", exact=True).fill("maze:7x7")
+    page.get_by_label("map", exact=True).press("Tab")
+    page.get_by_text("better.sqlite holds another sweep of this name").wait_for()
+    assert page.get_by_role("button", name="Run the sweep").is_disabled()
     episodes = [
         shoal.run(SwarmProblem("maze:9x7", particles=20, policy=name), seed=0) for name in POLICIES
     ]
     assert all(episodes)
+
+
+def test_a_new_sweep_of_each_kind_is_a_question_with_a_free_name(
+    page: Page, studio: Studio
+) -> None:
+    run_sweep(Sweep(**small("crashes", trials=1)), studio.folder / "crashes.sqlite", workers=0)
+    studio.open(page, "lab", {"tab": "new"})
+    page.get_by_text("2 points, 40 trials").wait_for()
+    kind, said = page.get_by_label("Kind of problem"), page.locator(".drafting [role=status]")
+    for name in kind.locator("option").all_inner_texts():
+        kind.select_option(name)
+        until(page, f"document.getElementById('sweepToml').value.includes('kind = \"{name}\"')")
+        said.get_by_text("2 points, 40 trials").wait_for()
+    kind.select_option("search")
+    said.get_by_text("Results go to crashes-2.sqlite").wait_for()
+    page.locator(".axis .help", has_text="Number of robots that crash").wait_for()
+    page.get_by_label("region", exact=True).fill("square:60")
+    page.get_by_label("region", exact=True).press("Tab")
+    page.get_by_label("Trials per point").fill("3")
+    said.get_by_text("6 trials").wait_for()
+    page.get_by_role("button", name="Run the sweep").click()
+    complete(page, "crashes-2")
+    with Store(studio.folder / "crashes-2.sqlite") as store:
+        ((_, _, _, found),) = compare_along(store, "crashes-2", "makespan", "crashes")
+    assert found is not None
+    verdict = page.locator(".verdict").inner_text()
+    assert "crashes 1" in verdict
+    assert "crashes 0" in verdict
+    assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
 
 
 def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> None:

@@ -10,6 +10,11 @@ from playwright.sync_api import Browser, Page
 from tests.browser.studio import Form, Studio
 from tests.browser.waiting import until
 
+import shoal
+from shoal.search.problem import SearchProblem
+from shoal.steering import SteeringProblem
+from shoal.swarm import SwarmProblem
+
 pytestmark = pytest.mark.browser
 REGION = {
     "type": "Polygon",
@@ -63,12 +68,49 @@ def test_any_file_is_opened_where_it_belongs(page: Page, studio: Studio, tmp_pat
     assert not list(studio.folder.glob("plot*.dbf"))
 
 
-def test_the_settings_of_an_opened_episode_are_a_click_away(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": "line:7", "particles": 1}, "seed": 4})
-    page.get_by_role("button", name="Run", exact=True).click()
-    page.locator(".panel:not([hidden]) .exports").wait_for()
-    studio.open(page, "lab", {"tab": "episodes"})
-    page.locator(".shelf .card").first.click()
-    page.get_by_role("link", name="Its settings").click()
-    page.locator(".underStage .facts", has_text="7 free").wait_for()
+def test_somebodys_episode_is_changed_and_run_again(
+    page: Page, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Episodes as commands save them, and none of the files that they were made from."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "maze.txt").write_text("#####\n#...#\n#.#.#\n#####\n")
+    (tmp_path / "field.json").write_text(json.dumps(REGION))
+    (tmp_path / "room.wkt").write_text("POLYGON ((0 0, 4 0, 4 2, 0 2, 0 0))")
+    pair = {"start": [[0.2, 0.7], [0.4, 0.9]], "goal": [[0.3, 0.7], [0.9, 0.5]]}
+    problems = {
+        "one.npz": SwarmProblem("maze.txt", particles=2, policy="closest-frontier"),
+        "two.npz": SwarmProblem("line:7", particles=1),
+        "found.json": SearchProblem("field.json", robots=2, footprint=40.0),
+        "room.json": SteeringProblem(workspace="room.wkt", planner="greedy", **pair),
+        "square.json": SteeringProblem(planner="greedy", **pair),
+    }
+    for name, problem in problems.items():
+        shoal.run(problem, seed=4).save(tmp_path / name)
+
+    def change(name: str) -> None:
+        page.get_by_role("link", name="Start", exact=True).click()
+        page.locator(".welcome input[type=file]").set_input_files(tmp_path / name)
+        page.locator(".watching h2", has_text=name).wait_for()
+        until(
+            page,
+            "!!document.querySelector('.watching iframe:not([hidden])')?.contentWindow.shoalPlayer",
+        )
+        page.get_by_role("button", name="Change and run again").click()
+
+    studio.open(page, "start")
+    change("one.npz")
+    page.locator(".underStage .facts", has_text="5 free cells, 2 particles").wait_for()
+    assert page.locator(".source:visible").inner_text() == "maze-map.map"
     assert page.locator("#vesselsSeed").input_value() == "4"
+    change("two.npz")  # a second one in the same player
+    page.locator(".underStage .facts", has_text="7 free cells, 1 particles").wait_for()
+    change("found.json")
+    page.locator(".underStage .facts", has_text="1.67").wait_for()
+    assert page.locator(".search-place [data-field=robots] input").input_value() == "2"
+    for name, workspace in (("room.json", "POLYGON (("), ("square.json", "square")):
+        change(name)
+        until(
+            page, f"document.getElementById('steeringWorkspace')?.value.startsWith('{workspace}')"
+        )
+        assert page.locator("[data-field=start] input:visible").input_value() == "0.2,0.7 0.4,0.9"
+    assert page.locator(".note.bad").count() == 0

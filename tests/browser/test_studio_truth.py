@@ -391,6 +391,24 @@ def test_small_numbers_keep_their_digits(page: Page, studio: Studio) -> None:
         [list(cases), list(shares)],
     )
     assert found == [list(cases.values()), list(shares.values())]
+    # a tie is rounded as commands round it, and so in the player
+    ties = [199.25, 199.75, 0.125, -0.375, 2.5, 1234.5, 12345.0, 0.15, 9.9995, 9.5, 2**-20]
+    rounded = """({fixed, precise}, ties) => ties.map((x) =>
+        [2, 3, 4].flatMap((n) => [Number(precise(x, n)), Number(fixed(x, n - 2))]))"""
+    expected = [
+        [number for n in (2, 3, 4) for number in (float(f"{x:.{n}g}"), float(f"{x:.{n - 2}f}"))]
+        for x in ties
+    ]
+    assert (
+        page.evaluate(
+            f"async (ties) => ({rounded})(await import('/static/shared/page.js'), ties)", ties
+        )
+        == expected
+    )
+    frame = page.locator("iframe").first.element_handle().content_frame()
+    assert frame is not None
+    frame.wait_for_load_state()
+    assert frame.evaluate(f"(ties) => ({rounded})(ShoalDesk, ties)", ties) == expected
 
 
 @pytest.mark.forms(0)
@@ -656,9 +674,12 @@ def test_play_plays_what_the_form_says(page: Page, studio: Studio) -> None:
 
 
 @pytest.mark.forms(0)
-def test_an_outline_that_would_cross_itself_is_refused_at_once(page: Page, studio: Studio) -> None:
+def test_an_outline_that_would_cross_itself_or_bend_inward_is_refused_at_once(
+    page: Page, studio: Studio
+) -> None:
     studio.open(page, "steering", {"problem": {"workspace": "square"}, "seed": 2})
     page.get_by_role("button", name="Draw a workspace").click()
+    page.get_by_text("Click the corners of a convex outline").wait_for()
     box = page.locator(".room").first.bounding_box()
     assert box is not None
 
@@ -670,7 +691,13 @@ def test_an_outline_that_would_cross_itself_is_refused_at_once(page: Page, studi
     click(0.4, 0.6)  # over the first side
     page.locator(".warning", has_text="would cross itself").wait_for()
     assert page.locator(".room .corner").count() == 3
-    click(0.4, 0.35)  # inside: its last side would cross nothing
+    click(0.4, 0.35)  # its last side would cross nothing, but bend inward
+    said = page.locator(".warning", has_text="bend inward")
+    said.wait_for()
+    # a corner may lie below the words
+    assert said.evaluate("words => getComputedStyle(words).pointerEvents") == "none"
+    assert page.locator(".room .corner").count() == 3
+    click(0.45, 0.25)
     expect(page.locator(".warning")).to_be_hidden()
     drawn(page, studio, {"frame": None, "parts": [], "zones": []}, region="square:200")
     page.get_by_role("button", name="Region", exact=True).click()

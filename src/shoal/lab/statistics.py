@@ -494,7 +494,8 @@ def measured(store: Store, name: str, measure: str) -> Iterator[Measured]:
 
 def first_measure(measures: Sequence[str]) -> str:
     """Return the name of the measure that a summary shows by default."""
-    return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
+    usual = ("moves", "makespan")
+    return next((name for name in usual if name in measures), next(iter(measures), ""))
 
 
 def summarise(

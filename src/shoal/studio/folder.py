@@ -5,6 +5,7 @@ too large are refused.
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
@@ -188,6 +189,8 @@ class Folder:
                 return None
             if entry.name.lower().endswith(".jsonl") and not is_drive_log(entry.path):
                 return None
+            if purpose == "problem" and is_episode(entry.path):
+                purpose = "episode"
             if entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(self.root):
                 return None
             about = entry.stat()
@@ -330,6 +333,14 @@ def is_drive_log(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is the log of a drive of a swarm, which a page can play."""
     with open(path, "rb") as file:
         return b'"log":"shoal-drive"' in file.read(200)
+
+
+def is_episode(path: str | os.PathLike[str]) -> bool:
+    """Return whether a JSON file is an episode, as its beginning says: commands save theirs as
+    ``episode.json``, and an episode contains a problem.
+    """
+    with open(path, "rb") as file:
+        return re.search(rb'"problem": ?\{"kind"', file.read(1000)) is not None
 
 
 def episode_in(path: Path) -> Any:

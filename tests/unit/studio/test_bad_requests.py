@@ -51,6 +51,7 @@ TOML = (
 PLACED = {"problem": SEARCH, "drawing": DRAWING, "frame": [8.5, 47.4], "seed": 1}
 GOOD = {
     "page": {"file": "a.npz"},
+    "settings": {"file": "a.npz"},
     "picture": {"file": "a.npz"},
     "copies": {"problem": SWARM, "seed": 1},
     "save": {"problem": SWARM, "seed": 1, "name": "x"},

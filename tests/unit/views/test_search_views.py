@@ -20,7 +20,7 @@ from shoal.search import LocalFrame, SearchEpisode, SearchProblem, region_of
 from shoal.search.episode import duration_text
 from shoal.search.problem.network import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.search.run import run
-from shoal.views import film
+from shoal.views import figure, film
 from shoal.views.drawing.canvas import rings_of
 from shoal.views.drawing.charts import save_figure
 from shoal.views.search.figures import cell_colours, routes_figure, spread_out
@@ -537,6 +537,12 @@ def test_heat_cools_where_robots_look():
     hottest = int(np.argmax(odds))
     assert warm[hottest].sum() < 3 - 0.3
     assert np.abs(warm - cold)[first > middle].max() == 0
+    ground, _, scale = figure(episode, kind="success").axes
+    assert scale.get_ylabel() == "probability of a cell"
+    (shown,) = ground.images
+    assert shown.colorbar.ax is scale
+    assert shown.get_clim() == (0, history.strongest)
+    assert np.nanmax(shown.get_array()) == odds.max()
     data = page_data(episode)
     heat = np.frombuffer(b64decode(data["heat"]), dtype=np.uint8)
     assert heat.max() == 255

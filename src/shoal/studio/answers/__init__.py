@@ -91,6 +91,7 @@ class Question:
 
 QUESTIONS: dict[str, Question] = {
     "page": Question(files.page, {"file": TEXT}),
+    "settings": Question(files.settings, {"file": TEXT}),
     "copies": Question(files.copies, {"problem": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED}),
     "save": Question(files.save_problem, {"problem": OBJECT, "name": MAYBE_TEXT, "seed": SEED}),
     "map": Question(vessels.map_, {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED}),

@@ -6,10 +6,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from shoal.core.checks import parse_json, read_text
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import atomic
 from shoal.parts import LARGEST_PROBLEM
+from shoal.studio.answers.search import drawing_in
 from shoal.studio.folder import PAPERS, Folder, episode_in
 from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
@@ -29,6 +32,56 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "seed": episode.seed,
         "sentence": episode.sentence,
     }
+
+
+def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the problem of an episode file and its seed, as a page takes them up.
+
+    An episode holds its map, region or workspace, and somebody else may have the file that it was
+    read from. A region is returned as a drawing, and a workspace as text. Cells of a map that the
+    problem does not open here are written to a new file (``written``), which takes the place of
+    the map.
+    """
+    name = str(about["file"])
+    episode: Any = episode_in(folder.path(name))
+    fields = episode.problem.to_dict()
+    answer: dict[str, Any] = {"seed": str(episode.seed or 0), "written": None, "drawing": None}
+    if episode.part == "search" and isinstance(fields["region"], dict):
+        answer["drawing"] = drawing_in(episode.problem.place)
+        del fields["region"]
+    elif episode.part == "steering":
+        workspace = fields.setdefault("workspace", episode.problem.workspace)
+        if isinstance(workspace, dict) and workspace.get("type") == "polygon":
+            corners = workspace["vertices"]
+            pairs = ", ".join(f"{x!r} {y!r}" for x, y in [*corners, corners[0]])
+            fields["workspace"] = f"POLYGON (({pairs}))"
+    elif episode.part == "swarm" and not _opens(folder, fields, episode.workspace):
+        fields, answer["written"] = _with_cells(folder, fields, episode.workspace)
+    return answer | {"problem": fields}
+
+
+def _with_cells(
+    folder: Folder, fields: dict[str, Any], workspace: Any
+) -> tuple[dict[str, Any], str]:
+    """Write the cells of a map to a new file. Return the problem with this map, and the file."""
+    from shoal.swarm.maps.files import write_map
+    from shoal.swarm.problem import READING
+
+    stem = workspace.name.rpartition("/")[2].partition(".")[0].replace(":", "-")
+    written = folder.new_name(f"{stem}-map", ".map" if workspace.ndim == 2 else ".npy")
+    write_map(workspace, folder.path(written))
+    kept = {key: value for key, value in fields.items() if key not in READING}
+    sides = {"cell_size": workspace.spacing[0]} if workspace.spacing else {}
+    return kept | {"map": written} | sides, written
+
+
+def _opens(folder: Folder, fields: dict[str, Any], workspace: Any) -> bool:
+    """Return whether a problem opens the cells of a map in this folder."""
+    try:
+        place: Any = checked_problem(fields, folder, part="swarm").opened().place
+    except (ShoalError, OSError):
+        return False
+    return np.array_equal(place.free, workspace.free)
 
 
 def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

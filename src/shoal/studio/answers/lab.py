@@ -13,7 +13,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import as_json
 from shoal.lab.statistics import compare_along, first_measure, summarise
 from shoal.lab.store import Store, StoredSweep
-from shoal.lab.sweep import as_toml, trial_seed
+from shoal.lab.sweep import Sweep, as_toml, is_extended, trial_seed
 from shoal.parts import PARTS
 from shoal.studio.folder import Folder, episode_in
 from shoal.studio.forms import checked_seed, checked_sweep, sweep_copies
@@ -141,8 +141,25 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "trials": made.total,
         "store": store,
         "taken": folder.path(store).exists(),
+        "other": _other_name(folder, made),
         "copies": sweep_copies(made, store, text),
     }
+
+
+def _other_name(folder: Folder, sweep: Sweep) -> str | None:
+    """Return an unused name if the store of a sweep holds another sweep with its name, which it
+    does not extend; None if the sweep can have its name.
+    """
+    path = folder.path(f"{sweep.name}.sqlite")
+    if not path.is_file():
+        return None
+    with Store(path) as store:
+        if sweep.name not in store.names:
+            return None
+        stored = store.stored(sweep.name)
+        if store.status(sweep.name).done == 0 or is_extended(stored.sweep(), sweep):
+            return None
+    return folder.new_name(sweep.name, ".sqlite").removesuffix(".sqlite")
 
 
 def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

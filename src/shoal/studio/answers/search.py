@@ -62,6 +62,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             "allocation": allocation.allocator,
             "angle": f"{made.row_angle:.4g}",
             "margin": f"{region.margin:.4g}",
+            "footprint": f"{np.min(problem.chosen_footprint):.4g}",
         },
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
@@ -384,6 +385,19 @@ def drawing_of(data: Any) -> Drawing | None:
     return (
         Drawing(rings["parts"], rings["zones"], frame) if rings["parts"] or rings["zones"] else None
     )
+
+
+def drawing_in(region: SearchRegion) -> dict[str, Any]:
+    """Return a region as the drawing of a page: what `drawing_of` reads. Holes are zones."""
+    if region.barriers:
+        raise InvalidInputError(
+            "region: expected a region that a page can draw, got one with barriers"
+        )
+    shown = _region(region, _Canvas(region.frame, None))
+    outlines = [[ring[:-1] for ring in rings] for rings in shown["outline"]]
+    zones = [ring for rings in outlines for ring in rings[1:]]
+    zones += [rings[0][:-1] for rings in shown["no_go"]]
+    return {"frame": shown["frame"], "parts": [rings[0] for rings in outlines], "zones": zones}
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:

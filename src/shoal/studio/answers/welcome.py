@@ -12,7 +12,7 @@ from shoal.core.checks import check_choice, decode_text, parse_json, read_text, 
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.parts import read_problem
-from shoal.studio.folder import MISSIONS_PAGE, PICTURES, Folder, purpose_of
+from shoal.studio.folder import MISSIONS_PAGE, PICTURES, Folder, is_episode, purpose_of
 
 EYE = "eye.png"
 _EYE_PIXELS = 500  # on each side: enough for its vessels, and quick to look through
@@ -100,6 +100,8 @@ def open_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         return _on(_LAB, tab="new", toml=read_text(path, what="sweep file"))
     if kind == "missions":
         return _of_missions(folder, name, path)
+    if kind == "problem" and is_episode(path):
+        return _on(_LAB, tab="episodes", episode=name)
     if kind == "problem":
         return _of_json(name, read_problem(path))
     raise InvalidInputError(

@@ -311,6 +311,12 @@ function toggleJobs(on_ = $("jobs").hidden) {
 }
 $("jobsButton").addEventListener("click", () => toggleJobs());
 document.addEventListener("keydown", (event) => {
+  /** @type {HTMLDetailsElement} */
+  const form = opened.get(here)?.element.querySelector("details.by[open]");
+  if (event.key === "Escape" && form && $("jobs").hidden) {
+    form.open = false;
+    form.querySelector("summary").focus();
+  }
   if (event.key === "Escape" && !$("jobs").hidden) {
     toggleJobs(false);
     $("jobsButton").focus();

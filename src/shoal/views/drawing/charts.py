@@ -18,6 +18,7 @@ from shoal.core.files import atomic, check_suffix
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 
 FIGURES = (".png", ".svg", ".pdf")
@@ -363,6 +364,16 @@ def bar_length(most: float) -> float:
     """
     unit = 10.0 ** floor(log10(most) + 1e-9)
     return max(unit * step for step in (1, 2, 5) if unit * step <= most * (1 + 1e-9))
+
+
+def add_colour_scale(axes: Axes, image: AxesImage, words: str, *, extend: str = "neither") -> None:
+    """Add a scale of the colours of an image beside its axes. ``extend="max"`` says by an arrow
+    that larger values have the last colour.
+    """
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02, extend=extend)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(colors=MUTED, labelsize=text_size())
+    bar.set_label(words, color=MUTED, fontsize=text_size(9))
 
 
 def draw_scale_bar(

@@ -717,7 +717,7 @@ class SearchHistory:
         return self._shade(self.probabilities(time))
 
     def _shade(self, likely: Floats) -> Floats:
-        return np.asarray(np.clip(likely / self._most, 0.0, 1.0) ** SHADE)
+        return np.asarray(np.clip(likely / self.strongest, 0.0, 1.0) ** SHADE)
 
     @cached_property
     def cooling(self) -> tuple[Floats, Numbers, Floats]:
@@ -747,7 +747,8 @@ class SearchHistory:
         return times[last][order], cells[last][order], heat[last][order]
 
     @cached_property
-    def _most(self) -> float:
+    def strongest(self) -> float:
+        """The probability from which on a cell has the full colour of `heat`."""
         return max(float(np.quantile(self.probabilities(-inf), _STRONGEST)), 1e-300)
 
     @cached_property

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
@@ -14,13 +13,14 @@ from shoal.search.problem.target import Ground
 from shoal.views.drawing.charts import (
     INK,
     MUTED,
+    add_colour_scale,
     bare_axes,
     new_panels,
     plain_axes,
     set_title,
     text_size,
 )
-from shoal.views.search.history import SearchHistory
+from shoal.views.search.history import SHADE, SearchHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,16 +38,27 @@ def success_figure(episode: SearchEpisode) -> Figure:
     InvalidInputError
         If the search has no prior.
     """
+    from matplotlib.colors import LinearSegmentedColormap, PowerNorm
+
     where = episode.plan.ground
     if where is None:
         raise InvalidInputError("figure success: expected a search with a prior, got one without")
     history = SearchHistory(episode)
     figure, (ground, chart) = new_panels(8.0, 4.2, 2, ratios=(1, 1.15))
     left, right, bottom, top = history.extent
-    ground.imshow(
-        history.raster(_shades(history.heat(-np.inf)), 1.0),
+    likely = history.probabilities(-np.inf)
+    image = ground.imshow(
+        np.ma.masked_invalid(history.raster(likely, np.nan)),
         extent=(left, right, bottom, top),
         interpolation="nearest",
+        cmap=LinearSegmentedColormap.from_list("likely", ["#ffffff", _LIKELY]),
+        norm=PowerNorm(SHADE, vmin=0.0, vmax=history.strongest),
+    )
+    add_colour_scale(
+        ground,
+        image,
+        "probability of a cell",
+        extend="max" if likely.max() > history.strongest else "neither",
     )
     for part in history.panels.parts:
         for ring in part:
@@ -88,10 +99,3 @@ def success_figure(episode: SearchEpisode) -> Figure:
     plain_axes(chart)
     set_title(chart, "probability of success")
     return figure
-
-
-def _shades(strength: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the colour of each cell: the darker, the likelier; float64, shape (N, 3)."""
-    from matplotlib.colors import to_rgb
-
-    return np.asarray(1.0 - strength[:, None] * (1.0 - np.array(to_rgb(_LIKELY))))

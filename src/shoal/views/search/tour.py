@@ -11,13 +11,12 @@ from shoal.core.geometry import segments_of
 from shoal.search import Tour
 from shoal.views.drawing.charts import (
     INK,
-    MUTED,
+    add_colour_scale,
     add_legend,
     marker,
     new_figure,
     set_heading,
     set_title,
-    text_size,
 )
 
 if TYPE_CHECKING:
@@ -136,10 +135,7 @@ def _draw_picture(axes: Axes, tour: Tour) -> None:
     visited = np.ma.masked_less(tour.position, 0)
     interpolation = "nearest" if max(tour.shape) < 900 else "antialiased"
     image = axes.imshow(visited, cmap=_course(), interpolation=interpolation)
-    bar = image.axes.figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(colors=MUTED, labelsize=text_size())
-    bar.set_label("visited as number", color=MUTED, fontsize=text_size(9))
+    add_colour_scale(axes, image, "visited as number")
 
 
 def _draw_space(axes: Any, tour: Tour) -> None:

@@ -13,7 +13,7 @@ const paperOf = (figure) => figure.source.match(/paper (\w)/)?.[1] ?? "";
 
 export function papers({ remember }) {
   const rooms = new Map(); // name of a figure: its element
-  const list = el("div", {}),
+  const list = el("div", {}, el("p.soft", { role: "status" }, "Reading the results …")),
     all = el(
       "button.main",
       { type: "button", onclick: guarded(() => start(all, {})) },

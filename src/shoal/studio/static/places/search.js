@@ -279,6 +279,7 @@ export function search({ remember }) {
 
   const load = newest(async () => {
     facts.classList.add("loading");
+    if (!plan) refill(facts, "planning …");
     const of = JSON.stringify(question()),
       asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
@@ -536,6 +537,7 @@ export function search({ remember }) {
       canvas.bounds = null;
       canvas.fit();
     }
+    canvas.element.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
     redo();
   }
   const choice = chooser({ choose, bring, blank: begin, loosen, region: () => region });
@@ -638,7 +640,7 @@ export function search({ remember }) {
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
       if (given?.written) missions.open(given.written);
-      if (given?.written) stages.pick("missions");
+      stages.pick(given?.written ? "missions" : "plan");
     },
     run: simulate.play,
   };

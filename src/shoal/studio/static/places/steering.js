@@ -3,7 +3,7 @@
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { faultsOf, fieldRow, makeForm, seedField, seedIn } from "../shared/form.js";
 import { Store, dated, stepButtons } from "../shared/store.js";
-import { CROSSES, CROSSES_CLOSED, crosses } from "../shared/geometry.js";
+import { CROSSES, CROSSES_CLOSED, bends, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
   confirmed,
@@ -46,6 +46,7 @@ const BEGIN = {
     [0.3, 0.75],
   ],
 };
+const SKETCH = "Click the corners of a convex outline";
 const PLANS = ["greedy", "shortest", "fewest-moves"];
 const CLOSEST = 40; // the largest zoom
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
@@ -82,7 +83,8 @@ export function steering({ remember }) {
     role: "img",
     "aria-label": "The Δ configuration space",
   });
-  const where = el("span.soft.where", {});
+  const heading = el("span", { role: "status" }),
+    where = el("span.soft.where", {});
   const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }),
     reachWord = el("p.reached", {});
   const {
@@ -510,6 +512,7 @@ export function steering({ remember }) {
     files.value = state.files.some((file) => file.name === name) ? name : "";
     sketch.textContent = corners ? "Close the outline" : "Draw a workspace";
     sketch.setAttribute("aria-pressed", String(!!corners));
+    heading.textContent = corners ? SKETCH : "Workspace: drag particles and goals";
   }
 
   async function choose(name, points = {}) {
@@ -576,10 +579,12 @@ export function steering({ remember }) {
   async function beginSketch() {
     if (!(await mayGo("A new outline"))) return;
     corners = [];
+    complain(null);
     showChoice();
     stages.pick("plan");
     keep();
     drawRoom();
+    room.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
   }
   /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {
@@ -611,6 +616,10 @@ export function steering({ remember }) {
     }
     if (crosses(corners, corner)) {
       complain(CROSSES);
+      return;
+    }
+    if (bends([...corners, corner])) {
+      complain("A workspace is convex, and with this corner the outline would bend inward.");
       return;
     }
     complain(null);
@@ -712,12 +721,7 @@ export function steering({ remember }) {
       el(
         "div.twin",
         {},
-        el(
-          "figure.workspace",
-          {},
-          el("figcaption", {}, "Workspace: drag particles and goals", where),
-          room,
-        ),
+        el("figure.workspace", {}, el("figcaption", {}, heading, where), room),
         spaceBox,
       ),
       table,
@@ -811,10 +815,15 @@ export function steering({ remember }) {
       if (file) await guarded(showEpisode)(file, null, at);
     },
     open(given) {
-      if (begun && !given?.problem?.workspace) return;
+      if (begun && !given?.problem) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
       begun = true;
-      put(given?.problem?.workspace ? given : { problem, seed });
+      if (given?.problem) stages.pick("plan");
+      put(
+        given?.problem
+          ? { ...given, problem: { workspace: BEGIN.workspace, ...given.problem } }
+          : { problem, seed },
+      );
     },
   };
 }

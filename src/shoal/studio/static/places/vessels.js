@@ -18,7 +18,7 @@ import { Store, dated } from "../shared/store.js";
 import { chooser } from "./vessels/chooser.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
-import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
+import { Editor, FREE, isEmpty, pack, packedCells, unpack } from "./vessels/editor.js";
 import { photographBelow } from "./vessels/layers.js";
 import { paintedFile } from "./vessels/painted.js";
 import { photographs } from "./vessels/photograph.js";
@@ -57,8 +57,11 @@ const SECTIONS = [
 // where a hand looks for thresholds; the field takes all that it may
 const ENDS = { low: [0.1, 3], high: [0.1, 4] };
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
+const PLACED = ["start", "target", "region"]; // cells of one map
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const EXAMPLE = { map: "vessels:1000" };
+const CANVAS = { map: "rectangle:45x80", shape: [45, 80] }; // what is painted on, empty
+const PAINT = "Paint free cells: Paint makes them, Erase makes walls of them.";
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
@@ -92,7 +95,7 @@ export function vessels({ remember }) {
     look: (changes) => store.look(changes),
   });
   editor.boxIn = layers.boxIn;
-  const tools = toolbar(editor, store);
+  const { element: tools, pick: pickTool } = toolbar(editor, store);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}),
     facts = el("p.facts", {}),
@@ -147,7 +150,7 @@ export function vessels({ remember }) {
   store.subscribe(() => {
     mirror();
     for (const results of [mapped, runs, races, comparisons]) results.refresh();
-    file.soon(painted, written(problem.map), mirror);
+    if (!painted || !isEmpty(painted)) file.soon(painted, written(problem.map), mirror);
   });
 
   /** A link holds the whole problem: what is painted is named by its file. */
@@ -247,8 +250,10 @@ export function vessels({ remember }) {
   const load = newest(async () => {
     const of = store.text;
     facts.classList.add("loading");
+    if (!map && !editor.photograph) refill(facts, "opening the map …");
     try {
       if (problem.vessels && view === "photo" && !painted) await overlay();
+      else if (painted && isEmpty(painted)) showEmpty();
       else await showMap(await ask("map", { problem: fields(), seed, cells: painted }));
     } catch (error) {
       map = null; // not another map under these settings
@@ -261,6 +266,18 @@ export function vessels({ remember }) {
     facts.classList.remove("loading");
     mapped.is(of);
   });
+  /** No board is without a free cell: what is painted on is shown before it is one. */
+  function showEmpty() {
+    const [rows, columns] = painted.shape;
+    map = { shape: painted.shape, free: new Uint8Array(rows * columns), cells: 0, start: [] };
+    complain(PAINT);
+    layers.set(null);
+    editor.element.hidden = tools.hidden = false;
+    volumeFrame.element.hidden = true;
+    editor.setMap(map);
+    showFacts();
+  }
+
   /** The cells on the stage, while those of other settings are on their way. */
   const mapped = dated(() => store.text, editor.element);
 
@@ -329,6 +346,7 @@ export function vessels({ remember }) {
     complain,
     visible: () => view === "photo",
     placed: (found) => layers.set(found),
+    shown: () => mapped.is(null),
     said: (words) => {
       refill(facts, words);
     },
@@ -382,11 +400,23 @@ export function vessels({ remember }) {
     else showSource();
   }
 
-  async function take(name) {
+  /** An empty canvas, and the brush in the hand. */
+  async function blank() {
+    if (!(await mayGo("An empty canvas"))) return;
+    const cells = new Uint8Array(CANVAS.shape[0] * CANVAS.shape[1]);
+    await take(CANVAS.map, { shape: CANVAS.shape, free: pack(cells) });
+    pickTool(FREE);
+    editor.element.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
+  }
+
+  /** Take another map. What says how a file is read, and where on the map something is, goes. */
+  async function take(name, cells = null) {
     const photo = PHOTOGRAPHS.test(name) && !name.includes("-painted");
-    painted = null;
+    const kept = form.values();
+    for (const field of [...reading, ...PLACED]) delete kept[field];
+    painted = cells;
     editor.inlet.clear();
-    form.write({ vessels: photo });
+    form.write({ ...kept, vessels: photo });
     problem = { map: name, ...form.values() };
     showRelevant();
     setView(photo ? "photo" : "cells");
@@ -399,7 +429,7 @@ export function vessels({ remember }) {
   const bring = async (brought) => {
     if (await mayGo(brought.name)) await take(await upload(brought));
   };
-  const maps = chooser({ choose, bring });
+  const maps = chooser({ choose, bring, blank });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
 
   // ---- what is done with it ----

@@ -106,6 +106,8 @@ export function faultsOf(banner, rowOf) {
     row = (fault?.field && rowOf(fault.field)) || null;
     row?.fault(sentence);
     banner.hidden = !sentence;
+    // a hint about what is drawn, and no fault of a field
+    banner.classList.toggle("hint", typeof fault === "string");
     const there = row;
     banner.replaceChildren(
       ...(there
@@ -247,7 +249,7 @@ function control(name, field, ends, changed, understood) {
     type: "text",
     autocomplete: "off",
     spellcheck: false,
-    placeholder: written(field.default) || "none",
+    placeholder: written(field.default) || (field.several ? "all" : "none"),
     onchange: changed,
   });
   // not by commas: a ring has some, and names of files may

@@ -62,9 +62,11 @@ export function say(sentence, { problem = false, link = null } = {}) {
   note.append(
     el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"),
   );
-  document.getElementById("notes").append(note);
-  while (document.getElementById("notes").children.length > 3)
-    document.getElementById("notes").firstChild.remove();
+  const notes = document.getElementById("notes");
+  for (const other of [...notes.children])
+    if (other.firstChild.textContent === sentence) other.remove(); // said anew, not twice
+  notes.append(note);
+  while (notes.children.length > 3) notes.firstChild.remove();
   if (!problem) setTimeout(close, 6000);
 }
 
@@ -283,11 +285,26 @@ export const symbol = (path) =>
     svg("path", { class: "stroke", d: path }),
   );
 
+/** Digits of a number as Python writes them: a tie, such as 199.25 with four digits, goes to the
+ *  even one, where JavaScript takes the larger. `exact` has more digits than a tie. */
+function evenly(text, exact) {
+  const [digits, more] = [text, exact].map((one) => one.split("e")[0].replace(/[^0-9]/g, ""));
+  const tie = /^50*$/.test(more.slice(digits.length)),
+    last = text.split("e")[0].length - 1;
+  return tie && Number(digits.at(-1)) % 2
+    ? `${text.slice(0, last)}${Number(digits.at(-1)) - 1}${text.slice(last + 1)}`
+    : text;
+}
+export const precise = (value, digits) =>
+  evenly(value.toPrecision(digits), value.toPrecision(digits + 30));
+export const fixed = (value, decimals) =>
+  evenly(value.toFixed(decimals), value.toFixed(decimals + 30));
+
 /** A number with so many significant digits, however small it is: .0005 is not 0. */
 export function number(value, digits = 4) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value),
-    rounded = Number(value.toPrecision(digits));
+    rounded = Number(precise(value, digits));
   if (value !== 0 && (size < 1e-4 || size >= 1e15))
     return rounded.toExponential().replace("e+", "e");
   return rounded.toLocaleString("en-GB", { maximumFractionDigits: 20 });
@@ -296,7 +313,7 @@ export function number(value, digits = 4) {
 /** A share as percent. What is not nothing is not "0 %", and what is not all is not "100 %". */
 export function percent(share) {
   const value = 100 * share,
-    plain = value.toFixed(1);
+    plain = fixed(value, 1);
   if (value <= 0 || value >= 100) return `${number(value)} %`;
   if (plain === "0.0") return `${number(value, 2)} %`;
   return `${plain === "100.0" ? number(100 - Number((100 - value).toPrecision(2)), 15) : plain} %`;

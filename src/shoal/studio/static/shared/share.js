@@ -25,9 +25,9 @@ const FORMATS = [
 /** The page of each part. */
 export const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
 
-/** The address of a place with a problem and its seed. */
-export const placeOf = (kind, problem, seed) =>
-  `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify({ problem, seed }))}`;
+/** The address of a place with a problem and its seed, and what was drawn. */
+export const placeOf = (kind, problem, seed, drawing = null) =>
+  `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify({ problem, seed, ...(drawing ? { drawing } : {}) }))}`;
 
 const saving = (problem, seed) =>
   el(
@@ -254,12 +254,17 @@ export function exportsOf(kind, spec, formats, more = [], words = "Export") {
         const free = () => {
           button.disabled = false;
           button.classList.remove("working");
+          button.textContent = word;
         };
         try {
           await run(
             kind,
             { ...spec(format), format },
             {
+              job: (now) => {
+                // a figure is there at once, a film is not
+                if (now.done) button.textContent = `${word} ${Math.floor(100 * now.done)} %`;
+              },
               done: ({ file }) => {
                 free();
                 give(file);

@@ -8,7 +8,7 @@
     LONGEST = 30; // cells a second at speed 1, but so many seconds in all
   const COLOURS = 12; // of robots; then they come again
 
-  const { $, fillRows, number, plural } = ShoalDesk;
+  const { $, fillRows, fixed, number, plural, precise } = ShoalDesk;
   const STATES = {
     listening: "listening",
     own: "searching",
@@ -18,8 +18,8 @@
     complete: "knows all is searched",
   };
   const lasting = (seconds) => {
-    if (seconds < 59.5) return `${Number(seconds.toPrecision(3))} s`;
-    const whole = Math.round(seconds),
+    if (seconds < 59.5) return `${Number(precise(seconds, 3))} s`;
+    const whole = Number(fixed(seconds, 0)),
       two = (n) => String(n).padStart(2, "0");
     return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
   };

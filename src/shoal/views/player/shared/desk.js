@@ -5,6 +5,18 @@
 const ShoalDesk = (() => {
   const $ = (id) => document.getElementById(id);
   const number = (n) => n.toLocaleString("en-GB");
+  /** Digits of a number as Python writes them: a tie goes to the even one, where JavaScript takes
+   *  the larger. `exact` has more digits than a tie. */
+  const evenly = (text, exact) => {
+    const [digits, more] = [text, exact].map((one) => one.split("e")[0].replace(/[^0-9]/g, ""));
+    const tie = /^50*$/.test(more.slice(digits.length)),
+      last = text.split("e")[0].length - 1;
+    return tie && Number(digits.at(-1)) % 2
+      ? `${text.slice(0, last)}${Number(digits.at(-1)) - 1}${text.slice(last + 1)}`
+      : text;
+  };
+  const precise = (x, digits) => evenly(x.toPrecision(digits), x.toPrecision(digits + 30));
+  const fixed = (x, decimals) => evenly(x.toFixed(decimals), x.toFixed(decimals + 30));
   const plural = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
   const shapeText = (shape) =>
     shape.map((n, i) => plural(n, ["layer", "row", "column"].at(i - shape.length))).join(" × ");
@@ -236,6 +248,8 @@ const ShoalDesk = (() => {
   return {
     $,
     number,
+    precise,
+    fixed,
     plural,
     shapeText,
     open,

@@ -7,20 +7,20 @@
   const STEP = 0.12; // radians that a key turns the view by
   const COLOURS = 5; // of particles; then they come again
 
-  const { $, fillRows, number } = ShoalDesk;
+  const { $, fillRows, fixed, number, precise } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   const figure = (x) =>
     (x === 0
       ? "0"
       : Math.abs(x) >= 0.1
-        ? x.toFixed(3)
+        ? fixed(x, 3)
         : Math.abs(x) >= 1e-4
-          ? x.toPrecision(2)
+          ? precise(x, 2)
           : x.toExponential(1)
     ).replaceAll("-", "−");
   let decimals = 3;
   const signed = (x) => {
-    const size = Math.abs(x).toFixed(decimals);
+    const size = fixed(Math.abs(x), decimals);
     // a blank as wide as a sign
     return Number(size) === 0 ? `\u2007${size}` : `${x < 0 ? "−" : "+"}${size}`;
   };

@@ -15,6 +15,7 @@ const ShoalPicture = (() => {
   const AT_LEAST = 4; // ... unless that would not allow to zoom so many times
   // how much of the photograph shows through free cells, of what shows through others
   const THROUGH_OPEN = 0.25;
+  const CASING = "#000"; // of the frontier over a photograph
   const SNAP_LOSS = 0.9; // whole-pixel cells are used if the picture keeps this share of its size
 
   /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked
@@ -70,6 +71,8 @@ const ShoalPicture = (() => {
       this.zoom = 1;
       this.view = null; // what is looked at, whatever the size of the canvas: see lookAt
       this.painted = -1; // the move that the image shows
+      this.rim = []; // sides of frontier cells to the photograph: column, row and side of each
+      this.casing = null; // colour around particles
     }
 
     /** Colours as [r, g, b]: unknown, frontier, free, obstacle, particle, shared, wrong, label. */
@@ -84,16 +87,15 @@ const ShoalPicture = (() => {
      *  particles. */
     setBelow(below) {
       const through = below && this.layout?.lines === 1 ? below.share : 0,
-        { unknown, obstacle } = this.palette;
+        { unknown, obstacle, frontier } = this.palette,
+        shades = this.timeline.shades(this.palette);
+      // of each shade: whether the photograph is clear through it
+      this.clear = shades.map((shade) => shade === unknown || shade === obstacle);
+      const share = (shade, i) =>
+        shade === frontier ? 0 : this.clear[i] ? through : THROUGH_OPEN * through;
       this.below = below;
-      this.packed = this.timeline
-        .shades(this.palette)
-        .map((shade) =>
-          packColour(
-            shade,
-            1 - (shade === unknown || shade === obstacle ? through : THROUGH_OPEN * through),
-          ),
-        );
+      this.packed = shades.map((shade, i) => packColour(shade, 1 - share(shade, i)));
+      this.frontierShade = shades.indexOf(frontier);
       this.painted = -1;
     }
 
@@ -246,6 +248,7 @@ const ShoalPicture = (() => {
       const below = layout.lines === 1 ? this.below : null;
       if (below) this.drawBelow(below);
       pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
+      if (below) this.drawCasing();
       if (size >= GRID_FROM * this.ratio) this.drawGrid();
       if (this.gutter && this.zoom === 1) this.drawLabels();
       const points = this.timeline.pointsAt?.(n);
@@ -291,6 +294,24 @@ const ShoalPicture = (() => {
       pen.restore();
     }
 
+    /** A dark line between the frontier and the photograph: from what is dark, the frontier stands
+     *  out by its colour, from what is light, by the line. */
+    drawCasing() {
+      const { pen, size, left, top, rim } = this,
+        thick = Math.max(1, Math.round(this.ratio));
+      const at = (x, y) => [Math.round(left + x * size), Math.round(top + y * size)];
+      pen.fillStyle = CASING;
+      for (let i = 0; i < rim.length; i += 3) {
+        const [x, y] = at(rim[i], rim[i + 1]),
+          [right, bottom] = at(rim[i] + 1, rim[i + 1] + 1);
+        const side = rim[i + 2]; // of a frontier cell: the line lies outside
+        if (side === 0) pen.fillRect(x - thick, y - thick, thick, bottom - y + 2 * thick);
+        else if (side === 1) pen.fillRect(right, y - thick, thick, bottom - y + 2 * thick);
+        else if (side === 2) pen.fillRect(x, y - thick, right - x, thick);
+        else pen.fillRect(x, bottom, right - x, thick);
+      }
+    }
+
     /** Draw particles where they truly were, wherever in a cell. */
     drawPoints(points) {
       const disc = this.size >= DISC_FROM ? this.disc(false) : null;
@@ -307,6 +328,16 @@ const ShoalPicture = (() => {
         { timeline, packed, layout, x, y } = this;
       for (let cell = 0; cell < x.length; cell++) {
         words[y[cell] * layout.width + x[cell]] = packed[timeline.shadeOf(cell, n)];
+      }
+      this.rim = [];
+      if (this.below) {
+        const { cols } = this.world;
+        for (let cell = 0; cell < x.length; cell++) {
+          if (timeline.shadeOf(cell, n) !== this.frontierShade) continue;
+          [cell - 1, cell + 1, cell - cols, cell + cols].forEach((next, side) => {
+            if (this.clear[timeline.shadeOf(next, n)]) this.rim.push(x[cell], y[cell], side);
+          });
+        }
       }
       if (swarm) {
         const [alone, shared] = [this.palette.particle, this.palette.shared].map((colour) =>
@@ -398,6 +429,11 @@ const ShoalPicture = (() => {
         y = Math.round(this.top + row * this.size);
       const width = Math.max(speck, Math.round(this.left + (column + 1) * this.size) - x);
       const height = Math.max(speck, Math.round(this.top + (row + 1) * this.size) - y);
+      if (this.casing) {
+        const thick = Math.max(1, Math.round(this.ratio));
+        this.pen.fillStyle = cssColour(this.casing);
+        this.pen.fillRect(x - thick, y - thick, width + 2 * thick, height + 2 * thick);
+      }
       this.pen.fillStyle = cssColour(this.palette.particle);
       this.pen.fillRect(x, y, width, height);
     }
@@ -417,7 +453,12 @@ const ShoalPicture = (() => {
           pen.arc(across / 2, across / 2, radius, 0, 2 * Math.PI);
           pen.fill();
         };
-        circle(across * (across < 12 ? 0.46 : 0.4), this.palette.particle);
+        const radius = across * (across < 12 ? 0.46 : 0.4);
+        if (this.casing) circle(across / 2, this.casing);
+        circle(
+          this.casing ? across / 2 - Math.max(1.5, across / 8) : radius,
+          this.palette.particle,
+        );
         if (shared) circle(across * 0.17, this.palette.shared);
         this.discs.set(key, canvas);
       }

@@ -5,7 +5,9 @@
 (() => {
   const { Timeline, Swarm, COMMANDS } = ShoalSim;
   const KEYFRAME_BYTES = 16e6;
-  const GHOST = [124, 92, 214];
+  const GHOST = [124, 92, 214],
+    DARK_GHOST = [58, 36, 120],
+    RING = [255, 255, 255];
   const KEYS = {
     ArrowLeft: "l",
     ArrowUp: "u",
@@ -90,14 +92,16 @@
           const at = Math.min(player.move, ghost.timeline.done);
           ghost.timeline.seek(ghost.swarm, ghost.at, at);
           ghost.at = at;
-          picture.pen.globalAlpha = 0.55;
-          const disc = picture.palette.particle;
-          picture.palette.particle = GHOST;
-          const discs = picture.discs;
-          picture.discs = ghost.discs;
+          // over a photograph, which may be light or dark, a dark disc in a light ring
+          const covers = !!picture.below,
+            { discs, palette } = picture;
+          picture.pen.globalAlpha = covers ? 1 : 0.55;
+          picture.palette = { ...palette, particle: covers ? DARK_GHOST : GHOST };
+          picture.casing = covers ? RING : null;
+          picture.discs = ghost.discs[Number(covers)];
           drawParticles(ghost.swarm, 1);
-          picture.discs = discs;
-          picture.palette.particle = disc;
+          picture.casing = null;
+          Object.assign(picture, { discs, palette });
           picture.pen.globalAlpha = 1;
         }
         drawParticles(swarm, slide);
@@ -119,7 +123,12 @@
       /** Let a ghost run: the data that its episode begins with; then `ghostMoves` adds to it. */
       ghost(begin) {
         const world = ShoalSim.readWorld(begin);
-        ghost = { timeline: new Timeline(world), swarm: new Swarm(world), at: 0, discs: new Map() };
+        ghost = {
+          timeline: new Timeline(world),
+          swarm: new Swarm(world),
+          at: 0,
+          discs: [new Map(), new Map()],
+        };
         player.redraw();
       },
       ghostMoves(moves, scans) {

@@ -1,6 +1,6 @@
 /* The episodes of the folder, with pictures; one that is chosen is played. */
-import { ask, listed, newest, on } from "../../shared/api.js";
-import { el, guarded, number } from "../../shared/page.js";
+import { ask, listed, loadFiles, newest, on } from "../../shared/api.js";
+import { el, guarded, number, say } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, PLACES, placeOf } from "../../shared/share.js";
 
@@ -32,7 +32,8 @@ export function gallery() {
       },
     }),
     word = el("p.soft", { role: "status" }, "Reading the episodes of the folder …");
-  const stage = el("section.watching", { "aria-label": "Episode", hidden: true }),
+  const head = el("div.stageHead", {}),
+    stage = el("section.watching", { "aria-label": "Episode", hidden: true }, head),
     frames = {},
     cards = new Map();
   let most = AT_ONCE;
@@ -115,33 +116,51 @@ export function gallery() {
     }),
   );
 
+  /** Take the settings of an episode to the page of its problem. */
+  async function change(file) {
+    const { problem, seed, drawing, written } = await ask("settings", { file, slow: true });
+    if (written) {
+      await loadFiles();
+      say(`This folder has another map or none of this name: its cells are in ${written} now.`);
+    }
+    location.hash = placeOf(problem.kind, problem, seed, drawing);
+  }
+
   async function watch(file) {
-    const { part, data, sentence, problem, seed } = await ask("page", { file });
-    frames[part] ??= new PlayerFrame(part, { title: "The episode" });
     stage.hidden = false;
-    stage.replaceChildren(
+    head.replaceChildren(el("p.soft", { role: "status" }, `Reading ${file} …`));
+    const { part, data, sentence, problem } = await ask("page", { file }).catch((error) => {
+      stage.hidden = true;
+      throw error;
+    });
+    if (!frames[part]) {
+      // a frame that leaves the page would load anew: each stays where it is
+      frames[part] = new PlayerFrame(part, { title: "The episode" });
+      stage.append(frames[part].element);
+    }
+    for (const [name, frame] of Object.entries(frames)) if (name !== part) frame.close();
+    head.replaceChildren(
+      el("h2", {}, file),
+      el("p", {}, sentence),
+      exports(file),
+      PLACES[problem.kind]
+        ? el(
+            "button.second",
+            { type: "button", onclick: guarded(() => change(file)) },
+            "Change and run again …",
+          )
+        : [],
       el(
-        "div.stageHead",
-        {},
-        el("h2", {}, file),
-        el("p", {}, sentence),
-        exports(file),
-        PLACES[problem.kind]
-          ? el("a.second.link", { href: placeOf(problem.kind, problem, seed ?? 0) }, "Its settings")
-          : [],
-        el(
-          "button.second",
-          {
-            type: "button",
-            onclick: () => {
-              stage.hidden = true;
-              stage.replaceChildren();
-            },
+        "button.second",
+        {
+          type: "button",
+          onclick: () => {
+            stage.hidden = true;
+            frames[part].close();
           },
-          "Close",
-        ),
+        },
+        "Close",
       ),
-      frames[part].element,
     );
     await frames[part].open(data);
     stage.scrollIntoView({ block: "start" });

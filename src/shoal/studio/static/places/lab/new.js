@@ -6,14 +6,28 @@ import { NEED_OPTIONS, makeForm, parsed, seedIn } from "../../shared/form.js";
 import { el, guarded, number, told } from "../../shared/page.js";
 import { failure, showForms } from "../../shared/share.js";
 
-const FIRST = {
-  name: "policies",
-  trials: 20,
-  seed: 0,
-  paired: ["policy"],
-  problem: { kind: "swarm", map: "vessels:300", particles: 20 },
-  axes: { policy: ["best", "closest-frontier"] },
+/** A sweep of each kind to begin with: a question that its result answers. */
+const QUESTIONS = {
+  swarm: {
+    name: "policies",
+    problem: { map: "vessels:300", particles: 20 },
+    axes: { policy: ["best", "closest-frontier"] },
+  },
+  search: {
+    name: "crashes",
+    problem: { region: "square:200", robots: 5, footprint: 20 },
+    axes: { crashes: [0, 1] },
+  },
+  steering: { name: "planners", problem: {}, axes: { planner: ["greedy", "shortest"] } },
+  line: { name: "line", problem: { cells: 100 }, axes: { particles: [5, 10] } },
+  schedule: { name: "schedules", problem: {}, axes: { schedule: ["i^i", "every-step"] } },
 };
+const questionOf = (kind) => {
+  const { name, problem, axes } = QUESTIONS[kind] ?? { name: kind, problem: {}, axes: {} };
+  return structuredClone({ name, problem: { kind, ...problem }, axes, paired: Object.keys(axes) });
+};
+/** @type {Record<string, any>} */
+const FIRST = { trials: 20, seed: 0, ...questionOf("swarm") };
 const RANGE = /^(\S+)\s+to\s+(\S+)\s+(?:step\s+(\S+)|in\s+(\d+)\s+values?)(\s+log)?$/i;
 const HELP =
   "Values separated by spaces, or a range such as “5 to 20 step 5” or “1 to 1000 in 4 values log”.";
@@ -67,6 +81,7 @@ export function drafting({ shown, started }) {
     form = null,
     rows = [],
     answer = null,
+    own = FIRST.name, // the name that nobody typed
     given = structuredClone(FIRST);
   const id = (words) => `sweep${words}`;
   const name = el("input", { type: "text", id: id("Name"), spellcheck: false, oninput: changed });
@@ -75,13 +90,17 @@ export function drafting({ shown, started }) {
   const kind = el("select", {
     id: id("Kind"),
     onchange: () => {
-      fill({ ...fields(), problem: { kind: kind.value }, axes: {}, paired: [] });
+      const { name: usual, ...question } = questionOf(kind.value),
+        { name: typed, ...set } = fields(),
+        isOwn = typed !== "" && typed !== own;
+      own = usual;
+      fill({ ...set, ...question, name: isOwn ? typed : usual });
       changed();
     },
   });
   const axes = el("div.axes", {}),
     room = el("div", {}),
-    info = el("p.soft", { role: "status" }),
+    info = el("p.soft", { role: "status" }, "Reading the fields of sweeps …"),
     problem = el("p.warning", { role: "alert", hidden: true });
   const text = el("textarea.code", {
     id: id("Toml"),
@@ -135,9 +154,10 @@ export function drafting({ shown, started }) {
         showChips();
         changed();
       },
-      "aria-describedby": `${at}-help`,
+      "aria-describedby": `${at}-about ${at}-help`,
     });
     const same = el("input.switch", { type: "checkbox", id: `${at}-paired`, onchange: changed }),
+      about = el("p.help", { id: `${at}-about` }),
       chips = el("div.picks", {});
     const row = { choice, input, same, read: () => axisOf(input.value, properties[choice.value]) };
     const free = Object.keys(properties).filter(
@@ -148,11 +168,8 @@ export function drafting({ shown, started }) {
       ["policy", "planner", "allocation", "particles"].find((key) => free.includes(key)) ??
       free[0];
     input.value = axisText(values);
-    const usual = () => {
-      same.checked = !!(properties[choice.value].names || properties[choice.value].enum);
-    };
-    if (paired === null) usual();
-    else same.checked = paired;
+    // so that the difference has an interval of its own
+    same.checked = paired ?? true;
 
     function showChips() {
       const field = properties[choice.value],
@@ -160,6 +177,7 @@ export function drafting({ shown, started }) {
           field.names?.filter((word) => !NEED_OPTIONS.includes(word)) ??
           field.enum ??
           (String(field.type).includes("boolean") ? ["yes", "no"] : []);
+      about.textContent = words.length ? "" : field.description;
       const there = () => input.value.trim().split(/\s+/).filter(Boolean);
       chips.replaceChildren(
         ...words.map((word) =>
@@ -183,7 +201,6 @@ export function drafting({ shown, started }) {
     }
     choice.addEventListener("change", () => {
       input.value = "";
-      usual();
       showChips();
       hideVaried();
       changed();
@@ -214,6 +231,7 @@ export function drafting({ shown, started }) {
       el("label.unseen", { htmlFor: input.id }, "Values"),
       input,
       chips,
+      about,
       el("p.help", { id: `${at}-help` }, HELP),
       el(
         "div.field.inline",
@@ -285,6 +303,14 @@ export function drafting({ shown, started }) {
   }
 
   function show(found, { keep = false } = {}) {
+    if (found.other && !keep && name.value === own) {
+      // another sweep of the folder has the name that nobody typed
+      name.value = own = found.other;
+      changed();
+      return;
+    }
+    if (found.other)
+      found.error = `${found.store} holds another sweep of this name: give this one another name.`;
     answer = found;
     if (!keep && found.toml !== undefined) text.value = found.toml;
     problem.hidden = !found.error;
@@ -396,6 +422,7 @@ export function drafting({ shown, started }) {
 
   async function write(toml) {
     given.toml = toml;
+    own = null;
     if (!forms) return;
     text.value = toml;
     await read();

@@ -25,6 +25,12 @@ const short = (values) =>
       typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`,
     )
     .join(", ") || "all";
+const UNITS = { makespan: "s", planned: "s", expected_find: "s" }; // of a search
+const plain = (name) => name.replaceAll("_", " ");
+/** A measure with its unit, and one value of an axis. */
+const titled = (measure) =>
+  UNITS[measure] ? `${plain(measure)} (${UNITS[measure]})` : plain(measure);
+const valued = (axis, value) => (typeof value === "string" ? value : `${plain(axis)} ${value}`);
 const interval = (low, high) =>
   low === null || low === undefined ? "–" : `${number(low)} to ${number(high)}`;
 
@@ -190,7 +196,7 @@ export function results({ shown, change }) {
         },
       },
       found.measures.map((name) =>
-        el("option", { value: name, selected: name === found.measure }, name.replaceAll("_", " ")),
+        el("option", { value: name, selected: name === found.measure }, titled(name)),
       ),
     );
     const focus = document.activeElement?.id === "measure";
@@ -281,14 +287,19 @@ export function results({ shown, change }) {
     const told_ = all.filter((one) => one.comparison?.difference?.low !== null && one.comparison);
     if (!compared || !all.length) return "";
     if (!told_.length) return "A confidence interval needs at least two trials of each value.";
-    const what = measure.replaceAll("_", " ");
-    const sentence = ({ axes, first, second, comparison: { difference: d } }) => {
+    const what = plain(measure),
+      unit = UNITS[measure] ? ` ${UNITS[measure]}` : "",
+      are = what.endsWith("s") ? "are" : "is";
+    const sentence = ({ axes, first: least, second: other, comparison: { difference: d } }) => {
+      const [first, second] = [valued(compared, least), valued(compared, other)];
       const where = Object.keys(axes).length ? `For ${words(axes)}: ` : "";
+      if (d.low === 0 && d.high === 0)
+        return `${where}${second} and ${first} have equal ${what} in all ${d.count} pairs.`;
       if (d.low <= 0 && d.high >= 0)
         return `${where}${second} and ${first} do not differ clearly in ${what} (95 % interval of the difference ${interval(d.low, d.high)}, ${d.count} pairs).`;
       const low = Math.min(Math.abs(d.low), Math.abs(d.high)),
         high = Math.max(Math.abs(d.low), Math.abs(d.high));
-      return `${where}${where ? "mean" : "Mean"} ${what} are ${number(Math.abs(d.mean))} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
+      return `${where}${where ? "mean" : "Mean"} ${what} ${are} ${number(Math.abs(d.mean))}${unit} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
@@ -298,7 +309,7 @@ export function results({ shown, change }) {
       .map((group) => {
         const less = group.filter((one) => one.comparison.difference.high < 0).length,
           more = group.filter((one) => one.comparison.difference.low > 0).length;
-        return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
+        return `With 95 % confidence, mean ${what} ${are} lower for ${valued(compared, group[0].second)} than for ${valued(compared, group[0].first)} at ${less} of ${group.length} points, and higher at ${more}.`;
       })
       .concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : [])
       .join(" ");
@@ -316,7 +327,7 @@ export function results({ shown, change }) {
       return rowsChart(
         known.map((one) => ({ ...one.estimate, label: short(one.axes) })),
         `${measure}: means and intervals`,
-        measure.replaceAll("_", " "),
+        titled(measure),
       );
     const lines = new Map();
     for (const { axes, estimate } of known) {
@@ -328,7 +339,7 @@ export function results({ shown, change }) {
       .slice(0, MOST_LINES)
       .map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
     return [
-      linesChart(named, { axis, measure, zoom }),
+      linesChart(named, { axis, measure: titled(measure), zoom }),
       lines.size > MOST_LINES
         ? el(
             "p.soft",
@@ -343,18 +354,14 @@ export function results({ shown, change }) {
     return el(
       "section",
       {},
-      el(
-        "h3",
-        {},
-        `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`,
-      ),
+      el("h3", {}, `${titled(measure)} along ${plain(compared)}, on the same seeds`),
       dataTable(
         "Comparisons",
         ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""],
         all.map(({ axes, first, second, comparison: found }) => {
           const d = found?.difference;
           return [
-            `${second} less ${first}`,
+            `${valued(compared, second)} less ${first}`,
             words(axes) === "all" ? "–" : words(axes),
             ...(d
               ? [
@@ -383,7 +390,7 @@ export function results({ shown, change }) {
     return el(
       "section",
       {},
-      el("h3", {}, `${measure.replaceAll("_", " ")} at each point`),
+      el("h3", {}, `${titled(measure)} at each point`),
       dataTable(
         "Means",
         ["Point", "Mean", "95 % interval", "Trials", "Completed", ""],

@@ -261,6 +261,7 @@ export class Drawing {
     if (!this.hint.textContent && this.points.length > MOST_HANDLES)
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
+    this.numbers.element.style.visibility = this.closing.hidden ? "" : "hidden";
     this.selection.element.hidden = this.tool !== SELECT;
     this.shaping.hidden = (this.tool !== PART && this.tool !== ZONE) || draft.length > 0;
     // a plan that comes does not take the shape out of the hand
@@ -467,7 +468,12 @@ export class Drawing {
     );
     this.closing = el(
       "button.second.small",
-      { type: "button", hidden: true, onclick: () => this.close() },
+      {
+        type: "button",
+        hidden: true,
+        title: "Close the outline (Enter)",
+        onclick: () => this.close(),
+      },
       "Close",
     );
     this.hint = el("span.soft.hint", { role: "status" });
@@ -528,7 +534,6 @@ export class Drawing {
       this.hint,
       this.measured,
       this.selection.element,
-      this.closing,
     );
     this.canvas.element.append(this.guide);
     return el(
@@ -536,7 +541,8 @@ export class Drawing {
       { role: "toolbar", "aria-label": "Drawing" },
       el("div.group", {}, this.buttons),
       stepButtons(store),
-      this.numbers.element,
+      // not on the canvas, where a corner may be anywhere, and without another row of tools
+      el("div.either", {}, this.numbers.element, this.closing),
     );
   }
 }

@@ -1,7 +1,7 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
-import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, precise, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 import { heightProfile } from "./profile.js";
@@ -26,6 +26,7 @@ const SECTIONS = [
 ];
 
 const MOST_SAID = 50; // mistakes and warnings
+const inFiles = ([first, ...more]) => (more.length ? `${first} and ${more.length} more` : first);
 
 /** `current()` is a text of all that missions are made from: results of another one are not current
  *  any more. */
@@ -105,7 +106,7 @@ export function missionsPanel({ ready, current, changed, store }) {
         "Seen",
         check.covered_fraction === null
           ? "not measured"
-          : `${Number((100 * check.covered_fraction).toPrecision(6))} %`,
+          : `${Number(precise(100 * check.covered_fraction, 6))} %`,
       ],
       [
         "Mistakes",
@@ -122,6 +123,10 @@ export function missionsPanel({ ready, current, changed, store }) {
       ["Sorties", String(missions.sorties)],
       ["Waypoints", number(check.waypoints, 9)],
     ];
+    // a mission is written in several formats: what is said of all of them is said once
+    const said = [
+      ...Map.groupBy(check.diagnostics, (one) => one.sentence ?? one.message ?? ""),
+    ].map(([sentence, of]) => [sentence, of.map((one) => one.file ?? "")]);
     empty.hidden = true;
     result.replaceChildren(
       el(
@@ -140,20 +145,18 @@ export function missionsPanel({ ready, current, changed, store }) {
         {},
         facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value))),
       ),
-      check.diagnostics.length
+      said.length
         ? dataTable(
             "Mistakes and warnings",
             ["File", "What"],
-            check.diagnostics
-              .slice(0, MOST_SAID)
-              .map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""]),
+            said.slice(0, MOST_SAID).map(([sentence, files]) => [inFiles(files), sentence]),
           )
         : [],
-      check.diagnostics.length > MOST_SAID
+      said.length > MOST_SAID
         ? el(
             "p.soft",
             {},
-            `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`,
+            `The first ${MOST_SAID} of ${number(said.length, 9)}: the file check.json in the zip has all.`,
           )
         : [],
       el(

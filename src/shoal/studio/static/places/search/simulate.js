@@ -1,17 +1,27 @@
 /* Simulate: the run in the player; message loss on a slider, and robots that die by a click while
    it plays. */
 import { ask, newest, run } from "../../shared/api.js";
-import { el, guarded, number, percent, progressText, say, told } from "../../shared/page.js";
+import {
+  el,
+  fixed,
+  guarded,
+  number,
+  percent,
+  precise,
+  progressText,
+  say,
+  told,
+} from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const CRASH = /^crash:(\d+)@([\d.]+)$/;
 export const lasting = (seconds) => {
-  const whole = Math.round(seconds),
+  const whole = Number(fixed(seconds, 0)),
     two = (n) => String(n).padStart(2, "0");
   return seconds < 59.5
-    ? `${Number(seconds.toPrecision(3))} s`
+    ? `${Number(precise(seconds, 3))} s`
     : `${Math.floor(whole / 3600) ? `${Math.floor(whole / 3600)}:` : ""}${whole >= 3600 ? two(Math.floor(whole / 60) % 60) : Math.floor(whole / 60)}:${two(whole % 60)}${whole < 3600 ? " min" : " h"}`;
 };
 

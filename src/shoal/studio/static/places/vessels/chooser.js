@@ -7,8 +7,10 @@ const BY_NAME =
   "A generated map, such as vessels:1000:7. Its kind comes first, then its size and, if it is random, its number.";
 const NO_MAPS = /^papers\/|-figure(-\d+)?\.png$/;
 
-/** `choose(name)` takes a map, `bring(file)` a file of the user's. */
-export function chooser({ choose, bring }) {
+const CANVAS = "canvas";
+
+/** `choose(name)` takes a map, `bring(file)` a file of the user's, `blank()` a canvas to paint on. */
+export function chooser({ choose, bring, blank }) {
   const choices = el("select", {
     id: "vesselsFile",
     onchange: guarded(() => choices.value && choose(choices.value)),
@@ -17,14 +19,16 @@ export function chooser({ choose, bring }) {
   const kinds = el(
     "select",
     {
-      "aria-label": "Kind of generated map",
+      "aria-label": "A new map",
       onchange: guarded(async () => {
         const kind = kinds.value;
         kinds.value = "";
-        if (kind) await choose(kind);
+        if (kind === CANVAS) await blank();
+        else if (kind) await choose(kind);
       }),
     },
-    el("option", { value: "" }, "draw a map"),
+    el("option", { value: "" }, "a new map"),
+    el("option", { value: CANVAS }, "empty – Paint the map by hand."),
     state.start.maps.map((one) =>
       el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`),
     ),

@@ -26,6 +26,9 @@ export function pack(free) {
   return btoa(text);
 }
 
+/** Whether packed cells have no free one. */
+export const isEmpty = ({ free }) => /^A*=*$/.test(free);
+
 /** Numbers of cells as the player takes them. */
 export function packedCells(cells) {
   const bytes = new Uint8Array(new Uint32Array(cells).buffer);
@@ -174,14 +177,23 @@ export class Editor {
   }
 
   tinted(mask) {
-    const made = document.createElement("canvas"),
-      pen = made.getContext("2d");
-    made.width = mask.naturalWidth;
-    made.height = mask.naturalHeight;
-    pen.drawImage(mask, 0, 0);
-    pen.globalCompositeOperation = "source-in";
-    pen.fillStyle = contrasting(this.photograph, mask);
-    pen.fillRect(0, 0, made.width, made.height);
+    const own = contrasting(this.photograph, mask),
+      other = own === ON_DARK ? ON_BRIGHT : ON_DARK;
+    const thick = Math.max(1, Math.round(Math.max(mask.naturalWidth, mask.naturalHeight) / 800));
+    const layer = (/** @type {string} */ colour, /** @type {number[]} */ shifts) => {
+      const made = document.createElement("canvas"),
+        pen = made.getContext("2d");
+      [made.width, made.height] = [mask.naturalWidth, mask.naturalHeight];
+      for (const x of shifts) for (const y of shifts) pen.drawImage(mask, x, y);
+      pen.globalCompositeOperation = "source-in";
+      pen.fillStyle = colour;
+      pen.fillRect(0, 0, made.width, made.height);
+      return made;
+    };
+    // a line of the other colour around them: also vessels as dark or light as their own stand out
+    const made = layer(other, [-thick, 0, thick]);
+    made.getContext("2d").globalCompositeOperation = "source-over";
+    made.getContext("2d").drawImage(layer(own, [0]), 0, 0);
     return made;
   }
 

@@ -13,8 +13,9 @@ async function imageOf(text, kind) {
 
 /** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the
  *  photograph is still looked at, `said(sentence)` and `complain(sentence)` show words, and
- *  `placed({ image, box })` hears where the map is in the photograph. */
-export function photographs({ editor, fields, visible, said, complain, placed }) {
+ *  `shown()` and `placed({ image, box })` hear of a photograph that is there, and of where the map
+ *  is in one that was looked through. */
+export function photographs({ editor, fields, visible, said, complain, placed, shown }) {
   let exact = 0,
     photograph = null;
 
@@ -48,6 +49,7 @@ export function photographs({ editor, fields, visible, said, complain, placed })
     await read();
     if (editor.photograph !== photograph.image) {
       editor.setPhotograph(photograph.image, null);
+      shown();
       said("looking for vessels …");
     }
     await find(false);

@@ -77,7 +77,7 @@ export function toolbar(editor, store) {
     el("button.second", {}, "Apply"),
   );
   const byNumbers = el("details.by", {}, el("summary", {}, "By numbers"), form);
-  return el(
+  const element = el(
     "div.toolbar",
     { role: "toolbar", "aria-label": "Painting" },
     el("div.group", {}, buttons),
@@ -99,4 +99,5 @@ export function toolbar(editor, store) {
     ),
     byNumbers,
   );
+  return { element, pick };
 }
