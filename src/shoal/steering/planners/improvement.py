@@ -45,17 +45,17 @@ MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
 TRIES = 90  # number of changed chains
+# of them before chains of three cycles: with the clearance, a changed chain of two cycles may give a
+# plan 12 % shorter (test_the_clearance_does_not_make_plans_needlessly_longer, 5 sides)
+EARLY = 30
 # a contact that slides along a round wall is a chain of many contacts; a chain of greedy with that
 # many can be changed, without 4 s for all kinds of `GROWING`
 ROUND_CYCLES = 16
-# with more time, for example that of a certificate: on some disks, plans are 1 % shorter
+# with more time, for example that of a certificate: on some disks, plans are 2 % shorter
 WIDE_WIDTH, WIDE_TRIES = 16, 400
 # contacts of a chain to which contacts between others are added: 20 moves of 24 contacts leave room
 # for as many between them in the 100 moves of a plan
 MOST_SLIDING = 24
-# of them before chains of three cycles: with the clearance, a changed chain of two cycles may give a
-# plan 12 % shorter (test_the_clearance_does_not_make_plans_needlessly_longer, 5 sides)
-EARLY = 30
 # relative to the shortest length: short chains up to this length are also starting points
 NEARLY = 1.1
 EACH = 30  # number of candidates made from one chain
