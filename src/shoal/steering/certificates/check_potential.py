@@ -45,7 +45,7 @@ def times(u: Monomial, v: Monomial) -> Monomial:
     return u[0] + v[0], u[1] + v[1], u[2] + v[2], u[3] + v[3]
 
 
-def inside(particle: int) -> Polynomial:
+def inside_disk(particle: int) -> Polynomial:
     """Return 1 - |p|² of a particle p, times 2**40."""
     whole = 1 << _FINE
     return {ONE: whole} | {times(axis, axis): -whole for axis in _AXES[2 * particle :][:2]}
@@ -56,7 +56,7 @@ def on_wall(particle: int, ring: Fraction) -> Polynomial:
     ``ring`` in which all walls are: 1 - the square of the least distance of a wall from the middle.
     """
     constant = -floor((1 - ring) * (1 << _FINE))
-    return {ONE: constant} | {key: -x for key, x in inside(particle).items() if key != ONE}
+    return {ONE: constant} | {key: -x for key, x in inside_disk(particle).items() if key != ONE}
 
 
 def turn(ring: Fraction) -> int:
@@ -155,16 +155,16 @@ def potential_value(
                 {key: x << _FINE for key, x in _sum(slopes[axis], slopes[2 + axis]).items()}
                 for axis in (0, 1)
             ]
-            positive = [inside(0), inside(1)]
+            positive = [inside_disk(0), inside_disk(1)]
         else:
             held, other = number - 1, 2 - number
-            positive = [inside(other)]
+            positive = [inside_disk(other)]
             factors = [*positive, *around]
             hold = _sums_of_squares(case["holds"], 1, (_HALF * 2 - 1) // 2, factors)[0, 0]
             if ring:
-                positive += [inside(held), on_wall(held, ring)]
+                positive += [inside_disk(held), on_wall(held, ring)]
             else:
-                zero = inside(held)
+                zero = inside_disk(held)
             # each coefficient is rounded by less than 1
             one = _sum(one, {key: -turn(ring) * x >> _FINE for key, x in hold.items()})
             rounded = len(hold)

@@ -18,7 +18,7 @@ from shoal.steering.certificates.check_potential import (
     Monomial,
     WrongPotentialError,
     ellipses,
-    inside,
+    inside_disk,
     monomials,
     on_wall,
     potential_value,
@@ -53,7 +53,7 @@ class _Program:
         self.around = list(positive)
         self.basis = monomials(DEGREE)[1:]
         self.potential = dict(zip(self.basis, self._add(len(self.basis)), strict=True))
-        disks = [_scaled(inside(k)) for k in (0, 1)]
+        disks = [_scaled(inside_disk(k)) for k in (0, 1)]
         rings = [_scaled(on_wall(k, ring)) for k in (0, 1)]
         self.cases: list[dict[str, Any]] = []
         one: _Linear = _linear()
