@@ -31,7 +31,7 @@ CERTIFIED = 1e-3
 FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
 FOR_WIDER = 0.5
-"""Largest share of the time of a search at round walls for plans, before the search for a bound."""
+"""Largest share of the time of a search in a disk for plans, before the search for a bound."""
 FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
@@ -430,15 +430,15 @@ def _plan_wider(
     clock: Callable[[], float],
 ) -> SteeringEpisode:
     """Return an episode with the shortest plan of a wider search of the planner `Shortest` for
-    chains, where walls are too many for a search for a bound to make plans of its own.
+    chains, where a search for a bound makes no plans of its own.
+
+    In polygons with many sides, this took up to 3 of 10 s, and no plan of 33 became 0.04 % shorter.
     """
-    from shoal.steering.planners.chains import MANY
     from shoal.steering.planners.improvement import improved_chains
     from shoal.steering.planners.shortest import greedy_seeds
     from shoal.steering.planners.task import plan_chain
 
-    place = episode.problem.place
-    if not (place.kind == "disk" or (place.kind == "polygon" and len(place.vertices) > MANY)):
+    if episode.problem.place.kind != "disk":
         return episode
     deadline = clock() + seconds
     for order in orders:

@@ -14,6 +14,8 @@ from itertools import pairwise
 from math import floor, isfinite, isqrt, lcm
 from typing import Any, NamedTuple
 
+from shoal.steering.certificates.check_potential import WrongPotentialError, potential_value
+
 STEP = 2**36  # multipliers are multiples of 1 / STEP
 Pair = tuple[int, int]
 Vector = tuple[dict[int, int], dict[int, int]]
@@ -905,6 +907,25 @@ def _times_angle(size: int, numerator: int, denominator: int) -> Pair:
     return size * low >> _BITS, _ratio(size * high, 1 << _BITS)
 
 
+def _potential(task: _Task, proof: Mapping[str, Any]) -> Fraction:
+    """Return the bound of a potential for a disk or a polygon, at most the limit."""
+    walls, radius = task.walls, task.walls.far
+    start, goal = (
+        [
+            Fraction(x - middle, radius)
+            for point in points
+            for x, middle in zip(point, walls.middle, strict=True)
+        ]
+        for points in (task.start, task.goal)
+    )
+    sizes = Fraction(task.tolerance, radius), Fraction(task.limit, radius)
+    try:
+        value = potential_value(start, goal, *sizes, Fraction(walls.ring, radius**2), proof)
+    except WrongPotentialError as error:
+        raise _WrongError(str(error)) from error
+    return min(value * radius, Fraction(task.limit)) / task.whole * task.unit
+
+
 def _apart(ends: Sequence[Pair]) -> Pair:
     return ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
 
@@ -935,6 +956,9 @@ def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
     """Yield the bound of each leaf of a proof."""
     if proof == "growth":
         yield _growth(task)
+        return
+    if isinstance(proof, Mapping):
+        yield _potential(task, proof)
         return
     for pattern, leaf in _leaves(task, proof):
         yield task.value(pattern, leaf)

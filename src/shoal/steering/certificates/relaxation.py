@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
-from math import acos, asin, frexp, inf, sqrt
+from math import acos, asin, frexp, hypot, inf, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import import_extra
-from shoal.steering.certificates.programs import Variables, equality, solver_settings
+from shoal.steering.certificates.programs import solver_settings
 from shoal.steering.workspaces.convex import ConvexWorkspace
 
 Floats = NDArray[np.float64]
@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 STEP = 2.0**-36  # multipliers are multiples of this
 ROUND_WALLS = 512  # arcs into which the wall of a disk is divided at most
 NARROW = 16  # part of a turn, of arcs that may take turns in a gap
+_FEW = 9  # rows of an arc that are not rare
 _RARE = 60  # rows of a program that are tried only if a solution does not meet them
 _OUTSIDE = 1e-7
 _SLOPES = (1, 9 / 8, 3 / 2, 2, 3)  # of the straight lines above an angle, as those of the checker
@@ -121,57 +122,103 @@ class Bound:
     errors: dict[int, tuple[float, str, int]]
 
 
+_CONSTANT = -1  # key of the constant of an expression; a solution has a 1 at this index
+Expression = dict[int, float]
+"""Coefficients by variable, and the constant. Programs have few coefficients and are made some
+hundred times in a second, so that dictionaries are several times as fast as arrays."""
+Vector = tuple[Expression, Expression]
+
+
 @dataclass(frozen=True)
 class Program:
-    """A convex program: the least sum of norms and of ``costs @ x``.
-
-    Expressions have one column for each variable, and one for the constant.
+    """A convex program: the least sum of norms and of variables with costs.
 
     Parameters
     ----------
-    norms : ndarray of float64, shape (n, 2, variables + 1)
-    costs : ndarray of float64, shape (variables,)
-    rows : ndarray of float64, shape (m, variables + 1)
-        Expressions that are at least 0.
-    cones : ndarray of float64, shape (k, 4, variables + 1)
-        The first expression is at least the norm of the other three.
-    low, high : ndarray of float64, shape (variables,)
-    rare : ndarray of bool, shape (m,)
-        Whether a row is one of many of which few matter.
-    boxed : ndarray of bool, shape (variables,)
-        Whether ``low`` and ``high`` do not follow from the rest.
+    norms : list of Vector
+    costs : list of int
+        Variables with the cost 1; all others have none.
+    rows : list of (int, Expression)
+        Expressions that are at least 0, with their numbers.
+    equal : list of (int, int, Expression)
+        Expressions that are 0, each with the numbers of the rows that it and its opposite are.
+    rare : list of (int, Vector, ndarray, ndarray)
+        Points inside of flat walls, each with the number of its first row, and the normals and
+        offsets of the walls. These are many rows, of which few matter.
+    size : int
+        How many rows there are, with those of ``rare``.
+    cones : list of list of Expression
+        The first expression is at least the norm of the others, two or three.
+    low, high : list of float
+        Bounds of the variables.
+    boxed : list of int
+        Variables whose ``low`` and ``high`` do not follow from the rest.
     contacts : list of tuple
         For each hold: place in the pattern, and its contacts and adjustments by name.
     gaps : list of tuple
-        For each gap: place in the pattern, numbers of its norms, numbers of its variables with
-        costs.
+        For each gap: place in the pattern, numbers of its norms, its variables with costs.
     """
 
-    norms: Floats
-    costs: Floats
-    rows: Floats
-    cones: Floats
-    low: Floats
-    high: Floats
-    rare: NDArray[np.bool_]
-    boxed: NDArray[np.bool_]
-    contacts: list[tuple[int, dict[str, Floats]]]
-    gaps: list[tuple[int, list[int], list[int]]]
+    norms: list[Vector]
+    costs: list[int]
+    rows: list[tuple[int, Expression]]
+    equal: list[tuple[int, int, Expression]]
+    rare: list[tuple[int, Vector, Floats, Floats]]
+    size: int
+    cones: list[list[Expression]]
+    low: list[float]
+    high: list[float]
+    boxed: list[int]
+    contacts: list[tuple[int, dict[str, Vector]]]
+    gaps: list[tuple[int, range, list[int]]]
 
-    def dual_bound(self, vectors: Floats, slacks: Floats, turns: Floats) -> float:
-        """Return the lower bound that multipliers prove, or minus infinity."""
-        total: Any = np.einsum("ni,nij->j", vectors, self.norms) - slacks @ self.rows
-        total[:-1] += self.costs
-        if len(turns):
-            # the checker, too, rounds up
-            sizes = np.ceil(np.linalg.norm(turns, axis=1) / STEP) * STEP
-            total -= sizes @ self.cones[:, 0]
-            total += np.einsum("ni,nij->j", turns, self.cones[:, 1:])
-        reduced_costs = total[:-1]
-        value = float(
-            total[-1] + np.minimum(reduced_costs * self.low, reduced_costs * self.high).sum()
+
+@dataclass(frozen=True)
+class _System:
+    """The rows of a program in the order of the solver, as triplets sorted by column: the constants,
+    then the variables of the program, then the length of each norm.
+
+    ``columns`` begins with 0 for constants. For the solver, the first ``known`` variables, which are
+    the goals, are constants, too: what their tolerance takes is part of the bound that is proven.
+    """
+
+    columns: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    values: Floats
+    height: int
+    width: int
+    known: Floats
+
+    @classmethod
+    def of(cls, expressions: list[Expression], width: int, known: Floats) -> _System:
+        """Return the system of expressions in ``width`` variables."""
+        columns = np.array([key for expression in expressions for key in expression]) + 1
+        values = np.array([x for expression in expressions for x in expression.values()])
+        rows = np.repeat(np.arange(len(expressions)), [len(one) for one in expressions])
+        order = np.argsort(columns, kind="stable")
+        return cls(columns[order], rows[order], values[order], len(expressions), width, known)
+
+    def matrix_and_constants(self) -> tuple[Any, Floats]:
+        """Return the coefficients, negative, as a sparse matrix, and the constants."""
+        from scipy.sparse import csc_matrix
+
+        first = 1 + len(self.known)
+        ends = np.searchsorted(self.columns, np.arange(first, self.width + 2))
+        begin = ends[0]
+        factors = np.concatenate([[1.0], self.known])[self.columns[:begin]]
+        constants: Any = np.bincount(
+            self.rows[:begin], self.values[:begin] * factors, minlength=self.height
         )
-        return value if np.isfinite(value) else -inf
+        matrix = csc_matrix(
+            (-self.values[begin:], self.rows[begin:], ends - begin),
+            (self.height, self.width - len(self.known)),
+        )
+        return matrix, constants
+
+    def total(self, weights: Floats) -> Floats:
+        """Return the weighted sum of all rows: its constant, then its coefficients."""
+        weighted = self.values * weights[self.rows]
+        return np.asarray(np.bincount(self.columns, weighted, minlength=self.width + 1), np.float64)
 
 
 class Walls(Protocol):
@@ -243,7 +290,9 @@ class Walls(Protocol):
         maximal = (right, not right) if self.runs else (False, False)
         return Hold(particle, begins, ends, every, every, 0, maximal)
 
-    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
+    def inward(
+        self, first: int, end: int, point: tuple[float, float]
+    ) -> tuple[Sequence[float], float]:
         """Return the inward unit normal of the wall of an arc nearest a point, and the distance."""
         ...
 
@@ -298,12 +347,14 @@ class _FlatWalls(Walls):
     def inside_rows(self) -> tuple[Floats, Floats]:
         return self.normals, self.offsets
 
-    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
+    def inward(
+        self, first: int, end: int, point: tuple[float, float]
+    ) -> tuple[Sequence[float], float]:
         walls = np.arange(first, end) % self.count
         depths = (self.normals[walls] @ point - self.offsets[walls]) / self.lengths[walls]
         nearest = int(np.argmin(depths))
         wall = walls[nearest]
-        return self.normals[wall] / self.lengths[wall], float(depths[nearest])
+        return (self.normals[wall] / self.lengths[wall]).tolist(), float(depths[nearest])
 
 
 class _RoundWalls(Walls):
@@ -356,9 +407,12 @@ class _RoundWalls(Walls):
     def inside_rows(self) -> tuple[Floats, Floats]:
         return np.zeros((0, 2)), np.zeros(0)
 
-    def inward(self, first: int, end: int, point: Floats) -> tuple[Floats, float]:
-        far = float(np.hypot(*point))
-        normal = -point / far if far > 0 else self.axis(first, end)[0]
+    def inward(
+        self, first: int, end: int, point: tuple[float, float]
+    ) -> tuple[Sequence[float], float]:
+        x, y = point
+        far = hypot(x, y)
+        normal = (-x / far, -y / far) if far > 0 else self.axis(first, end)[0].tolist()
         return normal, self.radius - far
 
 
@@ -413,10 +467,24 @@ class Relaxation:
             self._redundant_pairs = _redundant_pairs(place.vertices)
         self.start, self.goal = (start - origin) / self.scale, (goal - origin) / self.scale
         self.tolerance, self.limit = tolerance / self.scale, limit / self.scale
-        self._settings = solver_settings(clarabel)
+        self._settings = settings = solver_settings(clarabel)
+        # a bound needs multipliers near the best ones only, and two thirds of the time are less
+        settings.iterative_refinement_enable = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-6
         # of a narrow run around its first or last contact
         self.margin = max(self.walls.count // (4 * NARROW), 1)
         self._distances: dict[tuple[Range, int, bool], float] = {}
+        self._no_squares: dict[int, Any] = {}
+        self._cones = {number: clarabel.SecondOrderConeT(number) for number in (3, 4)}
+        self._inside = self.walls.inside_rows()
+
+        # of the same few arcs again and again, as numbers of Python, which are faster one by one
+        @cache
+        def axis(first: int, end: int) -> tuple[list[float], float, bool]:
+            axis, sine = self.walls.axis(first, end)
+            return axis.tolist(), sine, self.walls.segment(first, end) is not None
+
+        self._axis, self._arc_rows = axis, cache(self.walls.arc_rows)
 
     def follows(self, first: Hold, second: Hold, *, maximal: bool) -> bool:
         """Return whether ``second`` can come directly after ``first``, and change the difference
@@ -433,97 +501,145 @@ class Relaxation:
 
     def bound(self, pattern: Pattern) -> Bound:
         """Return the lower bound of all plans of a pattern, at most the limit."""
-        from scipy.sparse import csc_matrix
-
         program = self.program(pattern)
-        count, size, cones = len(program.low), len(program.norms), len(program.cones)
+        count, size = len(program.low), len(program.norms)
+        goals = self.goal.ravel()
+        ends = [expression for _, _, expression in program.equal]
+        boxes = [{k: 1.0, _CONSTANT: -program.low[k]} for k in program.boxed]
+        boxes += [{k: -1.0, _CONSTANT: program.high[k]} for k in program.boxed]
+        tail = [
+            part
+            for number, (x, y) in enumerate(program.norms)
+            for part in ({count + number: 1.0}, x, y)
+        ]
+        tail += [part for cone in program.cones for part in cone]
         clarabel = self._clarabel
+        sizes = [3] * size + [len(cone) for cone in program.cones]
+        costs = np.ones(count + size)
+        costs[:count] = 0.0
+        costs[program.costs] = 1.0
+        rows = list(program.rows)
+        used = {number for number, _ in rows}
         # most walls of a polygon with many sides are far from a solution
-        used = ~program.rare if program.rare.sum() > _RARE else np.ones(len(program.rows), np.bool_)
+        if sum(len(offsets) for *_, offsets in program.rare) <= _RARE:
+            rows += _rare_rows(program, used)
         while True:
-            rows = program.rows[used]
-            # the variables of the program, then the length of each norm
-            boxed = np.flatnonzero(program.boxed)
-            linear = len(rows) + 2 * len(boxed)
-            system = np.zeros((linear + 3 * size + 4 * cones, count + size + 1))
-            system[: len(rows), :count], system[: len(rows), -1] = rows[:, :-1], rows[:, -1]
-            box = system[len(rows) : linear].reshape(2, len(boxed), count + size + 1)
-            box[0, np.arange(len(boxed)), boxed], box[0, :, -1] = 1, -program.low[boxed]
-            box[1, np.arange(len(boxed)), boxed], box[1, :, -1] = -1, program.high[boxed]
-            lengths = system[linear : linear + 3 * size].reshape(size, 3, count + size + 1)
-            lengths[:, 0, count:-1] = np.eye(size)
-            lengths[:, 1:, :count] = program.norms[:, :, :-1]
-            lengths[:, 1:, -1] = program.norms[:, :, -1]
-            cone_rows = system[linear + 3 * size :].reshape(cones, 4, count + size + 1)
-            cone_rows[:, :, :count] = program.cones[:, :, :-1]
-            cone_rows[:, :, -1] = program.cones[:, :, -1]
+            linear = len(ends) + len(rows) + len(boxes)
+            inequalities = [row for _, row in rows]
+            system = _System.of(ends + inequalities + boxes + tail, count + size, goals)
+            matrix, constants = system.matrix_and_constants()
             solution = clarabel.DefaultSolver(
-                csc_matrix((count + size, count + size)),
-                np.concatenate([program.costs, np.ones(size)]),
-                csc_matrix(-system[:, :-1]),
-                system[:, -1],
+                self._zeros(count + size - len(goals)),
+                costs[len(goals) :],
+                matrix,
+                constants,
                 [
-                    clarabel.NonnegativeConeT(linear),
-                    *(clarabel.SecondOrderConeT(3) for _ in range(size)),
-                    *(clarabel.SecondOrderConeT(4) for _ in range(cones)),
+                    clarabel.ZeroConeT(len(ends)),
+                    clarabel.NonnegativeConeT(linear - len(ends)),
+                    *(self._cones[number] for number in sizes),
                 ],
                 self._settings,
             ).solve()
-            point = np.array(solution.x)
-            outside = ~used & (program.rows @ np.append(point[:count], 1.0) < -_OUTSIDE)
-            if not outside.any() or "Infeasible" in str(solution.status):
+            solved = [*goals.tolist(), *solution.x]
+            point: list[float] = [*solved[:count], 1.0]
+            infeasible = "Infeasible" in str(solution.status)
+            outside = [] if infeasible else _rare_rows(program, used, point)
+            if not outside:
                 break
-            used |= outside
+            rows += outside
         dual = np.array(solution.z)
         if not np.isfinite(dual).all():
             dual = np.zeros_like(dual)
-        slacks = np.zeros(len(program.rows))
-        slacks[used] = np.maximum(dual[: len(rows)], 0.0)
+        # of the equalities, of any sign, and of the other rows
+        slacks = dual[: len(ends) + len(rows)]
+        slacks[len(ends) :] = np.maximum(slacks[len(ends) :], 0.0)
         split = linear + 3 * size
         vectors = -dual[linear:split].reshape(size, 3)[:, 1:]
-        turns = -dual[split:].reshape(cones, 4)[:, 1:]
-        if "Infeasible" in str(solution.status):
+        turns = np.zeros((len(program.cones), 3))
+        # which of the parts of all cones are which multipliers
+        firsts = split + np.cumsum([0, *sizes[size:-1]]) if program.cones else np.zeros(0, np.int64)
+        three = np.array(sizes[size:]) == 4
+        turns[:, 0], turns[:, 1] = -dual[firsts + 1], -dual[firsts + 2]
+        turns[three, 2] = -dual[firsts[three] + 3]
+
+        def proven() -> float:
+            """Return the lower bound that the multipliers prove, or minus infinity."""
+            weights = np.zeros(system.height)
+            weights[: len(slacks)] = -slacks
+            weights[linear + 1 : split : 3], weights[linear + 2 : split : 3] = vectors.T
+            # the checker, too, rounds up
+            weights[firsts] = -np.ceil(np.sqrt(np.sum(turns * turns, axis=1)) / STEP) * STEP
+            weights[firsts + 1], weights[firsts + 2] = turns[:, 0], turns[:, 1]
+            weights[firsts[three] + 3] = turns[three, 2]
+            total = system.total(weights)
+            reduced = total[1 : count + 1] + costs[:count]
+            value = float(total[0] + np.minimum(reduced * low, reduced * high).sum())
+            return value if np.isfinite(value) else -inf
+
+        low, high = np.array(program.low), np.array(program.high)
+        if infeasible:
             vectors = np.zeros_like(vectors)
-            proven = program.dual_bound(vectors, slacks, turns)
-            factor = 2 * self.limit / proven if proven > 0 else 0.0
+            refuted = proven()
+            factor = 2 * self.limit / refuted if refuted > 0 else 0.0
             slacks, turns = slacks * factor, turns * factor
         vectors = vectors / np.maximum(np.hypot(*vectors.T), 1)[:, None]
         # multiples of STEP, which exact arithmetic takes; towards 0, so that no norm exceeds 1
         vectors = np.trunc(vectors * (1 - 1e-15) / STEP) * STEP
         slacks, turns = np.round(slacks / STEP) * STEP, np.round(turns / STEP) * STEP
-        value = min(program.dual_bound(vectors, slacks, turns), self.limit)
+        value = min(proven(), self.limit)
         if value < 0:  # without multipliers, the bound is 0
             value, vectors, slacks, turns = 0.0, 0 * vectors, 0 * slacks, 0 * turns
-        errors = self._errors(pattern, program, point)
-        return Bound(value * self.scale, vectors, slacks, turns, errors)
+        by_number = np.zeros(program.size)
+        by_number[[number for number, _ in rows]] = slacks[len(ends) :]
+        by_number[[forth for forth, _, _ in program.equal]] = np.maximum(slacks[: len(ends)], 0.0)
+        by_number[[back for _, back, _ in program.equal]] = np.maximum(-slacks[: len(ends)], 0.0)
+        errors = self._errors(pattern, program, solved, point)
+        return Bound(value * self.scale, vectors, by_number, turns, errors)
+
+    def _zeros(self, width: int) -> Any:
+        """Return a sparse matrix of zeros."""
+        from scipy.sparse import csc_matrix
+
+        if width not in self._no_squares:
+            self._no_squares[width] = csc_matrix((width, width))
+        return self._no_squares[width]
 
     def _errors(
-        self, pattern: Pattern, program: Program, solution: Floats
+        self, pattern: Pattern, program: Program, solution: list[float], point: list[float]
     ) -> dict[int, tuple[float, str, int]]:
         count = len(program.low)
         errors = {
-            place: (float(solution[count:][norms].sum() + solution[costs].sum()), "gap", 0)
+            place: (
+                sum(solution[count + k] for k in norms) + sum(point[k] for k in costs),
+                "gap",
+                0,
+            )
             for place, norms, costs in program.gaps
         }
-        point = np.append(solution[:count], 1.0)
         for place, by_name in program.contacts:
             hold = pattern[place]
             assert isinstance(hold, Hold)
-            error = self._error(hold, {name: value @ point for name, value in by_name.items()})
+            if hold.single:
+                continue
+            error = self._error(
+                hold,
+                {name: (_value(x, point), _value(y, point)) for name, (x, y) in by_name.items()},
+            )
             if error is not None:
                 errors[place] = error
         return errors
 
-    def _error(self, hold: Hold, by_name: dict[str, Floats]) -> tuple[float, str, int] | None:
+    def _error(
+        self, hold: Hold, by_name: dict[str, tuple[float, float]]
+    ) -> tuple[float, str, int] | None:
         """Return how far the solution of a hold is from one contact, and how to divide it."""
-        if hold.single:
-            return None
         inward = {
             name: self.walls.inward(*hold.range(name), by_name[name])
             for name in ("first", "last", "least", "most")
             if name in by_name
         }
-        against = max(min(float(normal @ by_name["change"]) for normal, _ in inward.values()), 0.0)
+        x, y = by_name["change"]
+        against = max(min(normal[0] * x + normal[1] * y for normal, _ in inward.values()), 0.0)
         depths = {
             name: depth
             for name, (_, depth) in inward.items()
@@ -631,218 +747,306 @@ class Relaxation:
 
     def program(self, pattern: Pattern) -> Program:
         """Return the convex program of a pattern."""
-        walls = self.walls
-        variables = Variables(
-            4
-            + sum(
-                5 + 3 * (2 if item.holds is None else len(item.holds))
-                if isinstance(item, HoldGap)
-                else 15
-                for item in pattern
-            ),
-            2,
-        )
-        vector, constant = variables.vector, variables.constant
-        rare: list[int] = []  # numbers in ``rows``
-        norms: list[Floats] = []
-        rows: list[Floats] = []
-        cones: list[Floats] = []
-        radius = constant(walls.radius)[:1]
+        walls, limit, tolerance = self.walls, self.limit, self.tolerance
+        low: list[float] = []
+        high: list[float] = []
+        boxed: list[int] = []
+        costs: list[int] = []
+        norms: list[Vector] = []
+        rows: list[tuple[int, Expression]] = []
+        equalities: list[tuple[int, int, Expression]] = []
+        rare: list[tuple[int, Vector, Floats, Floats]] = []
+        cones: list[list[Expression]] = []
+        size = 0  # numbers of rows
         # the law of growth: |difference|² <= 2 R grown, where grown is |difference at the start|
         # + k / R + (1 + a) (sum of the translations) + a (sum of the adjustments), a = sqrt(k) / R
-        around, grown = constant(0)[:1], constant(0)[:1]
         outer, ring = walls.rings or (0.0, 0.0)
+        grown: Expression = {}
+        slope = 0.0
         if walls.rings:
-            around[0, -1] = 2 * outer
-            grown[0, -1] = np.hypot(*(self.start[1] - self.start[0])) + ring / outer
-            slope = ring**0.5 / outer
-        contacts, gaps = [], []
-        # the sums of all translations from the first contact on, and of all adjustments
-        translations, adjustments = constant(0)[:1], constant(0)[:1]
-        depth: Floats | None = None  # of the other particle at the first contact, if it is known
+            apart = self.start[1] - self.start[0]
+            grown = {_CONSTANT: hypot(*apart) + ring / outer}
+            slope = sqrt(ring) / outer
+        contacts: list[tuple[int, dict[str, Vector]]] = []
+        gaps: list[tuple[int, range, list[int]]] = []
+        # the lengths of all translations from the first contact on, and of all adjustments
+        translations: list[int] = []
+        adjustments: list[int] = []
+        depth: Expression | None = (
+            None  # of the other particle at the first contact, if it is known
+        )
 
-        def add_cone(bound: Floats, *parts: Floats) -> None:
-            """Add the condition that an expression is at least the norm of others."""
-            cone = np.zeros((4, bound.shape[1]))
-            cone[0] = bound
-            cone[1 : 1 + sum(len(expression) for expression in parts)] = np.concatenate(parts)
-            cones.append(cone)
+        def add_row(row: Expression) -> None:
+            nonlocal size
+            rows.append((size, row))
+            size += 1
 
-        def add_length(change: Floats) -> Floats:
+        def vector(lows: Sequence[float], highs: Sequence[float]) -> Vector:
+            """Add a vector between two bounds."""
+            number = len(low)
+            low.extend(lows)
+            high.extend(highs)
+            return {number: 1.0}, {number + 1: 1.0}
+
+        def add_length(change: Vector) -> int:
             """Return a variable that is at least the norm of a vector and part of the length."""
-            length = variables.length(self.limit)
-            add_cone(length, change)
-            return length
+            number = len(low)
+            low.append(0.0)
+            high.append(limit)
+            costs.append(number)
+            cones.append([{number: 1.0}, *change])
+            return number
 
-        def add_translations(change: Floats) -> Floats:
+        def add_translations(change: Vector) -> list[int]:
             """Count the length of free translations; with a law of growth, remember their sum."""
             if not walls.rings:
                 norms.append(change)
-                return change
+                return []
             length = add_length(change)
-            translations[0] += length[0]
-            grown[0] += (1 + slope) * length[0]
-            return length
+            translations.append(length)
+            grown[length] = 1 + slope
+            return [length]
 
-        def add_adjustments(change: Floats, *, arc: bool = False) -> Floats:
+        def add_adjustments(change: Vector, *, arc: bool = False) -> int:
             """Count the length of adjustments; with a law of growth, remember their sum."""
             if not arc and not walls.rings:
                 norms.append(change)
-                return change
+                return -1
             length = add_length(change)
-            adjustments[0] += length[0]
+            adjustments.append(length)
             if ring:
-                grown[0] += slope * length[0]
+                grown[length] = slope
             return length
 
-        def add_hold(arc: WallArc, change: Floats) -> Floats:
+        def add_hold(arc: WallArc, change: Vector) -> int:
             """Count the length of the adjustments with an arc whose sum is ``change``."""
-            axis, sine = walls.axis(arc.first, arc.end)
-            if walls.segment(arc.first, arc.end) is not None:  # one wall: axis @ change <= 0
-                add_adjustments(change)
-                rows.append(-axis[None] @ change)
-                return change
-            length = add_adjustments(change, arc=True)
-            rows.append(sine * length - axis[None] @ change)
+            axis, sine, flat = self._axis(arc.first, arc.end)
+            length = add_adjustments(change, arc=not flat)
+            row = _along(axis, change, -1.0)
+            if not flat:  # one wall: axis @ change <= 0
+                row[length] = row.get(length, 0.0) + sine
+            add_row(row)
             return length
 
-        def bound_growth(apart: Floats) -> None:
+        def bound_growth(apart: Vector) -> None:
             """Add the law of growth to a program."""
             if walls.rings:
                 # |v|² <= a b as |(2 v, a - b)| <= a + b
-                add_cone(grown + around, 2 * apart, grown - around)
+                constant = grown.get(_CONSTANT, 0.0)
+                doubled = [{key: 2 * x for key, x in part.items()} for part in apart]
+                cones.append(
+                    [
+                        grown | {_CONSTANT: constant + 2 * outer},
+                        *doubled,
+                        grown | {_CONSTANT: constant - 2 * outer},
+                    ]
+                )
 
-        def keep_inside(point: Floats) -> None:
-            normals, offsets = walls.inside_rows()
-            if len(normals):
-                depth = normals @ point
-                depth[:, -1] -= offsets
-                rare.append(len(rows))
-                rows.append(depth)
+        def add_rare(point: Vector, normals: Floats, offsets: Floats) -> None:
+            nonlocal size
+            if len(offsets):
+                rare.append((size, point, normals, offsets))
+                size += len(offsets)
+
+        def keep_inside(point: Vector) -> None:
+            add_rare(point, *self._inside)
             if walls.radius:
-                add_cone(radius, point)
+                cones.append([{_CONSTANT: walls.radius}, *point])
 
-        def add_contact(between: Range) -> Floats:
+        def add_contact(between: Range) -> Vector:
             segment = walls.segment(*between)
             if segment is not None:
-                corner, along = segment
-                return variables.point(corner, along[None])
-            point = vector(walls.low, walls.high, boxed=True)
-            normals, offsets = walls.arc_rows(*between)
-            depth = normals @ point
-            depth[:, -1] -= offsets
-            rows.append(depth)
+                (x, y), (along_x, along_y) = segment[0].tolist(), segment[1].tolist()
+                number = len(low)
+                low.append(0.0)
+                high.append(1.0)
+                boxed.append(number)
+                return {number: along_x, _CONSTANT: x}, {number: along_y, _CONSTANT: y}
+            point = vector(lowest, highest)
+            normals, offsets = self._arc_rows(*between)
+            few = len(offsets) if len(offsets) <= _FEW else 1  # the last one is that of the chord
+            split = len(offsets) - few
+            add_rare(point, normals[:split], offsets[:split])
+            for normal, offset in zip(
+                normals[split:].tolist(), offsets[split:].tolist(), strict=True
+            ):
+                row = _along(normal, point, 1.0)
+                row[_CONSTANT] = -offset
+                add_row(row)
             if walls.radius:
-                add_cone(radius, point)
+                cones.append([{_CONSTANT: walls.radius}, *point])
             return point
 
-        reach, extent = np.full(2, self.limit), walls.high - walls.low
+        def equal(left: Sequence[Vector], right: Sequence[Vector]) -> None:
+            """Add that points are equal to others."""
+            nonlocal size
+            for u, v in zip(left, right, strict=True):
+                for number, difference in enumerate(_minus(u, v)):
+                    equalities.append((size + number, size + number + 2, difference))
+                size += 4
+
+        far, near = (limit, limit), (-limit, -limit)
+        lowest, highest = walls.low.tolist(), walls.high.tolist()
+        wide = (walls.high - walls.low).tolist()
+        narrow = [-x for x in wide]
         goals = [
-            vector(point - self.tolerance, point + self.tolerance, boxed=True)
-            for point in self.goal
+            vector((x - tolerance, y - tolerance), (x + tolerance, y + tolerance))
+            for x, y in self.goal.tolist()
         ]
-        places = [constant(point) for point in self.start]
+        places = [_point(point) for point in self.start.tolist()]
         if not pattern:
-            apart = (goals[1] - goals[0]) - (places[1] - places[0])
-            norms.append(goals[0] - places[0])
-            rows += [apart, -apart]
-        gap: list[Floats] | None = None
+            norms.append(_minus(goals[0], places[0]))
+            change = _minus(_minus(goals[1], goals[0]), _minus(places[1], places[0]))
+            equal([change], [({}, {})])
+        gap: list[Vector] | None = None
+        before: Vector = ({}, {})
         for number, item in enumerate(pattern):
             final = number == len(pattern) - 1
             if isinstance(item, HoldGap):
-                begun = len(norms), variables.count
-                free = vector(-reach, reach)
+                begun = len(norms), len(costs)
+                free = vector(near, far)
                 add_translations(free)
-                gap = [places[0] + free, places[1] + free]
+                gap = [_plus(place, free) for place in places]
                 if item.holds is None:
                     for particle in (0, 1):
-                        change = vector(-reach, reach)
+                        change = vector(near, far)
                         add_adjustments(change)
-                        gap[1 - particle] = gap[1 - particle] + change
+                        gap[1 - particle] = _plus(gap[1 - particle], change)
                 else:
                     for hold in sorted(item.holds):
-                        change = vector(-reach, reach)
+                        change = vector(near, far)
                         add_hold(hold, change)
-                        gap[1 - hold.particle] = gap[1 - hold.particle] + change
-                gaps.append(
-                    (
-                        number,
-                        [*range(begun[0], len(norms))],
-                        [k for k in range(begun[1], variables.count) if variables.costs[k]],
-                    )
-                )
+                        gap[1 - hold.particle] = _plus(gap[1 - hold.particle], change)
+                gaps.append((number, range(begun[0], len(norms)), costs[begun[1] :]))
                 if not final:
-                    before = vector(-extent, extent)
-                bound_growth(goals[1] - goals[0] if final else before)
+                    before = vector(narrow, wide)
+                bound_growth(_minus(goals[1], goals[0]) if final else before)
                 continue
             particle = item.particle
             sign = 1.0 if particle == 0 else -1.0
             first, last = add_contact(item.first), add_contact(item.last)
             if gap is None:
-                before = places[1] - places[0]
+                before = _minus(places[1], places[0])
+                travel = _minus(first, places[particle])
                 if number:
-                    add_translations(first - places[particle])
+                    add_translations(travel)
                 else:
-                    norms.append(first - places[particle])
+                    norms.append(travel)
                     if walls.rings:  # instead of |difference at the start|, its depth there
                         apart = self.start[1] - self.start[0]
-                        grown[0] = -sign * apart @ (first - constant(walls.middle)) / outer
-                        grown[0, -1] += ring / outer
-                        depth = grown.copy()
+                        axis = (-sign * apart / outer).tolist()
+                        grown = _along(axis, first, 1.0)
+                        grown[_CONSTANT] = (
+                            grown.get(_CONSTANT, 0.0)
+                            - float(np.dot(axis, walls.middle))
+                            + ring / outer
+                        )
+                        depth = dict(grown)
             else:
-                positions = [first, first + before] if particle == 0 else [first - before, first]
-                rows += equality(gap, positions)
+                other = _combined(first, before, sign)
+                equal(gap, [first, other] if particle == 0 else [other, first])
                 gap = None
-            after = goals[1] - goals[0] if final else vector(-extent, extent)
-            by_name = {"first": first, "last": last, "change": sign * (after - before)}
+            after = _minus(goals[1], goals[0]) if final else vector(narrow, wide)
+            change = _combined(({}, {}), _minus(after, before), sign)
+            by_name = {"first": first, "last": last, "change": change}
             names = item.certain_contacts()
-            by_name |= {name: add_contact(item.range(name)) for name in names[1:-1]}
+            for name in names[1:-1]:
+                by_name[name] = add_contact(item.range(name))
             travels = [
-                add_translations(by_name[later] - by_name[earlier])
+                length
                 for earlier, later in pairwise(names)
+                for length in add_translations(_minus(by_name[later], by_name[earlier]))
             ]
             bound_growth(after)
-            length = add_hold(item.arc, by_name["change"])
+            length = add_hold(item.arc, change)
             for between, turn in walls.turn_bounds(item):
-                axis, sine = walls.axis(*between)
+                axis, sine, _ = self._axis(*between)
+                row = _along(axis, change, -1.0)
+                row[length] = sine
                 most = turn * self._most_adjustment(item)
-                rows.append(sine * length + most * sum(travels) - axis[None] @ by_name["change"])
-            keep_inside(first + sign * before)
-            keep_inside(last + sign * after)
+                for travelled in travels:
+                    row[travelled] = most
+                add_row(row)
+            keep_inside(_combined(first, before, sign))
+            other = _combined(last, after, sign)
+            keep_inside(other)
             contacts.append((number, by_name))
-            places = [last, last + after] if particle == 0 else [last - after, last]
+            places = [last, other] if particle == 0 else [other, last]
             if final:
-                norms.append(goals[particle] - last)
+                norms.append(_minus(goals[particle], last))
         if gap is not None:
-            rows += equality(gap, goals)
+            equal(gap, goals)
         if walls.radius and pattern:
             least, angle, lines = self._growth
-            adjustments[0, -1] -= least
-            rows.append(adjustments)
+            add_row(dict.fromkeys(adjustments, 1.0) | {_CONSTANT: -least})
             if depth is None:
-                translations[0, -1] -= angle
-                rows.append(translations)
+                add_row(dict.fromkeys(translations, 1.0) | {_CONSTANT: -angle})
             else:
                 for factor, offset in lines:
-                    row = translations + factor * depth
-                    row[0, -1] -= offset
-                    rows.append(row)
-        columns, count = variables.columns, variables.count
+                    row = {key: factor * x for key, x in depth.items()}
+                    row[_CONSTANT] = row.get(_CONSTANT, 0.0) - offset
+                    add_row(row | dict.fromkeys(translations, 1.0))
         return Program(
-            np.stack(norms)[:, :, columns] if norms else np.zeros((0, 2, count + 1)),
-            variables.costs[:count],
-            np.concatenate(rows)[:, columns] if rows else np.zeros((0, count + 1)),
-            np.stack(cones)[:, :, columns] if cones else np.zeros((0, 4, count + 1)),
-            variables.low[:count],
-            variables.high[:count],
-            np.repeat([k in rare for k in range(len(rows))], [len(row) for row in rows]),
-            variables.boxed[:count],
-            [
-                (number, {name: value[:, columns] for name, value in by_name.items()})
-                for number, by_name in contacts
-            ],
-            gaps,
+            norms, costs, rows, equalities, rare, size, cones, low, high, boxed, contacts, gaps
         )
+
+
+def _rare_rows(
+    program: Program, used: set[int], point: list[float] | None = None
+) -> list[tuple[int, Expression]]:
+    """Return the rare rows that a solution does not meet, or all, and add their numbers to ``used``,
+    without those that are there already.
+    """
+    rows = []
+    for first, place, normals, offsets in program.rare:
+        if point is None:
+            outside: Any = range(len(offsets))
+        else:
+            depths = normals @ [_value(part, point) for part in place] - offsets
+            if depths.min() >= -_OUTSIDE:
+                continue
+            outside = np.flatnonzero(depths < -_OUTSIDE).tolist()
+        for k in outside:
+            if first + k not in used:
+                used.add(first + k)
+                row = _along(normals[k].tolist(), place, 1.0)
+                row[_CONSTANT] = row.get(_CONSTANT, 0.0) - float(offsets[k])
+                rows.append((first + k, row))
+    return rows
+
+
+def _point(point: Sequence[float]) -> Vector:
+    return {_CONSTANT: point[0]}, {_CONSTANT: point[1]}
+
+
+def _combined(u: Vector, v: Vector, sign: float) -> Vector:
+    """Return u + sign v."""
+    first, second = dict(u[0]), dict(u[1])
+    for total, part in ((first, v[0]), (second, v[1])):
+        for key, number in part.items():
+            total[key] = total.get(key, 0.0) + sign * number
+    return first, second
+
+
+def _plus(u: Vector, v: Vector) -> Vector:
+    return _combined(u, v, 1.0)
+
+
+def _minus(u: Vector, v: Vector) -> Vector:
+    return _combined(u, v, -1.0)
+
+
+def _along(normal: Sequence[float], vector: Vector, sign: float) -> Expression:
+    """Return sign normal . vector."""
+    x, y = sign * normal[0], sign * normal[1]
+    total = {key: x * number for key, number in vector[0].items()}
+    for key, number in vector[1].items():
+        total[key] = total.get(key, 0.0) + y * number
+    return total
+
+
+def _value(expression: Expression, point: list[float]) -> float:
+    return sum(number * point[key] for key, number in expression.items())
 
 
 def _redundant_pairs(corners: Floats) -> set[tuple[Range, Range]]:

@@ -27,6 +27,7 @@ from shoal.steering.certificates.relaxation import (
 _USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
 _PIECES = 256  # of the least distance in the law of growth
+_EASY = 400  # divisions that are enough for easy problems; a potential takes the time of as many
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -247,7 +248,8 @@ def _count_near_holds(pattern: Pattern, place: int) -> int:
 class Search:
     """The searches for the bound of one assignment of goals to particles.
 
-    With few flat walls, these are two, each with half of the time; otherwise one.
+    With few flat walls, these are two, each with half of the time; otherwise one, and a
+    potential comes in between, if the first patterns were not enough.
     """
 
     def __init__(self, relaxation: Relaxation) -> None:
@@ -256,16 +258,21 @@ class Search:
         self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in variants]
         self._spent = [0.0] * len(variants)
         self.growth = growth_bound(relaxation)
+        self.potential = 0.0
+        self._potential_proof: Any = None
+        self._steps = 0
 
     @property
     def lower(self) -> float:
         """Lower bound on the length of all plans, at most the limit."""
-        return max(self.growth, *(tree.lower for tree in self._trees))
+        return max(self.growth, self.potential, *(tree.lower for tree in self._trees))
 
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
         if self.growth and self.growth >= enough:
             return "growth"
+        if self.potential and self.potential >= enough:
+            return self._potential_proof
         return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
 
     @property
@@ -280,10 +287,29 @@ class Search:
 
     def step(self, clock: Callable[[], float]) -> None:
         """Go on with the tree that had less time."""
+        self._steps += 1
+        if self.relaxation.walls.runs and self._steps == _EASY:
+            self.potential, self._potential_proof = potential_bound(self.relaxation)
         number = min(range(len(self._trees)), key=lambda k: self._spent[k])
         begun = clock()
         self._trees[number].step()
         self._spent[number] += clock() - begun
+
+
+def potential_bound(relaxation: Relaxation) -> tuple[float, Any]:
+    """Return the bound of a potential at round walls, at most the limit, with its proof."""
+    from shoal.steering.certificates.potential import find_potential
+
+    walls = relaxation.walls
+    unit, ring = walls.rings or (0.0, 0.0)
+    bound, proof = find_potential(
+        (relaxation.start - walls.middle) / unit,
+        (relaxation.goal - walls.middle) / unit,
+        relaxation.tolerance / unit,
+        relaxation.limit / unit,
+        ring / unit**2,
+    )
+    return min(bound * unit * (1 - 1e-12), relaxation.limit) * relaxation.scale, proof
 
 
 def growth_bound(relaxation: Relaxation) -> float:

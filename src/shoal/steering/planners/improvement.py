@@ -45,19 +45,24 @@ MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
 TRIES = 90  # number of changed chains
-# with more time, for example that of a certificate: on some disks, plans are 6 % shorter, because a
-# contact that slides along a round wall is a chain of many contacts
-WIDE_WIDTH, WIDE_TRIES, WIDE_CYCLES = 16, 400, 16
-# contacts of a chain to which contacts between others are added: 20 moves of 24 contacts leave room
-# for as many between them in the 100 moves of a plan
-MOST_SLIDING = 24
 # of them before chains of three cycles: with the clearance, a changed chain of two cycles may give a
 # plan 12 % shorter (test_the_clearance_does_not_make_plans_needlessly_longer, 5 sides)
 EARLY = 30
+# a contact that slides along a round wall is a chain of many contacts; a chain of greedy with that
+# many can be changed, without 4 s for all kinds of `GROWING`
+ROUND_CYCLES = 16
+# with more time, for example that of a certificate: on some disks, plans are 2 % shorter
+WIDE_WIDTH, WIDE_TRIES = 16, 400
+# contacts of a chain to which contacts between others are added: 20 moves of 24 contacts leave room
+# for as many between them in the 100 moves of a plan
+MOST_SLIDING = 24
 # relative to the shortest length: short chains up to this length are also starting points
 NEARLY = 1.1
 EACH = 30  # number of candidates made from one chain
 _WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
+# the same for a contact between others, each of which takes some milliseconds to try
+_WORTH_SLIDING = 5e-4
+_NEAR = 1.05  # relative to the length: first guesses that are longer are dropped
 # relative to the length: among chains that differ by less, the one with fewer cycles is kept
 _SAME = 2e-4
 # relative to the shortest length: a changed chain up to this length is refined before it is
@@ -377,16 +382,19 @@ def improved_chains(
     wide : bool
         Whether more chains are changed, which takes about four times as long.
     """
-    width, most = (WIDE_WIDTH, WIDE_CYCLES) if wide else (WIDTH, MOST_CYCLES)
-    pool = ChainPool(query, thorough, width, most)
+    disk = query.walls.round and query.walls.dimensions == 2
+    seeds = list(seeds)
+    many = wide or (disk and any(chain.cycles > MOST_CYCLES for chain in seeds))
+    most = ROUND_CYCLES if many else MOST_CYCLES
+    pool = ChainPool(query, thorough, WIDE_WIDTH if wide else WIDTH, most)
     for chain in seeds:
         pool.add_seed(chain)
     from_disk = (
         []
-        if (disk := round_query(query)) is None
+        if (around := round_query(query)) is None
         else [
-            feasible_sides(query, restore_sides(query, disk, chain))
-            for chain in improved_chains(disk, thorough=thorough, wide=wide)
+            feasible_sides(query, restore_sides(query, around, chain))
+            for chain in improved_chains(around, thorough=thorough, wide=wide)
         ]
     )
     for chain in from_disk:
@@ -401,7 +409,7 @@ def improved_chains(
             pool.improve(EARLY)
     walls = query.walls
     # by the law of growth, a disk may have no chains of so few cycles; there, greedy may have too many
-    for cycles in GROWING if walls.round and walls.dimensions == 2 else ():
+    for cycles in GROWING if disk else ():
         if pool.best is None or pool.best.cycles > most:
             for chain in chains_of(query, cycles, inf):
                 pool.add(chain)
@@ -418,53 +426,58 @@ def improved_chains(
         for chain in shortest.values()
         if chain.length < 1.01 * pool.chains[0].length
     ]
-    if wide and refined and walls.round and walls.dimensions == 2:
-        refined.append(with_sliding_contacts(query, min(refined, key=lambda chain: chain.length)))
+    if refined and disk:
+        shortest_chain = min(refined, key=lambda chain: chain.length)
+        refined.append(with_sliding_contacts(query, shortest_chain, wide=wide))
     return sorted(refined, key=lambda chain: chain.length)
 
 
-def with_sliding_contacts(query: ChainQuery, chain: Chain) -> Chain:
+def with_sliding_contacts(query: ChainQuery, chain: Chain, *, wide: bool) -> Chain:
     """Return the chain that results if contacts with a round wall are inserted halfway between two
-    contacts of one particle, one at a time, as long as this shortens the chain.
+    contacts of one particle, one at a time, where this is worth it; ``wide`` tries each twice.
     """
-    while chain.cycles < MOST_SLIDING:
-        shortest = chain
-        for candidate in _contacts_between(query, chain):
-            if query.late:
-                return chain
-            touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
-            guess = candidate.guess
-            length = query.optimize(guess, touchers, walls, enough=ROOM, rounds=_ROUGH_ROUND)
-            if length < inf:
-                length = query.optimize(guess, touchers, walls)
-            if length < shortest.length and length < chain.length * (1 - _WORTH):
-                shortest = Chain(touchers, walls, guess, length)
-        if shortest is chain:
-            break
-        chain = shortest
+    shares, worth = ((1 / 2, 1 / 3), _WORTH) if wide else ((1 / 2,), _WORTH_SLIDING)
+    shortened = True
+    while shortened:
+        shortened, place = False, 1
+        while place < chain.cycles < MOST_SLIDING and not query.late:
+            for candidate in _contacts_between(query, chain, place, shares):
+                touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
+                guess, most = candidate.guess, _NEAR * chain.length
+                length = query.optimize(
+                    guess, touchers, walls, enough=ROOM, rounds=_ROUGH_ROUND, bound=most
+                )
+                if length < most:
+                    length = query.optimize(guess, touchers, walls, bound=most)
+                if length < chain.length * (1 - worth):
+                    chain, shortened = Chain(touchers, walls, guess, length), True
+                    place += 1  # the two parts of this step come in the next round
+                    break
+            place += 1
     return chain
 
 
-def _contacts_between(query: ChainQuery, chain: Chain) -> Iterator[_Candidate]:
-    """Yield copies of a chain at a round wall, each with one more contact between two contacts of one
-    particle.
+def _contacts_between(
+    query: ChainQuery, chain: Chain, place: int, shares: Iterable[float]
+) -> Iterator[_Candidate]:
+    """Yield copies of a chain at a round wall with one more contact before a place, if this is
+    between two contacts of one particle. The new cycle takes one of some shares of the changes of
+    both its neighbours.
     """
     around = 2 * pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles].reshape(-1, 1))
     deltas = list(chain.differences(query.before, query.after))
     touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
-    for place in range(1, chain.cycles):
-        if touchers[place - 1] != touchers[place]:
-            continue
-        step = (along[place] - along[place - 1] + around / 2) % around - around / 2
-        for share in (1 / 2, 1 / 3):
-            # the new cycle takes a share of the changes of both its neighbours
-            before, here, after = deltas[place - 1 : place + 2]
-            between = [here + share * (before - here), here + share * (after - here)]
-            yield _Candidate(
-                0.0,
-                _put(touchers, place, touchers[place]),
-                _put(walls, place, walls[place]),
-                _put(along, place, along[place - 1] + step / 2),
-                [*deltas[:place], *between, *deltas[place + 1 :]],
-            )
+    if touchers[place - 1] != touchers[place]:
+        return
+    step = (along[place] - along[place - 1] + around / 2) % around - around / 2
+    for share in shares:
+        before, here, after = deltas[place - 1 : place + 2]
+        between = [here + share * (before - here), here + share * (after - here)]
+        yield _Candidate(
+            0.0,
+            _put(touchers, place, touchers[place]),
+            _put(walls, place, walls[place]),
+            _put(along, place, along[place - 1] + step / 2),
+            [*deltas[:place], *between, *deltas[place + 1 :]],
+        )
