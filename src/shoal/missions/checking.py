@@ -37,8 +37,10 @@ from shoal.search.regions.coverage import (
     coverage_check,
 )
 from shoal.search.regions.margin import visible_region, without_margin
+from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 
+_SEEN_WITH_ERRORS = 0.9995  # share of the region, below which a caution says so
 _RAISED = 0.1  # metres: tolerance for being below a band
 _ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded coordinates
 
@@ -80,6 +82,10 @@ class MissionCheck:
         The coverage of all altitude bands together if the vehicles cut corners and are wrong about
         their positions, as `deviate` flies them, and what they then fly outside the region without
         its margin. It is None without a footprint, and for a vehicle without such errors.
+    distance : float or None
+        Smallest distance in metres of paths from no-go zones and, for the legs between waypoints in
+        the region, from its border. Fixed wings turn outside the region, so that only zones count
+        for them. It is None without a vehicle, or if there is nothing to keep a distance from.
     """
 
     options: CheckOptions
@@ -95,6 +101,24 @@ class MissionCheck:
     clearance: Clearance | None = None
     flights: tuple[dict[str, Any], ...] = ()
     with_errors: AreaCoverage | None = None
+    distance: float | None = None
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Sentences that say by how much vehicles may leave the region or enter a no-go zone because
+        of their errors, and how much of the region may stay unseen.
+        """
+        sentences: list[str] = []
+        vehicle = self.options.chosen_vehicle
+        if self.distance is not None and vehicle is not None:
+            sentences += cautions_about_distance(self.distance, vehicle)
+        if self.with_errors is not None and self.with_errors.covered_fraction < _SEEN_WITH_ERRORS:
+            sentences.append(
+                f"with errors of positions and cut corners, vehicles see only"
+                f" {100 * self.with_errors.covered_fraction:.4g} % of the region: rows are too far"
+                " apart for these errors, or paths too far from the border"
+            )
+        return tuple(sentences)
 
     @property
     def coverage(self) -> AreaCoverage | None:
@@ -168,6 +192,8 @@ class MissionCheck:
                     for name in ("covered_fraction", "uncovered_m2", "outside_m")
                 }
             ),
+            "distance_m": self.distance,
+            "cautions": list(self.cautions),
             "bands": [
                 {
                     "altitude_m": up,
@@ -323,7 +349,67 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         clearance=clearance,
         flights=flights,
         with_errors=errors,
+        distance=(
+            None
+            if vehicle is None
+            else distance_of([metres_of(sheet, region) for sheet in flown], vehicle.kind, region)
+        ),
     )
+
+
+def cautions_about_distance(distance: float, vehicle: Vehicle) -> list[str]:
+    """Return a sentence that says how far vehicles may be outside, or none if paths keep so far from
+    borders and no-go zones that the errors of the vehicles do not matter.
+
+    Examples
+    --------
+    >>> from shoal.search.flight.vehicle import vehicle_of
+    >>> cautions_about_distance(3.0, vehicle_of("multirotor"))
+    []
+    >>> len(cautions_about_distance(1.0, vehicle_of("multirotor")))
+    1
+    """
+    beyond = vehicle.clearance - distance
+    if beyond <= ROUNDED:
+        return []
+    return [
+        f"paths come within {distance:.3g} m of a border or a no-go zone, and with errors of positions"
+        f" and cut corners, a vehicle may be {vehicle.clearance:g} m off its path: up to"
+        f" {beyond:.3g} m outside of the region or in the zone"
+    ]
+
+
+def distance_of(
+    paths: Sequence[NDArray[np.float64]], kind: str | None, region: SearchRegion
+) -> float | None:
+    """Return the smallest distance in metres of missions from what vehicles must not cross, as in
+    `MissionCheck`, or None if there is nothing.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray of float64, shape (n, 2)
+        Home, the waypoints and the end of each mission in metres.
+    kind : str or None
+        The kind of the vehicles.
+    region : SearchRegion
+    """
+    import shapely
+
+    outline = without_margin(region).free
+    allowed = outline.buffer(ROUNDING)
+    shapely.prepare(allowed)
+    found = [np.inf]
+    for path in paths:
+        ends = np.stack([path[:-1], path[1:]], axis=1)
+        near = np.asarray(np.isfinite(ends).all(axis=(1, 2)))
+        if not region.no_go.is_empty:
+            found += shapely.distance(shapely.linestrings(ends[near]), region.no_go).tolist()
+        if kind != "fixed-wing":
+            legs = shapely.linestrings(ends[1:-1][near[1:-1]])
+            legs = legs[np.asarray(shapely.covers(allowed, legs))]
+            found += shapely.distance(legs, outline.boundary).tolist()
+    least = min(found)
+    return None if least == np.inf else least
 
 
 def _coverages(

@@ -24,7 +24,12 @@ from shoal.missions.approach import (
     missions_approach,
     near_homes,
 )
-from shoal.missions.checking import MissionCheck, check_sheets
+from shoal.missions.checking import (
+    MissionCheck,
+    cautions_about_distance,
+    check_sheets,
+    distance_of,
+)
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import CORNERS, region_with_barriers
@@ -56,6 +61,7 @@ from shoal.search.problem import LIKELY, SHORTER, TOUR, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.regions.margin import without_margin
 from shoal.search.regions.places import read_points
+from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 from shoal.search.run import run
 
@@ -117,8 +123,8 @@ class MissionSet:
         """Plan a search and its missions.
 
         Missions need a vehicle: a multirotor, if the problem names none. If a vehicle has no room
-        for a turn or a path, the method tries narrower margins, and then other angles of the rows,
-        unless the problem gives them.
+        for a turn or a path, the method tries narrower margins, other angles of the rows and a smaller
+        reserve, unless the problem gives them. `cautions` says what the plan lacks then.
 
         Raises
         ------
@@ -133,39 +139,49 @@ class MissionSet:
         if problem.vehicle is None:
             problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
         options.check_for(problem)
-        bare = problem.replaced(cross_track=0.0).at_place(problem.place)
         reserve = problem.default_cross_track if problem.cross_track is None else 0.0
-        if reserve:
-            problem = problem.replaced(cross_track=reserve).at_place(problem.place)
+        reserves = (reserve, reserve / 2, 0.0) if reserve else (problem.cross_track,)
+        problem = problem.replaced(cross_track=reserves[0]).at_place(problem.place)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _add_barriers(problem, options)
         widest = fenced.margin or 0.0
+        # to stay out of no-go zones counts more than to see everything in spite of errors; other
+        # angles take the longest, so they are tried first and last alone
+        tried = [
+            (own, turned, margin)
+            for safe in (True, False)
+            for own in reserves
+            for turned, margin in attempts(problem, widest)
+            if (margin >= problem.least_margin) == safe
+            and (not turned or own == reserves[0 if safe else -1])
+        ]
         refusal: InvalidInputError | None = None
-        for turned, share in attempts(problem, widest):
-            if refusal is not None and problem.margin is None:
-                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
-                fenced = _add_barriers(narrower, options)
+        for kept, turned, margin in tried:
             try:
+                if (kept, margin) != (fenced.cross_track, fenced.margin) or turned:
+                    other = problem.replaced(cross_track=kept)
+                    if problem.margin is None:
+                        other = other.replaced(margin=margin)
+                    fenced = _add_barriers(other.at_place(problem.place), options)
                 plan = plan_at_margin(fenced, seed=seed, rotated_rows=turned)
                 if turned:  # a run of the problem makes the same plan
                     fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
                 missions = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
                 break
             except InvalidInputError as error:
-                # another angle or margin is tried for room alone, but may fail for any reason
+                # another angle, margin or reserve is tried for room alone, but may fail for any reason
                 if refusal is None and not isinstance(error, NoRoomError):
                     raise
                 refusal = refusal if turned else error
         else:
             assert refusal is not None
-            if not (reserve and isinstance(refusal, NoRoomError)):
-                raise refusal
-            missions = cls.from_problem(bare, options, seed=seed)
+            raise refusal
+        if kept != reserves[0]:
             tell_once(
-                f"cross_track: 0 m in place of {reserve:.3g} m, because with narrower rows a vehicle has"
-                " no room for its turns or its path: with errors of positions, gaps may remain"
+                f"cross_track: {kept:.3g} m in place of {reserve:.3g} m, because with narrower rows a"
+                " vehicle has no room for its turns or its path: with errors of positions, gaps may"
+                " remain"
             )
-            return missions
         if options.required_separation is not None and plan.image is None:
             missions = missions._pick_fastest(plan.alternatives, terrain)
         if options.required_separation is not None and problem.prior and problem.order == AUTO:
@@ -450,6 +466,33 @@ class MissionSet:
         delays = np.array([sorties[0][0] if sorties else 0.0 for sorties in flights])
         return replace(plan, delays=delays, schedule=tuple(map(tuple, flights)))
 
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Sentences about planned missions that keep less distance than the errors of their vehicles
+        need, because there is no room or because the problem asks for it.
+
+        Near a border or a no-go zone, vehicles may cross it; with a small reserve, parts of the
+        region may stay unseen.
+        """
+        problem, plan = self.problem, self.plan
+        if problem is None or plan is None:
+            return ()
+        vehicle, sentences = plan.vehicle, list[str]()
+        ways = [np.vstack([one.home, one.waypoints[:, :2], one.end]) for one in self.missions]
+        frame = problem.place.frame
+        if frame is not None:
+            ways = [frame.to_metres(way) for way in ways]
+        distance = distance_of(ways, vehicle.kind, problem.place)
+        if distance is not None:
+            sentences += cautions_about_distance(distance, vehicle)
+        if vehicle.cross_track - problem.row_reserve > ROUNDED:
+            sentences.append(
+                f"rows keep a reserve of {problem.row_reserve:.3g} m, not of"
+                f" {vehicle.cross_track:.3g} m: with errors of positions and cut corners, vehicles may"
+                " not see everything between two rows"
+            )
+        return tuple(sentences)
+
     def report(self) -> dict[str, Any]:
         """Return a summary of planned missions as JSON data."""
         plan, separation, near = self.plan, self.options.required_separation, self.approach
@@ -463,6 +506,7 @@ class MissionSet:
         return {
             "sorties": len(self.missions),
             "cross_track_m": None if self.problem is None else self.problem.cross_track,
+            "cautions": list(self.cautions),
             "usable_s": None if vehicle.endurance is None else vehicle.usable_seconds,
             "recharge_s": vehicle.recharge_seconds,
             "separation_m": (

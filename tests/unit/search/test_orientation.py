@@ -34,7 +34,7 @@ from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.planning.plan import plan_at_margin
-from shoal.search.problem import AUTO_TOURS
+from shoal.search.problem import AUTO_TOURS, TURN_PRICES
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.tours.rows import CombTour
@@ -193,9 +193,16 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     region = blob(3)
     free, dear = (
-        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0)
+        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost)
+        for cost in (0.0, TURN_PRICES["time"])
     )
-    assert free.grid.angle == pytest.approx(dear.grid.angle, abs=0.5)
+    problem = SearchProblem(
+        region, robots=1, footprint=30.0, angle="auto", tour="boustrophedon", vehicle="ideal"
+    )
+    plan = plan_search(problem)
+    assert plan.grid.angle == dear.grid.angle != free.grid.angle
+    turns = [int(turns_of(one.route.points).sum()) for one in (free, dear)]
+    assert turns[1] < turns[0]
 
 
 def test_the_check_of_coverage_loses_no_footprints():
@@ -241,7 +248,7 @@ def test_no_exchange_of_runs_is_left(seed):
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(n), rng.integers(0, 2, n)
     before = length_of_runs(ends, order, backwards[order])
-    run_order.shorten(ends, order, backwards, 0.0, 300)
+    run_order.shorten(ends, np.zeros((2 * len(ends),) * 2), order, backwards, 0.0, 300)
     after = length_of_runs(ends, order, backwards[order])
     assert sorted(order) == list(range(n))
     assert after <= before + 1e-9
@@ -258,7 +265,7 @@ def test_random_exchanges_shorten_what_no_exchange_does():
     ends = rng.integers(0, 12, (24, 2, 2)).astype(float)
     ends[:, 1, 0] = ends[:, 0, 0]
     order, backwards = rng.permutation(24), rng.integers(0, 2, 24)
-    run_order.shorten(ends, order, backwards, 0.0, 300)
+    run_order.shorten(ends, np.zeros((2 * len(ends),) * 2), order, backwards, 0.0, 300)
     assert length_of_runs(ends, order, backwards[order]) < 30
 
 

@@ -1,5 +1,7 @@
 """Long straight rows: the fewest strips, links with few turns, and what is preferred."""
 
+import itertools
+
 import numpy as np
 import pytest
 import shapely
@@ -18,7 +20,7 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.kernels import runs
 from shoal.search.tours.headland import border_of
-from shoal.search.tours.strips import fewest_strips
+from shoal.search.tours.strips import detours_of, fewest_strips
 
 
 def strips_with(mask, along):
@@ -349,3 +351,47 @@ def test_a_flown_path_stays_as_near_as_its_errors():
     np.testing.assert_allclose(
         shapely.hausdorff_distance(*map(shapely.linestrings, (ideal, way))), 0, atol=1e-9
     )
+
+
+def steps_away(mask, cell):
+    """Lengths of the shortest paths from a cell, by relaxing all steps until none gets shorter."""
+    away = {tuple(at): np.inf for at in np.argwhere(mask).tolist()} | {tuple(cell): 0.0}
+    while True:
+        before = dict(away)
+        for (row, col), far in before.items():
+            for down, right in itertools.product((-1, 0, 1), repeat=2):
+                beside = row + down, col + right
+                if beside in away:
+                    away[beside] = min(away[beside], far + np.hypot(down, right))
+        if away == before:
+            return away
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_links_between_strips_are_longer_around_corners(seed):
+    rng = np.random.default_rng(seed)
+    mask = np.ones((7, 8), dtype=bool)
+    mask[1:6, 1 + seed : 4] = False
+    mask[4:, 6] = False
+    cells = np.argwhere(mask)
+    ends = cells[rng.integers(0, len(cells), (6, 2))]
+    costs = detours_of(mask).between(ends, 0.5)
+    for one, other in itertools.product(range(12), repeat=2):
+        first, second = ends.reshape(-1, 2)[[one, other]]
+        down, right = sorted(np.abs(first - second).tolist())
+        ratio = steps_away(mask, first)[tuple(second)] / max(right + (2**0.5 - 1) * down, 1)
+        longer = np.hypot(down, right) * (ratio - 1)
+        assert costs[one, other] == pytest.approx(longer + 0.5 if longer > 0.05 else 0.0)
+    assert costs.max() > 1
+    whole = np.ones((7, 8), dtype=bool)
+    assert not detours_of(whole).between(ends, 0.5).any()
+
+
+def test_the_order_of_strips_knows_that_links_stay_inside():
+    """A comb of two long teeth: tip to tip is near through the air, and far along the spine."""
+    mask = np.zeros((20, 9), dtype=bool)
+    mask[:, :2] = mask[:, 6:8] = mask[:2] = True
+    cells = make_tour("strips", mask).cells
+    away = {cell: steps_away(mask, cell) for cell in map(tuple, cells.tolist())}
+    links = itertools.pairwise([*map(tuple, cells.tolist()), tuple(cells[0].tolist())])
+    assert sum(away[cell][after] for cell, after in links) < np.count_nonzero(mask) + 4

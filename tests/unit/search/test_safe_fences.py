@@ -26,8 +26,9 @@ from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, corners_of, enclosing_polygons
 from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths
+from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.separation import Separation
-from shoal.search.planning.plan import plan_search
+from shoal.search.planning.plan import plan_at_margin, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.margin import sag_of, with_default_margin
 from shoal.search.regions.projection import LocalFrame
@@ -368,10 +369,75 @@ def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
     assert command([*words, str(tmp_path / "a"), "--json"]) == 0
     out = capsys.readouterr()
     assert json.loads(out.out)["region"]["margin_m"] == pytest.approx(3.01)
+    assert json.loads(out.out)["missions"]["cautions"] == []
     assert command([*words, str(tmp_path / "b"), "--margin", "0", "--json"]) == 0
     out = capsys.readouterr()
     assert json.loads(out.out)["region"]["margin_m"] == 0
     assert "paths may touch the fence" in out.err
+    # rows keep half of a footprint from the sides
+    assert json.loads(out.out)["missions"]["cautions"] == []
+    small = [*words[:3], "12", *words[4:], str(tmp_path / "c"), "--cross-track", "1"]
+    assert command(small) == 0
+    assert "rows keep a reserve of 1 m, not of 2.24 m" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_check_says_how_far_vehicles_may_be_outside(tmp_path):
+    """By the files alone, and as the plan says."""
+    region = region_of(shapely.Polygon([(0, 0), (300, 40), (90, 250)]))
+    problem = SearchProblem(region, footprint=20.0, vehicle="multirotor")
+    for margin, reserve in ((None, None), (1.0, None), (None, 0.0)):
+        wanted = problem.replaced(margin=margin, cross_track=reserve)
+        missions = MissionSet.from_problem(wanted, MissionOptions(format=("csv",)))
+        missions.write(tmp_path / f"{margin}{reserve}")
+        result = check_missions(tmp_path / f"{margin}{reserve}", region, 20.0, vehicle="multirotor")
+        assert result.distance == pytest.approx(3.01 if margin is None else 1.0, abs=0.01)
+        told = " ".join(result.cautions)
+        assert ("up to 2 m outside of the region" in told) == (margin is not None)
+        assert ("rows are too far apart" in told) == (reserve is not None)
+        assert result.report()["cautions"] == list(result.cautions)
+        planned = " ".join(missions.cautions)
+        assert ("up to 2 m outside of the region" in planned) == (margin is not None)
+        assert ("rows keep a reserve of 0 m, not of 2.24 m" in planned) == (reserve is not None)
+
+
+def test_vehicles_without_room_give_up_reserve_before_the_margin_that_keeps_them_inside(
+    monkeypatch,
+):
+    tried = []
+
+    def plan(problem, **kwargs):
+        tried.append((problem.cross_track, problem.margin, kwargs["rotated_rows"]))
+        if problem.cross_track > 2 or problem.margin > 2.9:
+            raise NoRoomError("turn_radius: expected room for turns, got none")
+        return plan_at_margin(problem, **kwargs)
+
+    monkeypatch.setattr("shoal.missions.mission_set.plan_at_margin", plan)
+    problem = SearchProblem("rectangle:200x100", footprint=20.0, vehicle="multirotor", angle=0.0)
+    missions = MissionSet.from_problem(problem)
+    wide, least, half = 3.01, 2.01, 1.118
+    assert tried == [
+        (2.236, wide, False),
+        (2.236, least, False),
+        (half, wide, False),
+        (half, least, False),
+    ]
+    assert missions.plan.grid.region.margin == pytest.approx(2.01)
+    assert "rows keep a reserve of 1.12 m, not of 2.24 m" in missions.cautions[-1]
+
+
+def test_a_margin_below_the_error_of_positions_is_the_last_resort(monkeypatch):
+    tried = []
+
+    def plan(problem, **kwargs):
+        tried.append((problem.cross_track, problem.margin))
+        raise NoRoomError("turn_radius: expected room for turns, got none")
+
+    monkeypatch.setattr("shoal.missions.mission_set.plan_at_margin", plan)
+    problem = SearchProblem("rectangle:200x100", footprint=20.0, vehicle="multirotor", angle=0.0)
+    with pytest.raises(NoRoomError, match="room for turns"):
+        MissionSet.from_problem(problem)
+    assert [margin for _, margin in tried] == [3.01, 2.01] * 3 + [0.0] * 3
+    assert [reserve for reserve, _ in tried[-3:]] == [2.236, 1.118, 0.0]
 
 
 def test_the_check_finds_paths_that_are_nearer_to_the_fence_than_asked(tmp_path, capsys):

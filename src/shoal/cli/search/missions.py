@@ -123,6 +123,7 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
                     ),
                 )
             )
+    rows += [("caution", text) for text in result.cautions]
     separation = result.options.required_separation
     if separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)

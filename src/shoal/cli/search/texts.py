@@ -225,6 +225,7 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     if told["near_homes"] is not None:
         rows.append(("warning", told["near_homes"]["warning"]))
+    rows += [("caution", text) for text in told["cautions"]]
     return rows
 
 

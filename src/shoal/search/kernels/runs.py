@@ -252,10 +252,11 @@ def nearest_next(ends, order, backwards):
 
 
 @kernel
-def shorten(ends, order, backwards, turn, disturbances):
+def shorten(ends, detours, order, backwards, turn, disturbances):
     """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
 
-    A link costs its length, and ``turn`` for each of its ends at which the direction changes.
+    A link costs its length, ``turn`` for each of its ends at which the direction changes, and what
+    ``detours`` (2 R, 2 R) adds to it.
 
     A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the
     disturbed tour. The kernel keeps a disturbed tour only if it is shorter than the best tour so
@@ -264,7 +265,7 @@ def shorten(ends, order, backwards, turn, disturbances):
     n = len(order)
     if n <= _LONGEST + 2:
         return
-    costs = costs_of(ends, turn)
+    costs = costs_of(ends, turn) + detours
     active, scratch = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
     exchange(costs, order, backwards, active, scratch)
     best = length(costs, order, backwards)

@@ -185,6 +185,8 @@ _ROUGH = 12  # number of orientations, the best estimated ones, for which rough 
 _ROUGH_TOURS = ("boustrophedon", "strips")  # the path along a headland has other bends than cells
 _ROUGH_DISTURBANCES = 20
 _ROUGH_WORK = 4_000  # total number of cells of rough tours, which larger regions do without
+_HOLLOW = 0.01  # of its area, by which the convex hull of a region with arms or holes is larger
+_ARMED = 2  # so many times the rough tours in such regions, of which rows tell less
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
@@ -467,7 +469,10 @@ def best_grid_tour(
         estimated = (
             [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         )
-        rough_count = min(_ROUGH, int(_ROUGH_WORK / work))
+        simple = shapely.simplify(region.area, size / 4)  # rough tours look at it
+        rough_work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(simple)
+        hollow = region.area.convex_hull.area - region.area_m2 > _HOLLOW * region.area_m2
+        rough_count = min(_ROUGH, int(_ROUGH_WORK * (_ARMED if hollow else 1) / rough_work))
         if angle is None and rough_count > complete_count:
             likeliest = estimated[:rough_count]
             estimated = _ranked_by_tours(

@@ -139,8 +139,8 @@ MERGED = 0.001
 replaces it.
 """
 
-NARROWER = (0.5, 0.25, 0.0)
-"""Margins that are tried for vehicles without room, as shares of the default margin."""
+_NARROWER = 0.5
+"""Margin that is tried for vehicles without room, as a share of the default margin."""
 
 ALTERNATIVES = 2
 """Number of plans whose missions are compared with those of the fastest plan."""
@@ -728,10 +728,9 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     check_kind(problem, SearchProblem, what="problem")
     region: SearchRegion = problem.place
     first = None
-    for rotated_rows, share in attempts(problem, region.margin):
-        margin = share * region.margin
+    for rotated_rows, margin in attempts(problem, region.margin):
         try:
-            if share < 1:
+            if margin < region.margin:
                 narrow_region = with_margin(
                     without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
                 )
@@ -744,7 +743,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
                 raise
             continue
         if not isinstance(plan.refusal, NoRoomError):
-            if share < 1:
+            if margin < region.margin:
                 tell_once(narrower_margin_text(margin, region.margin))
             return _report_refusal(plan)
         first = plan if first is None else first
@@ -1083,18 +1082,31 @@ def with_work(plan: SearchPlan, name: str, work: Sequence[tuple[Arc, ...]]) -> S
 
 def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
     """Return what the planner tries in turn until all vehicles have room: pairs of whether the rows
-    have other angles than the best one, and of the share of the margin.
+    have other angles than the best one, and of the margin in metres.
 
-    Margins and angles that the problem gives do not change. Other angles are tried with the
-    narrowest margin alone, because each of them takes as long as the best one. In large problems,
-    where comparisons do not fly either, the rows keep the best angle.
+    A margin below the error of positions is the last resort, because with it vehicles may leave the
+    region or enter no-go zones. Margins and angles that the problem gives do not change. Other
+    angles are tried with the narrowest margins alone, because each of them takes as long as the best
+    one. In large problems, where comparisons do not fly either, the rows keep the best angle.
     """
-    shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
+    least = problem.least_margin
+    margins = [margin]
+    if problem.margin is None and margin:
+        margins += sorted({_NARROWER * margin, least, 0.0}, reverse=True)
+        margins = [
+            width
+            for number, width in enumerate(margins)
+            if not number or (width < margin and (width >= least or not width))
+        ]
     side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
     flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
-    turns = problem.chosen_angle is None and problem.along is None
-    rotations = [(True, shares[-1])] if turns and flown else []
-    return [*((False, share) for share in shares), *rotations]
+    turns = problem.chosen_angle is None and problem.along is None and flown
+    tried: list[tuple[bool, float]] = []
+    for safe in (True, False):
+        widths = [width for width in margins if (width >= least) == safe]
+        tried += [(False, width) for width in widths]
+        tried += [(True, width) for width in widths[-1:] if turns]
+    return tried
 
 
 def narrower_margin_text(margin: float, default: float) -> str:

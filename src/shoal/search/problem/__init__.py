@@ -864,12 +864,21 @@ class SearchProblem(Problem):
         return self.footprint or self.chosen_vehicle.row_spacing or FOOTPRINT
 
     @property
+    def _whole_view(self) -> float | tuple[float, ...]:
+        """Side of what a robot sees from the lowest altitude, in metres, without reserve and overlap."""
+        size = self.chosen_vehicle.image_size
+        return size[0] if self.footprint is None and size is not None else self.view
+
+    @property
+    def row_reserve(self) -> float:
+        """Distance in metres from its path at which a robot still sees its part of the region."""
+        return float(np.min(np.asarray(self._whole_view) - np.asarray(self.chosen_footprint))) / 2
+
+    @property
     def default_cross_track(self) -> float:
         """The reserve of rows in missions, in metres; see the field ``cross_track``."""
         vehicle = self.chosen_vehicle
-        size = vehicle.image_size
-        side = size[0] if self.footprint is None and size is not None else self.view
-        reserve, most = vehicle.cross_track, float(np.min(side)) / 4
+        reserve, most = vehicle.cross_track, float(np.min(self._whole_view)) / 4
         if reserve > most:
             tell_once(
                 f"cross_track: {most:.3g} m in place of {reserve:.3g} m, because robots see only"
@@ -987,12 +996,19 @@ class SearchProblem(Problem):
             region,
             default,
             footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
-            least=(vehicle.position_error or 0.0) + ROUNDED,
+            least=self.least_margin,
             inner=inner,
             outer=outer,
             divided=self.transit,
             pointed=vehicle.radius > 0,
         )
+
+    @property
+    def least_margin(self) -> float:
+        """The smallest margin in metres with which the errors of their positions do not bring vehicles
+        out of the region or into a no-go zone.
+        """
+        return (self._base_vehicle.position_error or 0.0) + ROUNDED
 
     def fixed_places(self, region: SearchRegion) -> tuple[Any, Any]:
         """Return the points where robots start inside the region, and the launch and landing

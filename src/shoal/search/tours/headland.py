@@ -14,7 +14,7 @@ from shoal.search.tours.rows import (
     BoustrophedonTour,
     join_strips,
 )
-from shoal.search.tours.strips import cells_of_strip, fewest_strips, runs_in
+from shoal.search.tours.strips import cells_of_strip, detours_of, fewest_strips, runs_in
 from shoal.search.tours.tour import TOURS
 
 Cells = NDArray[np.int64]
@@ -57,6 +57,7 @@ class HeadlandTour(BoustrophedonTour):
             return super()._in_order(region)
         columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
         divisions = (runs_in, fewest_strips) if columns else (runs_in,)
+        detours = detours_of(region)
         padded, candidates = np.pad(region, 2), list[tuple[float, int, list[Cells]]]()
         for lane, bends, inner in _likely_lanes(region, sides):
             for divide in divisions:
@@ -65,11 +66,13 @@ class HeadlandTour(BoustrophedonTour):
                     return super()._in_order(region)
                 strips = [lane, *map(cells_of_strip, ends)]
                 turns = 2 * len(strips) + bends + _slanted_ends(padded, ends)
-                length = _length(join_strips(strips, self.turn, 0))
+                length = _length(join_strips(strips, detours, self.turn, 0))
                 candidates.append((length + self.turn * turns, len(candidates), strips))
         if not candidates:
             return super()._in_order(region)
-        return np.concatenate(join_strips(min(candidates)[2], self.turn, self.disturbances))
+        return np.concatenate(
+            join_strips(min(candidates)[2], detours, self.turn, self.disturbances)
+        )
 
 
 def _length(tour: list[Cells]) -> float:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
-from shoal.search.tours.strips import cells_of_strip, fewest_strips
+from shoal.search.tours.strips import Detours, cells_of_strip, detours_of, fewest_strips
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
 MOST_RUNS = 1500
@@ -68,7 +68,8 @@ class BoustrophedonTour(TourByOrder):
         backwards = np.empty(len(runs), dtype=np.int64)
         backwards[order] = cells[begins, 1] != runs[order, 1]
         ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-        shorten(ends, order, backwards, self.turn, self.disturbances)
+        detours = detours_of(region).between(ends, self.turn)
+        shorten(ends, detours, order, backwards, self.turn, self.disturbances)
         rows = [
             np.arange(begin, end)[:: -1 if back else 1]
             for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
@@ -105,11 +106,11 @@ class StripsTour(TourByOrder):
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         strips = [cells_of_strip(strip) for strip in fewest_strips(region)]
-        return np.concatenate(join_strips(strips, self.turn, self.disturbances))
+        return np.concatenate(join_strips(strips, detours_of(region), self.turn, self.disturbances))
 
 
 def join_strips(
-    strips: list[NDArray[np.int64]], turn: float, disturbances: int
+    strips: list[NDArray[np.int64]], detours: Detours, turn: float, disturbances: int
 ) -> list[NDArray[np.int64]]:
     """Return strips in an order, and each in a direction, with short links and few turns.
 
@@ -117,6 +118,8 @@ def join_strips(
     ----------
     strips : list of ndarray of int64, each of shape (k, 2)
         The cells of each strip in the order of a path.
+    detours : Detours
+        What links cost more in the region of all cells than along straight lines.
     turn, disturbances
         Parameters of `StripsTour`.
     """
@@ -126,7 +129,8 @@ def join_strips(
     order, backwards = np.empty((2, len(strips)), dtype=np.int64)
     nearest_next(ends, order, backwards)
     if len(strips) <= MOST_RUNS:
-        shorten(ends.astype(np.float64), order, backwards, turn, disturbances)
+        longer = detours.between(ends, turn)
+        shorten(ends.astype(np.float64), longer, order, backwards, turn, disturbances)
     return [strips[k][:: -1 if backwards[k] else 1] for k in order.tolist()]
 
 

@@ -1,6 +1,10 @@
-"""Strips: the division of cells into the fewest straight strips, along rows and columns."""
+"""Strips: the division of cells into the fewest straight strips, along rows and columns, and the
+detours of links between them.
+"""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +13,9 @@ MOST_CELLS = 30_000
 """Maximum number of cells that are divided; in larger regions, all strips are rows."""
 
 _UNIT = 1000  # capacity of half a strip: capacities are whole numbers
+_MOST_SEARCHED = 60_000  # cells times ends of strips: larger regions take all links as straight
+_DENT = 0.75  # cells: dents of a border that are less deep are those of cells
+_AROUND = 0.05  # cells by which a link around a corner is longer at least
 _BIAS = 10  # for rows: columns must save strips
 
 
@@ -86,3 +93,86 @@ def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     row, first = np.nonzero(after & ~before)
     last = np.nonzero(before & ~after)[1] - 1
     return np.stack([row, first, row, last], axis=1).reshape(-1, 2, 2)
+
+
+def detours_of(region: NDArray[np.bool_]) -> Detours:
+    """Return the detours in a region of cells. All tours of one region share them."""
+    return _known_detours(region.shape, np.packbits(region).tobytes())
+
+
+@lru_cache(maxsize=2)
+def _known_detours(shape: tuple[int, int], packed: bytes) -> Detours:
+    bits = np.unpackbits(np.frombuffer(packed, dtype=np.uint8), count=shape[0] * shape[1])
+    return Detours(bits.reshape(shape).astype(np.bool_))
+
+
+class Detours:
+    """What links between cells cost more in a region than along a straight line.
+
+    Parameters
+    ----------
+    region : ndarray of bool, shape (rows, columns)
+        Mask of the cells of a region.
+
+    Examples
+    --------
+    >>> region = np.ones((6, 5), dtype=bool)
+    >>> region[1:, 1:4] = False
+    >>> ends = np.array([[[5, 0], [1, 0]], [[5, 4], [1, 4]]])
+    >>> Detours(region).between(ends, 1.0)[0].round(1).tolist()
+    [0.0, 0.0, 9.8, 4.2]
+    """
+
+    def __init__(self, region: NDArray[np.bool_]) -> None:
+        import shapely
+
+        self._region, self._count = region, int(np.count_nonzero(region))
+        hull = shapely.convex_hull(shapely.multipoints(np.argwhere(region)))
+        self._straight = not shapely.contains_xy(hull.buffer(-_DENT), *np.nonzero(~region)).any()
+        self._edges: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]] | None = None
+        self._away: dict[int, NDArray[np.float64]] = {}
+
+    def between(self, ends: NDArray[np.generic], turn: float) -> NDArray[np.float64]:
+        """Return what links between the ends of strips, of shape (S, 2, 2), cost more, with one turn
+        of cost ``turn`` at a corner; float64, shape (2 S, 2 S), in cells.
+        """
+        cells, place = np.unique(ends.reshape(-1, 2).astype(np.int64), axis=0, return_inverse=True)
+        if self._straight or self._count * len(cells) > _MOST_SEARCHED:
+            return np.zeros((len(place), len(place)))
+        away = self._distances(cells)
+        apart = np.abs(cells[:, None] - cells)
+        # steps from cell to cell take longer than a straight line in the open, too
+        in_the_open = apart.max(axis=2) + (2**0.5 - 1) * apart.min(axis=2)
+        ratio = np.where(np.isfinite(away), away, in_the_open) / np.maximum(in_the_open, 1.0)
+        longer = np.hypot(*np.moveaxis(apart, -1, 0)) * (ratio - 1.0)
+        costs = np.where(longer > _AROUND, longer + turn, 0.0)
+        return np.ascontiguousarray(costs[place][:, place])
+
+    def _distances(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the lengths of the shortest paths between cells by steps to neighbouring cells."""
+        from shoal.search.kernels.graphs import distances_from
+
+        number = np.full(self._region.shape, -1)
+        number[self._region] = np.arange(self._count)
+        if self._edges is None:
+            self._edges = _steps_between(number)
+        nodes = number[tuple(cells.T)]
+        for node in set(nodes.tolist()) - self._away.keys():
+            self._away[node] = distances_from(*self._edges, node)
+        return np.array([self._away[node][nodes] for node in nodes.tolist()])
+
+
+def _steps_between(
+    number: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the steps from each cell to its up to 8 neighbours, as a graph in compressed rows. The
+    array ``number`` has the number of each cell, or -1.
+    """
+    padded = np.pad(number, 1, constant_values=-1)
+    rows, cols = np.nonzero(padded >= 0)
+    around = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
+    ends = np.stack([padded[rows + down, cols + right] for down, right in around], axis=1)
+    lengths = np.broadcast_to([np.hypot(*step) for step in around], ends.shape)
+    there = ends >= 0
+    first = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+    return first, ends[there], lengths[there]
