@@ -145,7 +145,7 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
     weights = np.bincount(block, odds[numbers]).astype(np.float64)
     latencies = np.bincount(block, odds[numbers] * since).astype(np.float64)
     times = since[borders + count - 1]
-    points = np.ascontiguousarray(tour_cost.points)
+    points = tour_cost.points
     position = tour_cost.tour.position
     free = position >= 0
     cells = tour_cost.tour.cells.astype(np.int64)
@@ -158,13 +158,13 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
                 cells[cells[:, 0] == layer, 0] = other
                 break
     return Blocks(
-        ends,
+        ends.ravel(),
         times,
         weights,
         latencies,
         _neighbours(points[ends]),
         np.argsort(-weights / (times + latency.STEP), kind="stable"),
-        points,
+        np.pad(points, ((0, 0), (0, 3 - points.shape[1]))),
         costs,
         np.ascontiguousarray(cells),
         np.pad(free.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0))),
