@@ -396,6 +396,24 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned, step):
 
 
 @in_place_kernel
+def _shift(routes, r, i, low, high, turned):
+    """Move the blocks at the places low to high behind the one at place i of the same route."""
+    order, moved, count = routes.order[r], routes.moved, high - low + 1
+    for k in range(count):
+        moved[k] = order[high - k] ^ 1 if turned else order[low + k]
+    if low > i:
+        begin = i + 1
+        for k in range(low - 1, i, -1):
+            order[k + count] = order[k]
+    else:
+        begin = i + 1 - count
+        for k in range(high + 1, i + 1):
+            order[k - count] = order[k]
+    for k in range(count):
+        order[begin + k] = moved[k]
+
+
+@in_place_kernel
 def _take_out(routes, r, low, high, turned):
     """Copy the blocks at the places low to high to the working memory, and close the gap."""
     count = high - low + 1
@@ -583,8 +601,7 @@ def _improve_beside(blocks, routes, a, b, longest, least):
             elif not (low <= i <= high or (low == i + 1 and not turned)):
                 if _gain_of_shifting(blocks, routes, r, i, low, high, turned, way) > least:
                     begin = i + 1 if low > i else i + 1 - count
-                    _take_out(routes, r, low, high, turned)
-                    _put_in(routes, r, begin, count)
+                    _shift(routes, r, i, low, high, turned)
                     _sum_up_between(blocks, routes, r, min(i + 1, low), max(i, high) + 1)
                     _wake(routes, r, begin)
                     _wake(routes, r, begin + count)
@@ -658,13 +675,12 @@ def _kick(blocks, routes, state, widest):
         _wake(routes, r, j + 1)
         _wake(routes, r, i)
         return True
-    between = _take_out(routes, r, i + 1, j - 1, 0)
-    place = i + 2 + _draw(state, most)
-    _put_in(routes, r, place, between)
-    _sum_up_between(blocks, routes, r, i + 1, place + between)
+    last = j + _draw(state, most)
+    _shift(routes, r, i, j, last, 0)
+    _sum_up_between(blocks, routes, r, i + 1, last + 1)
     _wake(routes, r, i)
-    _wake(routes, r, place)
-    _wake(routes, r, place + between)
+    _wake(routes, r, last - j + i + 2)
+    _wake(routes, r, last + 1)
     return True
 
 
