@@ -128,15 +128,11 @@ class Routes(NamedTuple):
 
 
 @in_place_kernel
-def _count(free, up, rows, columns):
+def _count(free, rows, columns):
     """Return the number of cells in a rectangle of a layer, whose last row and column count."""
     (top, bottom), (left, right) = rows, columns
-    return (
-        free[up, bottom + 1, right + 1]
-        - free[up, top, right + 1]
-        - free[up, bottom + 1, left]
-        + free[up, top, left]
-    )
+    above, below = free[top], free[bottom + 1]
+    return below[right + 1] - above[right + 1] - below[left] + above[left]
 
 
 @in_place_kernel
@@ -149,13 +145,14 @@ def _is_open(blocks, one, other):
     down, right = cells[other, 1] - row, cells[other, 2] - column
     rows = min(row, row + down), max(row, row + down)
     columns = min(column, column + right), max(column, column + right)
-    if _count(blocks.free, up, rows, columns) == (1 + abs(down)) * (1 + abs(right)):
+    free = blocks.free[up]
+    if _count(free, rows, columns) == (1 + abs(down)) * (1 + abs(right)):
         return True
     steps = 2 * max(abs(down), abs(right))
     for k in range(1, steps):
         y = row + int(np.floor(down * k / steps + 0.5))
         x = column + int(np.floor(right * k / steps + 0.5))
-        if not _count(blocks.free, up, (y, y), (x, x)):
+        if not _count(free, (y, y), (x, x)):
             return False
     return True
 
