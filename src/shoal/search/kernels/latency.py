@@ -158,12 +158,12 @@ def _is_open(blocks, one, other):
 
 
 @in_place_kernel
-def _distance(blocks, one, other):
-    """Return the straight distance of two cells, in cell sides."""
+def _square_of_distance(blocks, one, other):
+    """Return the square of the straight distance of two cells, in cell sides."""
     east = blocks.points[one, 0] - blocks.points[other, 0]
     north = blocks.points[one, 1] - blocks.points[other, 1]
     up = blocks.points[one, 2] - blocks.points[other, 2]
-    return np.sqrt(east * east + north * north + up * up)
+    return east * east + north * north + up * up
 
 
 @in_place_kernel
@@ -179,10 +179,13 @@ def step_time(blocks, one, other):
         return blocks.costs[other]
     if apart == -1 or apart == n - 1:
         return blocks.costs[one]
-    way = _distance(blocks, one, other)
-    if way > 1.5 and not _is_open(blocks, one, other):
+    square = _square_of_distance(blocks, one, other)
+    if square <= 1.0:
+        return 1.0 + blocks.leaving
+    way = np.sqrt(square)
+    if square > 2.25 and not _is_open(blocks, one, other):
         way = 3.0 * way + np.sqrt(n)
-    return max(way, 1.0) + blocks.leaving
+    return way + blocks.leaving
 
 
 @in_place_kernel
