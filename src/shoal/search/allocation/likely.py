@@ -18,7 +18,8 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 8  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 2_000  # at most; twice as many as blocks in small searches
+_KICKS = 2_000  # at most
+_KICKS_PER_BLOCK = 2  # at most
 _WIDEST = 50  # blocks that a kick turns round or passes over
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3
@@ -84,7 +85,7 @@ def likely_first(
         np.zeros(m, dtype=np.int64),
         np.zeros(2 * count + 2, dtype=np.int64),
     )
-    kicks = min(_KICKS, 2 * count) if tour_cost.thorough else 0
+    kicks = min(_KICKS, _KICKS_PER_BLOCK * count) if tour_cost.thorough else 0
     latency.improve(blocks, routes, _LONGEST, kicks, _WIDEST)
     found = []
     for robot in range(m):
