@@ -816,6 +816,7 @@ def improve(blocks, routes, longest, kicks, widest):
     for r in range(m):
         ends[r] = max(routes.limits[r], _last(routes, r))
     state = np.full(1, 1, dtype=np.uint64)
+    fewer = max(longest - 1, 1)  # after a kick
     near = blocks.near.shape[1]
     _go_on_greedily(blocks, routes)
     if _latency(routes) >= best:
@@ -833,7 +834,7 @@ def improve(blocks, routes, longest, kicks, widest):
     for _ in range(kicks):
         if not _kick(blocks, routes, state, widest):
             continue
-        _descend(blocks, routes, longest, least, min(_NEARER, near))
+        _descend(blocks, routes, fewer, least, min(_NEARER, near))
         found = _latency(routes)
         if found < best - least and _ends_in_time(routes, ends):
             best = found
