@@ -40,6 +40,7 @@ from shoal.search.run import run
 
 SIDE, CELL = 40, 10.0
 SPEED = 1.0  # of robots, in metres per second
+HELLO = 1.0  # times of a cell in which robots listen to each other before they search
 SLOW, FAST, DEVIATION = 0.1, 0.3, 0.2
 AT_ONCE = 16  # looks
 NEVER = 1e6  # larger than any sum of probabilities times moments
@@ -131,6 +132,7 @@ def greedy(starts: Floats, values: Floats) -> tuple[float, float]:
 def least(starts: Floats, values: Floats) -> float:
     """Return a lower bound on the expected time to find of any plan from ``starts``, in seconds.
 
+    Robots first listen to each other for the time ``hello``, and stand still meanwhile.
     Each search takes a robot at least as long as the way of one cell. A robot therefore ends at most
     one search from k to k + 1 such times after the start, and none of a cell to which its way from
     the start is longer. Of all assignments of cells to such times of the robots that keep to that
@@ -145,7 +147,7 @@ def least(starts: Floats, values: Floats) -> float:
     robots = np.repeat(np.arange(len(starts)), count)
     costs = np.where(first[:, robots] <= moments, odds[:, None] * moments, NEVER)
     cell, moment = linear_sum_assignment(costs)
-    return float(costs[cell, moment].sum()) * CELL / SPEED
+    return (float(costs[cell, moment].sum()) + HELLO) * CELL / SPEED
 
 
 def middles() -> Floats:
@@ -323,6 +325,8 @@ def main() -> None:
     beside = ["greedy: time to find", "time for all", "bound"] if options.detection == 1 else []
     for kicks in options.kicks or [ordering._KICKS]:
         ordering._KICKS = kicks
+        if options.kicks:
+            ordering._KICKS_PER_BLOCK = kicks
         print(f"{kicks} kicks")
         found = compare(numbers, options.at_most, options.detection, options.targets)
         show(found, [*columns, *beside])

@@ -20,7 +20,14 @@ from shoal.search.cells.layers import layers_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning import plan as planning
 from shoal.search.planning.plan import SearchPlan, plan_search
-from shoal.search.problem.prior import DistanceRing, Raster, Segments, Spread, open_prior
+from shoal.search.problem.prior import (
+    DistanceRing,
+    Raster,
+    Segments,
+    Spread,
+    _shares,
+    open_prior,
+)
 from shoal.search.regions.places import read_points
 from shoal.search.run import run
 
@@ -158,6 +165,17 @@ def test_squares_have_the_probability_of_their_ground(part):
             for table in (masses, counts)
         ]
         assert np.abs(wide[0] - wide[1]).max() < 0.006
+
+
+def test_squares_are_covered_by_a_rectangle_as_by_any_shape():
+    rectangle = box(3.3, 1.2, 37.7, 39.1)
+    notched = rectangle.difference(box(3.3, 1.2, 4.5, 2.5))
+    middles = np.stack(np.meshgrid(*2 * [np.arange(-2, 45) + 0.25]), axis=-1).reshape(-1, 2)
+    whole, part = (_shares(shape, middles, 1.0) for shape in (rectangle, notched))
+    assert whole.sum() == pytest.approx(rectangle.area)
+    assert part.sum() == pytest.approx(notched.area)
+    elsewhere = (middles > 5.5).any(axis=1)
+    assert whole[elsewhere] == pytest.approx(part[elsewhere])
 
 
 def test_a_middle_on_a_sample_has_no_more_than_its_share():
@@ -796,7 +814,7 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
 @pytest.mark.parametrize(
     ("vehicle", "apart", "ring", "chosen"),
     [
-        ("multirotor", (60, 30), "28,56", "shorter"),
+        ("multirotor", (60, 30), "66,66", "shorter"),
         ("rover", (15,), "28,56", "tour"),
         ("rover", (0,), "58,36", "auto"),
     ],

@@ -4,7 +4,7 @@ is sought.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from shoal.search.kernels.shares import Team
 _BLOCKS = 2_000  # number of blocks into which a tour is divided at most
 _NEAR = 8  # blocks from each end of a block, to which a robot may go on
 _LONGEST = 3  # blocks that are moved at once
-_KICKS = 1_200  # at most; twice as many as blocks in small searches
+_KICKS = 2_000  # at most
+_KICKS_PER_BLOCK = 2  # at most
 _WIDEST = 50  # blocks that a kick turns round or passes over
 # of the mean probability: cells where nothing is expected are searched on short ways, too
 _UNLIKELY = 1e-3
@@ -53,16 +54,13 @@ def likely_first(
     """
     assert tour_cost.odds is not None
     n, m = len(tour_cost), len(work)
-    size = -(-n // _BLOCKS)
-    pieces = [[piece for run in runs for piece in _cut(run, size, n)] for runs in work]
-    flat = [piece for own in pieces for piece in own]
+    pieces = [_cut(runs, -(-n // _BLOCKS), n) for runs in work]
+    flat = np.concatenate(pieces)
     blocks = _blocks(tour_cost, flat)
-    count = len(flat)
-    order, counts = np.zeros((m, count + 1), dtype=np.int64), np.zeros(m, dtype=np.int64)
-    begin = 0
-    for robot, own in enumerate(pieces):
-        order[robot, : len(own)] = 2 * np.arange(begin, begin + len(own))
-        counts[robot], begin = len(own), begin + len(own)
+    count, counts = len(flat), np.array([len(own) for own in pieces])
+    order = np.zeros((m, count + 1), dtype=np.int64)
+    for robot, begin in enumerate(partial_sums(counts)[:-1].tolist()):
+        order[robot, : counts[robot]] = 2 * np.arange(begin, begin + counts[robot])
     far = (
         team.far
         if len(team.far)
@@ -87,28 +85,38 @@ def likely_first(
         np.zeros(m, dtype=np.int64),
         np.zeros(2 * count + 2, dtype=np.int64),
     )
-    kicks = min(_KICKS, 2 * count) if tour_cost.thorough else 0
+    kicks = min(_KICKS, _KICKS_PER_BLOCK * count) if tour_cost.thorough else 0
     latency.improve(blocks, routes, _LONGEST, kicks, _WIDEST)
     found = []
     for robot in range(m):
-        items = order[robot, : counts[robot]].tolist()
-        found.append(_joined([_turned(flat[item // 2], item % 2, n) for item in items], n))
+        items = order[robot, : counts[robot]]
+        first, cells, along = flat[items // 2].T
+        turned = items % 2 > 0
+        first = np.where(turned, (first + along * (cells - 1)) % n, first)
+        along = np.where(turned, -along, along)
+        columns = (column.tolist() for column in (first, cells, along))
+        found.append(_joined(zip(*columns, strict=True), n))
     return found
 
 
-def _cut(run: tuple[int, int, int], size: int, n: int) -> Runs:
-    first, count, step = run
-    return [
-        ((first + step * low) % n, min(size, count - low), step) for low in range(0, count, size)
-    ]
+def _cut(runs: Runs, size: int, n: int) -> NDArray[np.int64]:
+    """Return the blocks of at most ``size`` cells into which runs are divided, as rows of an
+    array.
+    """
+    first, count, along = np.reshape(runs, (-1, 3)).astype(np.int64).T
+    blocks = -(-count // size)
+    run = np.repeat(np.arange(len(blocks)), blocks)
+    low = size * (np.arange(len(run)) - partial_sums(blocks)[run])
+    return np.column_stack(
+        [
+            (first[run] + along[run] * low) % n,
+            np.minimum(size, count[run] - low),
+            along[run],
+        ]
+    )
 
 
-def _turned(run: tuple[int, int, int], turned: int, n: int) -> tuple[int, int, int]:
-    first, count, step = run
-    return ((first + step * (count - 1)) % n, count, -step) if turned else run
-
-
-def _joined(runs: Runs, n: int) -> Runs:
+def _joined(runs: Iterable[tuple[int, int, int]], n: int) -> Runs:
     """Return runs in which those are joined that continue one another along the tour. A run of one
     cell has no direction.
     """
@@ -129,11 +137,11 @@ def _joined(runs: Runs, n: int) -> Runs:
     return found
 
 
-def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
+def _blocks(tour_cost: TourCost, runs: NDArray[np.int64]) -> Blocks:
     assert tour_cost.odds is not None
     n, costs = len(tour_cost), tour_cost.costs
     odds = tour_cost.odds + _UNLIKELY / n
-    first, count, along = np.array(runs, dtype=np.int64).T
+    first, count, along = runs.T
     ends = np.stack([first, (first + along * (count - 1)) % n], axis=1)
     borders = partial_sums(count)[:-1]
     block = np.repeat(np.arange(len(runs)), count)
@@ -145,7 +153,7 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
     weights = np.bincount(block, odds[numbers]).astype(np.float64)
     latencies = np.bincount(block, odds[numbers] * since).astype(np.float64)
     times = since[borders + count - 1]
-    points = np.ascontiguousarray(tour_cost.points)
+    points = tour_cost.points
     position = tour_cost.tour.position
     free = position >= 0
     cells = tour_cost.tour.cells.astype(np.int64)
@@ -158,13 +166,13 @@ def _blocks(tour_cost: TourCost, runs: Runs) -> Blocks:
                 cells[cells[:, 0] == layer, 0] = other
                 break
     return Blocks(
-        ends,
+        ends.ravel(),
         times,
         weights,
         latencies,
         _neighbours(points[ends]),
         np.argsort(-weights / (times + latency.STEP), kind="stable"),
-        points,
+        np.pad(points, ((0, 0), (0, 3 - points.shape[1]))),
         costs,
         np.ascontiguousarray(cells),
         np.pad(free.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0))),
@@ -186,12 +194,13 @@ def _neighbours(ends: Floats) -> NDArray[np.int64]:
     both = (
         np.asarray(found).reshape(count, sides, -1).transpose(0, 2, 1).reshape(count, -1) // sides
     )
-    # each other block once, where it comes first
-    order = np.argsort(both, axis=1, kind="stable")
-    ordered = np.take_along_axis(both, order, axis=1)
-    again = np.zeros(both.shape, dtype=np.bool_)
-    np.put_along_axis(again, order[:, 1:], ordered[:, 1:] == ordered[:, :-1], axis=1)
-    again |= both == np.arange(count)[:, None]
+    again = both == np.arange(count)[:, None]
+    if sides > 1:  # each other block once, where it comes first
+        order = np.argsort(both, axis=1, kind="stable")
+        ordered = np.take_along_axis(both, order, axis=1)
+        twice = np.zeros(both.shape, dtype=np.bool_)
+        np.put_along_axis(twice, order[:, 1:], ordered[:, 1:] == ordered[:, :-1], axis=1)
+        again |= twice
     first = np.argsort(again, axis=1, kind="stable")[:, :_NEAR]
     rows = np.take_along_axis(np.where(again, -1, both), first, axis=1)
     return np.pad(rows, ((0, 0), (0, _NEAR - rows.shape[1])), constant_values=-1)

@@ -37,8 +37,8 @@ class Blocks(NamedTuple):
 
     Parameters
     ----------
-    ends : ndarray of int64, shape (B, 2)
-        Tour indices of the first and the last cell of each block.
+    ends : ndarray of int64, shape (2 B,)
+        Tour indices of the first and the last cell of each block: at 2 b and 2 b + 1.
     times : ndarray of float64, shape (B,)
         Time in cells from the search of the first cell until the search of the last cell.
     weights : ndarray of float64, shape (B,)
@@ -50,7 +50,7 @@ class Blocks(NamedTuple):
     likely : ndarray of int64, shape (B,)
         Blocks in the order of their probability over the least time that they take, the largest
         first.
-    points : ndarray of float64, shape (N, d)
+    points : ndarray of float64, shape (N, 3)
         Viewpoint of each cell, in cell sides.
     costs : ndarray of float64, shape (N,)
         Time in cells of the step to each cell from the cell before it on the tour, with its search.
@@ -128,15 +128,11 @@ class Routes(NamedTuple):
 
 
 @in_place_kernel
-def _count(free, up, rows, columns):
+def _count(free, rows, columns):
     """Return the number of cells in a rectangle of a layer, whose last row and column count."""
     (top, bottom), (left, right) = rows, columns
-    return (
-        free[up, bottom + 1, right + 1]
-        - free[up, top, right + 1]
-        - free[up, bottom + 1, left]
-        + free[up, top, left]
-    )
+    above, below = free[top], free[bottom + 1]
+    return below[right + 1] - above[right + 1] - below[left] + above[left]
 
 
 @in_place_kernel
@@ -149,25 +145,25 @@ def _is_open(blocks, one, other):
     down, right = cells[other, 1] - row, cells[other, 2] - column
     rows = min(row, row + down), max(row, row + down)
     columns = min(column, column + right), max(column, column + right)
-    if _count(blocks.free, up, rows, columns) == (1 + abs(down)) * (1 + abs(right)):
+    free = blocks.free[up]
+    if _count(free, rows, columns) == (1 + abs(down)) * (1 + abs(right)):
         return True
     steps = 2 * max(abs(down), abs(right))
     for k in range(1, steps):
         y = row + int(np.floor(down * k / steps + 0.5))
         x = column + int(np.floor(right * k / steps + 0.5))
-        if not _count(blocks.free, up, (y, y), (x, x)):
+        if not _count(free, (y, y), (x, x)):
             return False
     return True
 
 
 @in_place_kernel
-def _distance(blocks, one, other):
-    """Return the straight distance of two cells, in cell sides."""
-    total = 0.0
-    for k in range(blocks.points.shape[1]):
-        gap = blocks.points[one, k] - blocks.points[other, k]
-        total += gap * gap
-    return np.sqrt(total)
+def _square_of_distance(blocks, one, other):
+    """Return the square of the straight distance of two cells, in cell sides."""
+    east = blocks.points[one, 0] - blocks.points[other, 0]
+    north = blocks.points[one, 1] - blocks.points[other, 1]
+    up = blocks.points[one, 2] - blocks.points[other, 2]
+    return east * east + north * north + up * up
 
 
 @in_place_kernel
@@ -183,22 +179,25 @@ def step_time(blocks, one, other):
         return blocks.costs[other]
     if apart == -1 or apart == n - 1:
         return blocks.costs[one]
-    way = _distance(blocks, one, other)
-    if way > 1.5 and not _is_open(blocks, one, other):
+    square = _square_of_distance(blocks, one, other)
+    if square <= 1.0:
+        return 1.0 + blocks.leaving
+    way = np.sqrt(square)
+    if square > 2.25 and not _is_open(blocks, one, other):
         way = 3.0 * way + np.sqrt(n)
-    return max(way, 1.0) + blocks.leaving
+    return way + blocks.leaving
 
 
 @in_place_kernel
 def _begin(blocks, item):
     """Return the cell that a robot searches first in a block."""
-    return blocks.ends[item // 2, item % 2]
+    return blocks.ends[item]
 
 
 @in_place_kernel
 def _end(blocks, item):
     """Return the cell that a robot searches last in a block."""
-    return blocks.ends[item // 2, 1 - item % 2]
+    return blocks.ends[item ^ 1]
 
 
 @in_place_kernel
@@ -221,22 +220,30 @@ def _sum_up(blocks, routes, r, since, until):
     the same block as before.
     """
     routes.since[r] = min(routes.since[r], since)
-    for i in range(since, routes.counts[r]):
-        item = routes.order[r, i]
-        block = item // 2
-        before = routes.finishes[r, i - 1] if i else 0.0
-        if i <= until:
-            routes.steps[block] = _arrival(blocks, routes, r, i, item) - before
-        begin = before + routes.steps[block]
+    count, order = routes.counts[r], routes.order[r]
+    for i in range(since, min(until + 1, count)):
+        before = _end(blocks, order[i - 1]) if i else -1
+        first = _begin(blocks, order[i])
+        routes.steps[order[i] >> 1] = (
+            step_time(blocks, before, first) if i else routes.first[r, first]
+        )
+    begins, finishes = routes.begins[r], routes.finishes[r]
+    weights, latencies = routes.weights[r], routes.latencies[r]
+    finish = finishes[since - 1] if since else 0.0
+    sum_of_weights, sum_of_latencies = weights[since], latencies[since]
+    for i in range(since, count):
+        item = order[i]
+        block = item >> 1
+        begin = finish + routes.steps[block]
+        finish = begin + blocks.times[block]
         weight, latency = blocks.weights[block], blocks.latencies[block]
-        if item % 2:
+        if item & 1:
             latency = weight * blocks.times[block] - latency
-        routes.begins[r, i] = begin
-        routes.finishes[r, i] = begin + blocks.times[block]
-        routes.weights[r, i + 1] = routes.weights[r, i] + weight
-        routes.latencies[r, i + 1] = routes.latencies[r, i] + latency + weight * begin
-        routes.route[block] = r
-        routes.place[block] = i
+        sum_of_weights += weight
+        sum_of_latencies += latency + weight * begin
+        begins[i], finishes[i] = begin, finish
+        weights[i + 1], latencies[i + 1] = sum_of_weights, sum_of_latencies
+        routes.route[block], routes.place[block] = r, i
 
 
 @in_place_kernel
@@ -304,13 +311,13 @@ def _gain_in_time(routes, r, gain, later):
 
 
 @in_place_kernel
-def _gain_of_turning(blocks, routes, r, i, j):
+def _gain_of_turning(blocks, routes, r, i, j, begin):
     """Return by how much the latency falls if a robot searches the blocks at the places i to j in
-    reverse order, or a negative number if its route becomes too long.
+    reverse order, with the first of them at the time ``begin``, or a negative number if its route
+    becomes too long.
     """
     order, count = routes.order, routes.counts[r]
     duration, weight, latency = _stretch(routes, r, i, j)
-    begin = _arrival(blocks, routes, r, i, order[r, j] ^ 1)
     later = begin - routes.begins[r, i]
     change = weight * later + (weight * duration - latency) - latency
     if j + 1 < count:
@@ -333,21 +340,22 @@ def _turn(routes, r, i, j):
 
 
 @in_place_kernel
-def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
+def _gain_of_shifting(blocks, routes, r, i, low, high, turned, step):
     """Return by how much the latency falls if a robot searches the blocks at the places low to high
-    after the one at place i, or a negative number if its route becomes too long.
+    after the one at place i, with a step of length ``step`` between them, or a negative number if
+    its route becomes too long.
 
     Most changes gain nothing even if all new steps but one take the least time. Their times are not
     computed.
     """
     order, count = routes.order, routes.counts[r]
     duration, weight, latency = _stretch(routes, r, low, high)
-    head, tail = order[r, low], order[r, high]
+    tail = order[r, high]
     before = latency + weight * routes.begins[r, low]
     if turned:
-        head, tail, latency = tail ^ 1, head ^ 1, weight * duration - latency
+        tail, latency = order[r, low] ^ 1, weight * duration - latency
     if low > i:
-        begin = _arrival(blocks, routes, r, i + 1, head)
+        begin = routes.finishes[r, i] + step
         change = latency + weight * begin - before
         end, last, rest = begin + duration, tail, high + 1
         behind = routes.weights[r, count] - routes.weights[r, rest]
@@ -366,9 +374,8 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
         rest = i + 1
         behind = routes.weights[r, count] - routes.weights[r, rest]
         skipped, moved, _ = _stretch(routes, r, high + 1, i)
-        way = _between(blocks, order[r, i], head)
         earliest = (routes.finishes[r, low - 1] if low else 0.0) + STEP
-        arrival = earliest + skipped + way
+        arrival = earliest + skipped + step
         least = latency + weight * arrival - before
         least += moved * (earliest - routes.begins[r, high + 1])
         if rest < count:
@@ -377,7 +384,7 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
             return -1.0
         begin = _arrival(blocks, routes, r, low, order[r, high + 1])
         change = moved * (begin - routes.begins[r, high + 1])
-        begin += skipped + way
+        begin += skipped + step
         change += latency + weight * begin - before
         end, last = begin + duration, tail
     if rest < count:
@@ -386,6 +393,24 @@ def _gain_of_shifting(blocks, routes, r, i, low, high, turned):
     else:
         later = end - _last(routes, r)
     return _gain_in_time(routes, r, -change / routes.rates[r], later)
+
+
+@in_place_kernel
+def _shift(routes, r, i, low, high, turned):
+    """Move the blocks at the places low to high behind the one at place i of the same route."""
+    order, moved, count = routes.order[r], routes.moved, high - low + 1
+    for k in range(count):
+        moved[k] = order[high - k] ^ 1 if turned else order[low + k]
+    if low > i:
+        begin = i + 1
+        for k in range(low - 1, i, -1):
+            order[k + count] = order[k]
+    else:
+        begin = i + 1 - count
+        for k in range(high + 1, i + 1):
+            order[k - count] = order[k]
+    for k in range(count):
+        order[begin + k] = moved[k]
 
 
 @in_place_kernel
@@ -411,18 +436,19 @@ def _put_in(routes, r, i, count):
 
 
 @in_place_kernel
-def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
+def _gain_of_giving(blocks, routes, r, i, s, low, high, turned, step):
     """Return by how much the latency falls if robot r searches the blocks at the places low to high
-    of robot s after its own at place i, or a negative number if a route becomes too long.
+    of robot s after its own at place i, with a step of length ``step`` between them, or a negative
+    number if a route becomes too long.
     """
     order = routes.order
     count, other = routes.counts[r], routes.counts[s]
     duration, weight, latency = _stretch(routes, s, low, high)
     less = latency + weight * routes.begins[s, low]
-    head, tail = order[s, low], order[s, high]
+    tail = order[s, high]
     if turned:
-        head, tail, latency = tail ^ 1, head ^ 1, weight * duration - latency
-    begin = _arrival(blocks, routes, r, i + 1, head)
+        tail, latency = order[s, low] ^ 1, weight * duration - latency
+    begin = routes.finishes[r, i] + step
     more = latency + weight * begin
     end = begin + duration
     behind = routes.weights[r, count] - routes.weights[r, i + 1]
@@ -453,15 +479,15 @@ def _gain_of_giving(blocks, routes, r, i, s, low, high, turned):
 
 
 @in_place_kernel
-def _gain_of_exchanging(blocks, routes, r, i, s, j):
+def _gain_of_exchanging(blocks, routes, r, i, s, j, step):
     """Return by how much the latency falls if robot r continues after place i with the blocks of
-    robot s from place j on, and robot s with those of robot r, or a negative number if a route
-    becomes too long.
+    robot s from place j on, after a step of length ``step``, and robot s with those of robot r, or
+    a negative number if a route becomes too long.
     """
     order = routes.order
     count, other = routes.counts[r], routes.counts[s]
     duration, weight, latency = _stretch(routes, s, j, other - 1)
-    begin = _arrival(blocks, routes, r, i + 1, order[s, j])
+    begin = routes.finishes[r, i] + step
     mine = begin + duration - _last(routes, r)
     theirs = (routes.finishes[s, j - 1] if j else 0.0) - _last(routes, s)
     if not _is_in_time(routes, r, mine):
@@ -500,7 +526,7 @@ def _wake(routes, r, i):
     """
     size = routes.awake.shape[0]
     for k in range(max(i - 1, 0), min(i + 2, routes.counts[r])):
-        block = routes.order[r, k] // 2
+        block = routes.order[r, k] >> 1
         if not routes.awake[block]:
             routes.awake[block] = True
             place = routes.waiting[-2] + routes.waiting[-1]
@@ -537,15 +563,24 @@ def _improve_beside(blocks, routes, a, b, longest, least):
     ``least``. Return whether there was one.
     """
     r, i, s, j = routes.route[a], routes.place[a], routes.route[b], routes.place[b]
+    turns = blocks.ends[2 * b] != blocks.ends[2 * b + 1]  # a block of one cell has no direction
+    if r == s and j == i + 1 and not turns:
+        return False
+    last, item = routes.order[r, i], routes.order[s, j]
+    step = _between(blocks, last, item)
+    back = _between(blocks, last, item ^ 1) if turns else step
     if r == s:
-        low, high = (i + 1, j) if j > i else (j + 1, i)
-        if low <= high and _gain_of_turning(blocks, routes, r, low, high) > least:
+        if j > i:
+            low, high, begin = i + 1, j, routes.finishes[r, i] + back
+        else:
+            low, high, begin = j + 1, i, routes.finishes[r, j] + _between(blocks, item, last ^ 1)
+        if low <= high and _gain_of_turning(blocks, routes, r, low, high, begin) > least:
             _turn(routes, r, low, high)
             _sum_up_between(blocks, routes, r, low, high + 1)
             _wake(routes, r, low)
             _wake(routes, r, high)
             return True
-    elif _gain_of_exchanging(blocks, routes, r, i, s, j) > least:
+    elif _gain_of_exchanging(blocks, routes, r, i, s, j, step) > least:
         _exchange(routes, r, i, s, j)
         _sum_up(blocks, routes, r, i + 1, i + 1)
         _sum_up(blocks, routes, s, j, j)
@@ -553,20 +588,20 @@ def _improve_beside(blocks, routes, a, b, longest, least):
         _wake(routes, s, j)
         return True
     for count in range(1, longest + 1):
-        for turned in range(2):
+        for turned in range(2 if turns or count > 1 else 1):
+            way = back if turned else step
             low = j - count + 1 if turned else j
             high = low + count - 1
             if low < 0 or high >= routes.counts[s]:
                 continue
             if r != s:
-                if _gain_of_giving(blocks, routes, r, i, s, low, high, turned) > least:
+                if _gain_of_giving(blocks, routes, r, i, s, low, high, turned, way) > least:
                     _give(blocks, routes, r, i, s, low, high, turned)
                     return True
             elif not (low <= i <= high or (low == i + 1 and not turned)):
-                if _gain_of_shifting(blocks, routes, r, i, low, high, turned) > least:
+                if _gain_of_shifting(blocks, routes, r, i, low, high, turned, way) > least:
                     begin = i + 1 if low > i else i + 1 - count
-                    _take_out(routes, r, low, high, turned)
-                    _put_in(routes, r, begin, count)
+                    _shift(routes, r, i, low, high, turned)
                     _sum_up_between(blocks, routes, r, min(i + 1, low), max(i, high) + 1)
                     _wake(routes, r, begin)
                     _wake(routes, r, begin + count)
@@ -640,13 +675,12 @@ def _kick(blocks, routes, state, widest):
         _wake(routes, r, j + 1)
         _wake(routes, r, i)
         return True
-    between = _take_out(routes, r, i + 1, j - 1, 0)
-    place = i + 2 + _draw(state, most)
-    _put_in(routes, r, place, between)
-    _sum_up_between(blocks, routes, r, i + 1, place + between)
+    last = j + _draw(state, most)
+    _shift(routes, r, i, j, last, 0)
+    _sum_up_between(blocks, routes, r, i + 1, last + 1)
     _wake(routes, r, i)
-    _wake(routes, r, place)
-    _wake(routes, r, place + between)
+    _wake(routes, r, last - j + i + 2)
+    _wake(routes, r, last + 1)
     return True
 
 
@@ -683,7 +717,7 @@ def _go_on_greedily(blocks, routes):
         i, ready = routes.counts[r], _last(routes, r)
         chosen, most = -1, -1.0
         if i:
-            before = routes.order[r, i - 1] // 2
+            before = routes.order[r, i - 1] >> 1
             for k in range(blocks.near.shape[1]):
                 block = blocks.near[before, k]
                 if block >= 0 and routes.awake[block]:
@@ -699,9 +733,9 @@ def _go_on_greedily(blocks, routes):
         routes.order[r, i] = chosen
         routes.counts[r] += 1
         _sum_up(blocks, routes, r, i, i)
-        routes.awake[chosen // 2] = False
+        routes.awake[chosen >> 1] = False
         for k in range(left):
-            if routes.moved[k] == chosen // 2:
+            if routes.moved[k] == chosen >> 1:
                 for later in range(k, left - 1):
                     routes.moved[later] = routes.moved[later + 1]
                 break
@@ -732,14 +766,14 @@ def _copy(source, target, since):
         target.counts[r] = count
         for i in range(since[r], count):
             item = source.order[r, i]
+            block = item >> 1
             target.order[r, i] = item
             target.begins[r, i] = source.begins[r, i]
             target.finishes[r, i] = source.finishes[r, i]
             target.weights[r, i + 1] = source.weights[r, i + 1]
             target.latencies[r, i + 1] = source.latencies[r, i + 1]
-            target.steps[item // 2] = source.steps[item // 2]
-            target.route[item // 2] = r
-            target.place[item // 2] = i
+            target.steps[block] = source.steps[block]
+            target.route[block], target.place[block] = r, i
         since[r] = source.order.shape[1]
 
 
@@ -782,6 +816,7 @@ def improve(blocks, routes, longest, kicks, widest):
     for r in range(m):
         ends[r] = max(routes.limits[r], _last(routes, r))
     state = np.full(1, 1, dtype=np.uint64)
+    fewer = max(longest - 1, 1)  # after a kick
     near = blocks.near.shape[1]
     _go_on_greedily(blocks, routes)
     if _latency(routes) >= best:
@@ -799,7 +834,7 @@ def improve(blocks, routes, longest, kicks, widest):
     for _ in range(kicks):
         if not _kick(blocks, routes, state, widest):
             continue
-        _descend(blocks, routes, longest, least, min(_NEARER, near))
+        _descend(blocks, routes, fewer, least, min(_NEARER, near))
         found = _latency(routes)
         if found < best - least and _ends_in_time(routes, ends):
             best = found

@@ -1443,10 +1443,12 @@ def _in_passes(
 
 def _with_delays(plan: SearchPlan) -> SearchPlan:
     """Return a plan whose completion times contain what robots need before they begin."""
-    late = [
-        _lateness(plan, robot, int(stops[0]) if len(stops := plan.stops(robot)) else None)
-        for robot in range(len(plan.places))
-    ]
+    late = []
+    for robot in range(len(plan.places)):
+        first = None
+        if plan.launch_distances is not None and len(stops := plan.stops(robot)):
+            first = int(stops[0])
+        late.append(_lateness(plan, robot, first))
     times = plan.allocation.times + np.array(late)
     return replace(plan, allocation=replace(plan.allocation, times=times))
 

@@ -50,6 +50,7 @@ _COUNTED_TWICE = 0.01  # of the probability
 _CORNERS = 64  # of a part of a shape
 _WIDEST = 2**31  # squares
 _TRIES = 100  # of finding a place in the area
+_UPRIGHT = 1e-12  # share of the box around a rectangle along the axes that it may miss
 _ROUNDED = 1e-9  # pixels: rounding error of a border
 _NEAR = 8.0  # sides of a square from the middle of a ring, within which its mass is exact
 _FALLS = 16  # times to 1 / e, beyond which a ring has nothing left
@@ -557,8 +558,11 @@ def _shares(shape: Any, points: Points, side: float) -> Floats:
     """
     import shapely
 
-    shares = np.zeros(len(points))
     low, high = np.reshape(shape.bounds, (2, 2))
+    if shape.area >= (1.0 - _UPRIGHT) * (high - low).prod():
+        sides = np.minimum(points + side / 2, high) - np.maximum(points - side / 2, low)
+        return np.asarray(np.maximum(sides, 0.0).prod(axis=1) / side**2)
+    shares = np.zeros(len(points))
     there = np.flatnonzero((np.abs(2 * points - low - high) < high - low + side).all(axis=1))
     if not len(there):
         return shares
