@@ -9,7 +9,7 @@ from typing import Any
 
 import axe_playwright_python
 import pytest
-from playwright.sync_api import Page, Route
+from playwright.sync_api import Page, Route, expect
 from tests.browser.studio import FORMS, Studio, tab, tab_to, wear, written_by
 from tests.browser.waiting import until
 
@@ -231,9 +231,10 @@ def test_a_sweep_of_the_command_is_found_and_exported(
             over.hover(position={"x": box["width"] * 0.6, "y": 20})
             page.mouse.up()
         else:
-            over.dblclick(position={"x": 5, "y": 20})
+            over.dispatch_event("dblclick")  # with Firefox, Playwright sends two single clicks
         over.hover(position={"x": 3, "y": 20})
-        assert values()[0] == ("4" if drag else "2")
+        shown = chart.locator(".u-series .u-value").first
+        expect(shown).to_have_text("4" if drag else "2")
     with Store(studio.folder / mazes) as store:
         expected = [[str(value) for value in row] for row in store.rows("mazes")]
         means = [
