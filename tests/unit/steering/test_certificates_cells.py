@@ -167,7 +167,8 @@ def test_wrong_certificates_are_refused(around, name):
 
 def test_the_checkers_use_nothing_of_the_search():
     folder = Path(certificates.__file__).parent
-    for name in ("check", "check_routes", "check_moves", "verdict"):
+    checkers = "check", "check_moves", "check_potential", "check_routes"
+    for name in (*checkers, "verdict"):
         tree = ast.parse((folder / f"{name}.py").read_text())
         used = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         used |= {
@@ -176,7 +177,7 @@ def test_the_checkers_use_nothing_of_the_search():
         shoal = {module for module in used if module.startswith("shoal")}
         assert shoal <= {
             "shoal.core.episode",
-            *(f"shoal.steering.certificates.{x}" for x in ("check", "check_moves", "check_routes")),
+            *(f"shoal.steering.certificates.{x}" for x in checkers),
         }
 
 
