@@ -398,17 +398,23 @@ def distance_of(
     outline = without_margin(region).free
     allowed = outline.buffer(ROUNDING)
     shapely.prepare(allowed)
-    found = [np.inf]
+    distances = [np.inf]
     for path in paths:
         ends = np.stack([path[:-1], path[1:]], axis=1)
-        near = np.asarray(np.isfinite(ends).all(axis=(1, 2)))
+        finite = np.asarray(np.isfinite(ends).all(axis=(1, 2)))
         if not region.no_go.is_empty:
-            found += shapely.distance(shapely.linestrings(ends[near]), region.no_go).tolist()
+            distances += shapely.distance(shapely.linestrings(ends[finite]), region.no_go).tolist()
         if kind != "fixed-wing":
-            legs = shapely.linestrings(ends[1:-1][near[1:-1]])
+            legs = shapely.linestrings(ends[1:-1][finite[1:-1]])
             legs = legs[np.asarray(shapely.covers(allowed, legs))]
-            found += shapely.distance(legs, outline.boundary).tolist()
-    least = min(found)
+            distances += shapely.distance(legs, outline.boundary).tolist()
+            # a mission of one waypoint has no legs, and legs that leave the region have no distance
+            waypoints = path[1:-1]
+            waypoints = shapely.points(waypoints[np.isfinite(waypoints).all(axis=1)])
+            inside = np.asarray(shapely.covers(allowed, waypoints))
+            distances += shapely.distance(waypoints[inside], outline.boundary).tolist()
+            distances += [0.0] * int(np.count_nonzero(~inside))
+    least = min(distances)
     return None if least == np.inf else least
 
 

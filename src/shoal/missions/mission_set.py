@@ -146,7 +146,7 @@ class MissionSet:
         fenced = _add_barriers(problem, options)
         widest = fenced.margin or 0.0
         # to stay out of no-go zones counts more than to see everything in spite of errors; other
-        # angles take the longest, so they are tried first and last alone
+        # angles take the longest, so they are tried with the whole reserve and at the end
         tried = [
             (own, turned, margin)
             for safe in (True, False)

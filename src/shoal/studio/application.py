@@ -16,7 +16,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -54,6 +54,18 @@ _STATIC = {
     "static": resources.files("shoal.studio") / "static",
     "player": resources.files("shoal.views.player"),
 }
+
+
+class JSONResponse(Response):
+    """An answer as JSON in ASCII characters: names in a stranger's file may contain half of a pair of
+    surrogates, which UTF-8 cannot hold.
+    """
+
+    media_type = "application/json"
+
+    def render(self, content: Any) -> bytes:
+        """Return the text of the answer."""
+        return json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
 
 
 class Studio:

@@ -400,6 +400,22 @@ def test_the_check_says_how_far_vehicles_may_be_outside(tmp_path):
         assert ("rows keep a reserve of 0 m, not of 2.24 m" in planned) == (reserve is not None)
 
 
+def test_missions_of_one_waypoint_and_paths_outside_are_cautioned(tmp_path):
+    """They have no leg inside the region whose distance from the border could be measured."""
+    narrow = SearchProblem(
+        region_of(shapely.box(0, 0, 40, 4)), footprint=20.0, vehicle="multirotor"
+    )
+    missions = MissionSet.from_problem(narrow, MissionOptions(format=("csv",)))
+    assert {len(one.waypoints) for one in missions.missions} == {1}
+    assert "up to 1 m outside of the region" in " ".join(missions.cautions)
+    missions.write(tmp_path / "narrow")
+    smaller = region_of(shapely.box(0, 0, 30, 4))
+    for region, distance in ((narrow.place, 2.0), (smaller, 0.0)):
+        result = check_missions(tmp_path / "narrow", region, 20.0, vehicle="multirotor")
+        assert result.distance == pytest.approx(distance, abs=0.01)
+        assert result.cautions
+
+
 def test_vehicles_without_room_give_up_reserve_before_the_margin_that_keeps_them_inside(
     monkeypatch,
 ):

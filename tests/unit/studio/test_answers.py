@@ -5,6 +5,7 @@ tiny workspaces.
 from __future__ import annotations
 
 import base64
+import json
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from shoal.core.errors import InvalidInputError
 from shoal.rigs import PhysicsRig, PlantProperties, drive
 from shoal.steering import SteeringProblem
 from shoal.studio.answers import files, lab, steering, vessels
+from shoal.studio.application import JSONResponse
 from shoal.studio.folder import Folder
-from shoal.swarm import SwarmProblem
+from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.maps.files import read_map
 
 CORRIDOR = np.array([[1, 1, 1, 1], [0, 0, 0, 1]], dtype=bool)
@@ -132,3 +134,11 @@ def test_a_workspace_of_any_size_keeps_its_digits(folder, size):
     assert np.ptp(place["rings"][0], axis=0) == pytest.approx([size, size])
     sets = steering.reach(folder, {"problem": given | {"kind": "steering"}, "moves": 2})["sets"]
     assert np.ptp(sets[0]["rings"][0], axis=0).max() > 0.1 * size
+
+
+def test_an_answer_may_hold_half_of_a_pair_of_surrogates(folder):
+    """A name in a stranger's episode, which UTF-8 cannot hold."""
+    place = GridWorkspace(np.ones((6, 7), dtype=bool), name="\ud800")
+    shoal.run(SwarmProblem(place, particles=2)).save(folder.root / "named.npz")
+    answer = files.settings(folder, {"file": "named.npz"})
+    assert json.loads(JSONResponse(answer).body) == answer

@@ -389,9 +389,10 @@ def drawing_of(data: Any) -> Drawing | None:
 
 def drawing_in(region: SearchRegion) -> dict[str, Any]:
     """Return a region as the drawing of a page: what `drawing_of` reads. Holes are zones."""
-    if region.barriers:
+    if region.barriers or region.height:
         raise InvalidInputError(
-            "region: expected a region that a page can draw, got one with barriers"
+            "region: expected a region that a page can draw, got one with"
+            f" {'barriers' if region.barriers else 'a height'}"
         )
     shown = _region(region, _Canvas(region.frame, None))
     outlines = [[ring[:-1] for ring in rings] for rings in shown["outline"]]
