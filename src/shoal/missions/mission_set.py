@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from math import inf
@@ -48,6 +49,7 @@ from shoal.search.episode import SearchEpisode
 from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
+from shoal.search.planning.orientation import STRAIGHT
 from shoal.search.planning.plan import (
     SearchPlan,
     attempts,
@@ -69,6 +71,7 @@ VEHICLE = "multirotor"
 """The vehicle of missions of a search that names none."""
 
 _SLIGHT = 0.02  # of the time of a plan: shorter waiting changes little
+_MUCH_LONGER = 2  # times as long: missions for which a part of the reserve is given up
 _ROUNDED = 1.0  # second: rounding of times in files
 
 
@@ -155,18 +158,24 @@ class MissionSet:
             if (margin >= problem.least_margin) == safe
             and (not turned or own == reserves[0 if safe else -1])
         ]
+
+        def make(own: float | None, turned: bool, margin: float) -> MissionSet:
+            """Return the missions with a reserve, rows at the best or at other angles, and a margin."""
+            attempt = fenced
+            if (own, margin) != (fenced.cross_track, fenced.margin) or turned:
+                other = problem.replaced(cross_track=own)
+                if problem.margin is None:
+                    other = other.replaced(margin=margin)
+                attempt = _add_barriers(other.at_place(problem.place), options)
+            plan = plan_at_margin(attempt, seed=seed, rotated_rows=turned)
+            if turned:  # a run of the problem makes the same plan
+                attempt = attempt.replaced(angle=plan.grid.angle).at_place(attempt.place)
+            return cls.from_plan(plan, options, problem=attempt, seed=seed, terrain=terrain)
+
         refusal: InvalidInputError | None = None
-        for kept, turned, margin in tried:
+        for own, turned, margin in tried:
             try:
-                if (kept, margin) != (fenced.cross_track, fenced.margin) or turned:
-                    other = problem.replaced(cross_track=kept)
-                    if problem.margin is None:
-                        other = other.replaced(margin=margin)
-                    fenced = _add_barriers(other.at_place(problem.place), options)
-                plan = plan_at_margin(fenced, seed=seed, rotated_rows=turned)
-                if turned:  # a run of the problem makes the same plan
-                    fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
-                missions = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
+                missions = make(own, turned, margin)
                 break
             except InvalidInputError as error:
                 # another angle, margin or reserve is tried for room alone, but may fail for any reason
@@ -176,22 +185,38 @@ class MissionSet:
         else:
             assert refusal is not None
             raise refusal
-        if kept != reserves[0]:
+        why = "a vehicle has no room for its turns or its path"
+        assert missions.plan is not None
+        if (
+            own
+            and own == reserve
+            and problem.tour == AUTO
+            and missions.plan.tour.name not in STRAIGHT
+        ):
+            # where no vehicle can turn from row to row, what is left may take many times as long
+            with suppress(InvalidInputError):
+                quicker = make(reserve / 2, turned, margin)
+                if missions.end > _MUCH_LONGER * quicker.end:
+                    own, missions = reserve / 2, quicker
+                    why = f"missions take more than {_MUCH_LONGER} times as long"
+        if own != reserves[0]:
             tell_once(
-                f"cross_track: {kept:.3g} m in place of {reserve:.3g} m, because with narrower rows a"
-                " vehicle has no room for its turns or its path: with errors of positions, gaps may"
-                " remain"
+                f"cross_track: {own:.3g} m in place of {reserve:.3g} m, because with narrower rows"
+                f" {why}: with errors of positions, gaps may remain"
             )
+        plan, taken = missions.plan, missions.problem
+        assert plan is not None
+        assert taken is not None
         if options.required_separation is not None and plan.image is None:
             missions = missions._pick_fastest(plan.alternatives, terrain)
         if options.required_separation is not None and problem.prior and problem.order == AUTO:
             missions = missions._pick_soonest(terrain)
-        if not fenced.margin:
+        if not taken.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
             )
-        if fenced.margin != widest:
-            tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
+        if taken.margin != widest:
+            tell_once(narrower_margin_text(taken.margin or 0.0, widest))
         missions._tell_if_late()
         return missions
 

@@ -400,6 +400,21 @@ def test_the_check_says_how_far_vehicles_may_be_outside(tmp_path):
         assert ("rows keep a reserve of 0 m, not of 2.24 m" in planned) == (reserve is not None)
 
 
+def test_half_of_the_reserve_is_given_up_where_straight_rows_have_no_room(monkeypatch):
+    def plan(problem, **kwargs):
+        if problem.cross_track > 2:
+            problem = problem.replaced(tour="spanning-tree").at_place(problem.place)
+        return plan_at_margin(problem, **kwargs)
+
+    monkeypatch.setattr("shoal.missions.mission_set.plan_at_margin", plan)
+    problem = SearchProblem("rectangle:200x100", footprint=20.0, vehicle="multirotor", angle=0.0)
+    for longer, tour in ((2, "spanning-tree"), (1, "boustrophedon")):
+        monkeypatch.setattr("shoal.missions.mission_set._MUCH_LONGER", longer)
+        missions = MissionSet.from_problem(problem)
+        assert missions.plan.tour.name == tour
+        assert bool(missions.cautions) == (tour != "spanning-tree")
+
+
 def test_missions_of_one_waypoint_and_paths_outside_are_cautioned(tmp_path):
     """They have no leg inside the region whose distance from the border could be measured."""
     narrow = SearchProblem(

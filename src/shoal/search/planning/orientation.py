@@ -167,7 +167,7 @@ _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
 }
 """Tours that can run along or across the rows of cells."""
 
-_STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
+STRAIGHT: dict[str, type[BoustrophedonTour | StripsTour]] = {
     "boustrophedon": BoustrophedonTour,
     "strips": StripsTour,
     "headland": HeadlandTour,
@@ -306,14 +306,14 @@ def _through(
     """
     cell_tour = make_tour(_maker(tour, along_rows, turn_cost), grid.mask)
     for name, other in priced.items():
-        if (name in _STRAIGHT) == (tour in _STRAIGHT) and np.array_equal(
+        if (name in STRAIGHT) == (tour in STRAIGHT) and np.array_equal(
             other.tour.cells, cell_tour.cells
         ):
             same = replace(other, tour=cell_tour)
             vars(same)["route"] = other.route
             return same
     if (
-        tour in _STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
+        tour in STRAIGHT and not stepwise and not isinstance(grid.lattice, LineLattice)
     ):  # long rows have few bends at their ends
         grid = along_tour(grid, cell_tour.cells, turn_cost)
     return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
@@ -323,8 +323,8 @@ def _maker(name: str, along_rows: bool | None, turn: float) -> str | TourMaker:
     """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run
     along or across the rows, or for turns that cost ``turn`` cells.
     """
-    if name in _STRAIGHT:
-        return _STRAIGHT[name](turn)
+    if name in STRAIGHT:
+        return STRAIGHT[name](turn)
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 
@@ -540,7 +540,7 @@ def _ranked_by_tours(
     """
     import shapely
 
-    makers = [_STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _ROUGH_TOURS]
+    makers = [STRAIGHT[name](turn, _ROUGH_DISTURBANCES) for name in tours if name in _ROUGH_TOURS]
     if not makers or count < 2:
         return orientations
     simple = shapely.simplify(area, size / 4)
