@@ -150,7 +150,7 @@ class MissionSet:
         widest = fenced.margin or 0.0
         # to stay out of no-go zones counts more than to see everything in spite of errors; other
         # angles take the longest, so they are tried with the whole reserve and at the end
-        tried = [
+        fallbacks = [
             (own, turned, margin)
             for safe in (True, False)
             for own in reserves
@@ -173,7 +173,7 @@ class MissionSet:
             return cls.from_plan(plan, options, problem=attempt, seed=seed, terrain=terrain)
 
         refusal: InvalidInputError | None = None
-        for own, turned, margin in tried:
+        for own, turned, margin in fallbacks:
             try:
                 missions = make(own, turned, margin)
                 break
@@ -503,11 +503,11 @@ class MissionSet:
         if problem is None or plan is None:
             return ()
         vehicle, sentences = plan.vehicle, list[str]()
-        ways = [np.vstack([one.home, one.waypoints[:, :2], one.end]) for one in self.missions]
+        paths = [np.vstack([one.home, one.waypoints[:, :2], one.end]) for one in self.missions]
         frame = problem.place.frame
         if frame is not None:
-            ways = [frame.to_metres(way) for way in ways]
-        distance = distance_of(ways, vehicle.kind, problem.place)
+            paths = [frame.to_metres(path) for path in paths]
+        distance = distance_of(paths, vehicle.kind, problem.place)
         if distance is not None:
             sentences += cautions_about_distance(distance, vehicle)
         if vehicle.cross_track - problem.row_reserve > ROUNDED:

@@ -142,3 +142,16 @@ def test_an_answer_may_hold_half_of_a_pair_of_surrogates(folder):
     shoal.run(SwarmProblem(place, particles=2)).save(folder.root / "named.npz")
     answer = files.settings(folder, {"file": "named.npz"})
     assert json.loads(JSONResponse(answer).body) == answer
+
+
+def test_cells_of_a_missing_map_are_written_once(folder):
+    drawn = folder.root / "drawn.txt"
+    drawn.write_text("..#\n...\n")
+    episode = shoal.run(SwarmProblem(str(drawn), particles=1))
+    episode.save(folder.root / "drawn.npz")
+    drawn.unlink()
+    answers = [files.settings(folder, {"file": "drawn.npz"}) for _ in range(2)]
+    assert answers[0]["written"] == "drawn-map.map"
+    assert answers[1] == answers[0]
+    written = read_map(folder.root / "drawn-map.map")
+    assert np.array_equal(written.free, episode.workspace.free)

@@ -17,9 +17,9 @@ _BITS = 36  # of a number of the proof
 _FINE = 40  # bits of the coefficients of an ellipse
 _HALF = DEGREE // 2  # degree of the squares
 
-Monomial = tuple[
-    int, int, int, int
-]  # exponents of the coordinates of the first, then the second particle
+Monomial = tuple[int, int, int, int]
+"""Exponents of the coordinates of the first, then the second particle."""
+
 Polynomial = dict[Monomial, int]
 
 
@@ -188,14 +188,13 @@ def potential_value(
             powers = monomials(2 * _HALF - 2)
             for entry, multipliers in zip(rests, case["zero"], strict=True):
                 for power, x in zip(powers, multipliers, strict=True):
-                    taken = {times(power, one_of): -_whole(x) * y for one_of, y in zero.items()}
+                    taken = {times(power, key): -_whole(x) * y for key, y in zero.items()}
                     rests[entry] = _sum(rests[entry], taken)
         sizes = {entry: sum(abs(x) for x in part.values()) for entry, part in rests.items()}
         rest = max(rest, max(sizes[0, 0], sizes[1, 1]) + sizes[0, 1] + rounded)
     # places within the tolerance of the goals
-    near = tolerance
     change = sum(
-        abs(x) * ((1 + near) ** sum(powers) - 1) for powers, x in potential.items()
+        abs(x) * ((1 + tolerance) ** sum(powers) - 1) for powers, x in potential.items()
     ) / Fraction(1 << _BITS)
     fall = (_at(potential, start) - _at(potential, goal)) / Fraction(1 << _BITS) - change
     return max(fall, Fraction(0)) / (1 + Fraction(rest, 1 << (_BITS + _FINE)))

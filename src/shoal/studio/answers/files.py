@@ -63,16 +63,21 @@ def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def _with_cells(
     folder: Folder, fields: dict[str, Any], workspace: Any
 ) -> tuple[dict[str, Any], str]:
-    """Write the cells of a map to a new file. Return the problem with this map, and the file."""
+    """Write the cells of a map to a file, new unless an earlier call wrote the same. Return the
+    problem with this map, and the file.
+    """
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.problem import READING
 
     stem = workspace.name.rpartition("/")[2].partition(".")[0].replace(":", "-")
-    written = folder.new_name(f"{stem}-map", ".map" if workspace.ndim == 2 else ".npy")
-    write_map(workspace, folder.path(written))
-    kept = {key: value for key, value in fields.items() if key not in READING}
+    end = ".map" if workspace.ndim == 2 else ".npy"
     sides = {"cell_size": workspace.spacing[0]} if workspace.spacing else {}
-    return kept | {"map": written} | sides, written
+    kept = {key: value for key, value in fields.items() if key not in READING} | sides
+    written = f"{stem}-map{end}"
+    if not _opens(folder, kept | {"map": written}, workspace):
+        written = folder.new_name(f"{stem}-map", end)
+        write_map(workspace, folder.path(written))
+    return kept | {"map": written}, written
 
 
 def _opens(folder: Folder, fields: dict[str, Any], workspace: Any) -> bool:

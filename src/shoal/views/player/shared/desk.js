@@ -6,7 +6,8 @@ const ShoalDesk = (() => {
   const $ = (id) => document.getElementById(id);
   const number = (n) => n.toLocaleString("en-GB");
   /** Digits of a number as Python writes them: a tie goes to the even one, where JavaScript takes
-   *  the larger. `exact` has more digits than a tie. */
+   *  the larger. `exact` has more digits than a tie. The studio's modules, which no player loads,
+   *  have the same in page.js. */
   const evenly = (text, exact) => {
     const [digits, more] = [text, exact].map((one) => one.split("e")[0].replace(/[^0-9]/g, ""));
     const tie = /^50*$/.test(more.slice(digits.length)),
