@@ -7,11 +7,13 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
 from playwright.sync_api import Page
+from tests.browser.waiting import PATIENCE
 
 import shoal
 
@@ -66,8 +68,9 @@ def tab(page: Page, name: str) -> None:
 
 
 def tab_to(page: Page, words: str) -> None:
-    """Press Tab until what has these words, or this label, has the focus."""
-    for _ in range(200):
+    """Press Tab, around the page while it loads, until these words or label have the focus."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
         page.keyboard.press("Tab")
         if words in page.evaluate(
             "[document.activeElement.textContent, document.activeElement.ariaLabel]"

@@ -319,7 +319,7 @@ def test_an_empty_film(open_player):
 
 
 def test_play_runs_to_the_end_and_begins_again(open_player):
-    page = open_player(pond(30))
+    page = open_player(pond(120))
     page.wait_for_timeout(150)
     assert page.evaluate("[shoalPlayer.move, shoalPlayer.playing]") == [0, False]
     page.select_option("#speed", "60")
@@ -330,12 +330,12 @@ def test_play_runs_to_the_end_and_begins_again(open_player):
     assert page.evaluate("shoalPlayer.playing") is False
     stopped = move(page)
     page.wait_for_timeout(100)
-    assert move(page) == stopped < 30
+    assert move(page) == stopped < 120
     page.evaluate("shoalPlayer.play()")
     until(page, "!shoalPlayer.playing")
-    assert move(page) == 30
+    assert move(page) == 120
     page.evaluate("shoalPlayer.play()")
-    until(page, "shoalPlayer.move < 20 && shoalPlayer.playing")
+    until(page, "shoalPlayer.move < 100 && shoalPlayer.playing")
     page.evaluate("shoalPlayer.pause()")
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from playwright.sync_api import Page
 from tests.browser.studio import HOSTILE, Studio, run_and_load, tab, tab_to
-from tests.browser.waiting import settle, until
+from tests.browser.waiting import PATIENCE, settle, until
 
 import shoal
 from shoal.papers.reproduce import recipes
@@ -431,7 +431,8 @@ def playing(page: Page) -> Any:
     shown = page.locator(".panel:not([hidden]) iframe:not([hidden])").first.element_handle()
     frame = shown.content_frame()
     assert frame is not None
-    for _ in range(250):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
         if frame.evaluate("!!window.shoalPlayer?.picture"):
             return frame
         page.wait_for_timeout(20)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+
+PATIENCE = 20.0
+"""How many seconds to wait for what a busy machine does late."""
 
 
 def until(page: Page, expression: str) -> None:
     """Wait for an expression (the page's policy forbids it the eval that
     wait_for_function needs).
     """
-    for _ in range(250):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
         if page.evaluate(expression):
             return
         page.wait_for_timeout(20)
