@@ -285,8 +285,8 @@ class MissionSet:
             named = problem.replaced(order=order).at_place(problem.place)
             other = in_order(plan, named)
             if order == TOUR:
-                in_time = [times[name] for name, one in made.items() if one.end <= limit]
-                if _expected_find(other, named) >= min(in_time, default=inf):  # without waiting
+                to_beat = [times[name] for name, one in made.items() if one.end <= limit]
+                if _expected_find(other, named) >= min(to_beat, default=inf):  # without waiting
                     break
             try:
                 made[order] = self.from_plan(
@@ -297,8 +297,8 @@ class MissionSet:
             times[order] = _expected_find(made[order]._scheduled, named)
         if TOUR in made and min(one.end for one in made.values()) > limit:
             limit = problem.at_most * made[TOUR].end
-        kept = [name for name, one in made.items() if one.end <= limit]
-        best = min(kept or [LIKELY], key=times.__getitem__)
+        in_time = [name for name, one in made.items() if one.end <= limit]
+        best = min(in_time or [LIKELY], key=times.__getitem__)
         if best != LIKELY:
             tell_once(
                 f"order: {best}, in which vehicles that keep apart find the target after"

@@ -129,8 +129,8 @@ def join_strips(
     order, backwards = np.empty((2, len(strips)), dtype=np.int64)
     nearest_next(ends, order, backwards)
     if len(strips) <= MOST_RUNS:
-        longer = detours.between(ends, turn)
-        shorten(ends.astype(np.float64), longer, order, backwards, turn, disturbances)
+        extra = detours.between(ends, turn)
+        shorten(ends.astype(np.float64), extra, order, backwards, turn, disturbances)
     return [strips[k][:: -1 if backwards[k] else 1] for k in order.tolist()]
 
 

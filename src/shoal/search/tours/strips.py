@@ -130,7 +130,7 @@ class Detours:
         hull = shapely.convex_hull(shapely.multipoints(np.argwhere(region)))
         self._straight = not shapely.contains_xy(hull.buffer(-_DENT), *np.nonzero(~region)).any()
         self._edges: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]] | None = None
-        self._away: dict[int, NDArray[np.float64]] = {}
+        self._from_node: dict[int, NDArray[np.float64]] = {}
 
     def between(self, ends: NDArray[np.generic], turn: float) -> NDArray[np.float64]:
         """Return what links between the ends of strips, of shape (S, 2, 2), cost more, with one turn
@@ -139,13 +139,14 @@ class Detours:
         cells, place = np.unique(ends.reshape(-1, 2).astype(np.int64), axis=0, return_inverse=True)
         if self._straight or self._count * len(cells) > _MOST_SEARCHED:
             return np.zeros((len(place), len(place)))
-        away = self._distances(cells)
-        apart = np.abs(cells[:, None] - cells)
+        distances = self._distances(cells)
+        offsets = np.abs(cells[:, None] - cells)
         # steps from cell to cell take longer than a straight line in the open, too
-        in_the_open = apart.max(axis=2) + (2**0.5 - 1) * apart.min(axis=2)
-        ratio = np.where(np.isfinite(away), away, in_the_open) / np.maximum(in_the_open, 1.0)
-        longer = np.hypot(*np.moveaxis(apart, -1, 0)) * (ratio - 1.0)
-        costs = np.where(longer > _AROUND, longer + turn, 0.0)
+        in_the_open = offsets.max(axis=2) + (2**0.5 - 1) * offsets.min(axis=2)
+        ratio = np.where(np.isfinite(distances), distances, in_the_open)
+        ratio /= np.maximum(in_the_open, 1.0)
+        detours = np.hypot(*np.moveaxis(offsets, -1, 0)) * (ratio - 1.0)
+        costs = np.where(detours > _AROUND, detours + turn, 0.0)
         return np.ascontiguousarray(costs[place][:, place])
 
     def _distances(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -157,9 +158,9 @@ class Detours:
         if self._edges is None:
             self._edges = _steps_between(number)
         nodes = number[tuple(cells.T)]
-        for node in set(nodes.tolist()) - self._away.keys():
-            self._away[node] = distances_from(*self._edges, node)
-        return np.array([self._away[node][nodes] for node in nodes.tolist()])
+        for node in set(nodes.tolist()) - self._from_node.keys():
+            self._from_node[node] = distances_from(*self._edges, node)
+        return np.array([self._from_node[node][nodes] for node in nodes.tolist()])
 
 
 def _steps_between(
