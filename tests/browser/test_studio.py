@@ -245,7 +245,7 @@ def test_jobs_of_a_killed_server_are_found_again_and_no_process_is_left(
     jobs: list[dict[str, Any]] = [
         {"kind": "sweep", "spec": {"toml": sweep, "store": "kept.sqlite", "sweep": "kept"}}
     ]
-    problem = {"kind": "swarm", "map": "maze:301x301", "particles": 40}
+    problem = {"kind": "swarm", "map": "maze:301x301", "particles": 40, "policy": "best"}
     jobs += [{"kind": "play", "spec": {"problem": problem, "seed": seed}} for seed in (1, 2)]
     numbers = [page.evaluate(ask, job)["id"] for job in jobs]
     until(page, "document.getElementById('jobsWord').textContent.startsWith('3')")

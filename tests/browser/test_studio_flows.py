@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from tests.browser.studio import Studio, run_and_load, tab, written_by
 from tests.browser.waiting import until
 
@@ -100,9 +100,19 @@ def test_a_link_opens_the_same_problem_again(page: Page, studio: Studio) -> None
 
 
 def test_a_run_is_stopped_and_leaves_nothing(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": "maze:201x201", "particles": 10}, "seed": 0})
-    page.get_by_role("button", name="Run", exact=True).click()
-    page.get_by_role("button", name="Stop").click()
+    minutes = {"map": "maze:201x201", "particles": 10, "policy": "best"}
+    studio.open(page, "vessels", {"problem": minutes, "seed": 0})
+    late: list[Route] = []
+
+    def hold(route: Route) -> None:
+        late.append(route)
+
+    page.route("**/api/jobs", hold)
+    with page.expect_request("**/api/jobs"):
+        page.get_by_role("button", name="Run", exact=True).click()
+    page.get_by_role("button", name="Stop").click()  # before the studio knows of the run
+    late[0].continue_()
+    page.unroute("**/api/jobs", hold)
     until(page, "!document.querySelector('.bottom .main').disabled")
     assert list(studio.folder.glob("maze-201*")) == []
     page.get_by_role("button", name="Jobs").click()
@@ -159,8 +169,10 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
     studio.open(other, "vessels")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 21})
     page.locator(".underStage .facts", has_text="free").wait_for()
-    page.get_by_role("button", name="Run", exact=True).click()
-    page.wait_for_selector("#busy", state="attached")
+    with page.expect_response(
+        lambda answer: answer.request.method == "POST" and "jobs" in answer.url
+    ):
+        page.get_by_role("button", name="Run", exact=True).click()
     page.goto("about:blank")
     until(
         other,

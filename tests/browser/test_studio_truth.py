@@ -531,6 +531,7 @@ def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(
     page.locator(".editor canvas").focus()
     page.keyboard.press("Space")
     facts.get_by_text("16 free").wait_for()
+    until(page, "location.hash.includes('painted')")  # the folder has it
     page.reload()
     facts.get_by_text("16 free").wait_for()
     studio.open(page, "vessels", {"problem": {"map": "rectangle:5x5", "particles": 2}, "seed": 0})

@@ -1,5 +1,5 @@
 /* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
-import { ask, cancelJob, fileAddress, run } from "../shared/api.js";
+import { ask, fileAddress, run } from "../shared/api.js";
 import { dataTable, el, guarded, progressText, told } from "../shared/page.js";
 import { failure } from "../shared/share.js";
 
@@ -124,7 +124,10 @@ export function papers({ remember }) {
       button.disabled = false;
       button.textContent = words;
     };
-    const job = await run("reproduce", spec, {
+    button.disabled = true;
+    button.parentElement.after(row);
+    await run("reproduce", spec, {
+      stop,
       job: (now) => {
         progress.value = now.done ?? 0;
         note.textContent = progressText(now);
@@ -137,10 +140,10 @@ export function papers({ remember }) {
         end();
         if (now.state !== "cancelled") told(new Error(failure(now)));
       },
+    }).catch((error) => {
+      end();
+      throw error;
     });
-    button.disabled = true;
-    button.parentElement.after(row);
-    stop.onclick = guarded(() => cancelJob(job.id));
   }
 
   return {

@@ -1,6 +1,6 @@
 /* Talking with the server: questions, jobs, files, and the socket that tells of them. */
 
-import { capital } from "./page.js";
+import { capital, guarded } from "./page.js";
 
 export const state = { start: null, jobs: new Map(), files: [], counts: {} };
 const listeners = { job: new Set(), files: new Set() };
@@ -152,9 +152,11 @@ function heardOf(job) {
 }
 
 /** Queue a job and follow it: `piece`, `job`, `done(result)` and `failed(job)` are called as it
- *  goes. */
-export async function run(kind, spec, watcher) {
-  const job = await addJob(kind, spec);
+ *  goes. A button, `stop`, cancels it from now on, although the studio has not answered yet. */
+export async function run(kind, spec, { stop = null, ...watcher }) {
+  const adding = addJob(kind, spec);
+  if (stop) stop.onclick = guarded(async () => cancelJob((await adding).id));
+  const job = await adding;
   watchers.set(job.id, watcher);
   heardOf(state.jobs.get(job.id) ?? job);
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ watch: job.id }));

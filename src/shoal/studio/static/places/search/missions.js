@@ -1,5 +1,5 @@
 /* Missions: files for vehicles, checked, as a zip. */
-import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
+import { fileAddress, run, state } from "../../shared/api.js";
 import { makeForm } from "../../shared/form.js";
 import { dataTable, el, guarded, number, precise, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
@@ -74,10 +74,11 @@ export function missionsPanel({ ready, current, changed, store }) {
       bar.hidden = stop.hidden = true;
       word.textContent = "";
     };
-    const job = await run(
+    await run(
       "missions",
       { problem, missions, seed },
       {
+        stop,
         job: (now) => {
           bar.value = now.done ?? 0;
           word.textContent = progressText(now);
@@ -95,7 +96,6 @@ export function missionsPanel({ ready, current, changed, store }) {
       free();
       throw error;
     });
-    stop.onclick = guarded(() => cancelJob(job.id));
   }
 
   function show({ file, map, missions, check, command, profiles = [] }) {

@@ -1,6 +1,6 @@
 /* Several policies from the same starts: means with intervals as they come in, and the first start
    of each to watch. */
-import { ask, cancelJob, run } from "../../shared/api.js";
+import { ask, run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
 import { rowsChart } from "../../shared/charts.js";
 import { dataTable, el, guarded, number, told } from "../../shared/page.js";
@@ -75,10 +75,13 @@ export function comparison({ names, problem, seed, current, look, view, below })
     verdict.textContent = "";
     const base = await problem();
     aged.is(current());
-    const job = await run(
+    go.hidden = true;
+    stop.hidden = progress.hidden = false;
+    await run(
       "compare",
       { problem: base, policies, trials: Number(trials.value), seed: seed() },
       {
+        stop,
         job: (now) => {
           progress.value = now.done ?? 0;
           word.textContent =
@@ -96,10 +99,10 @@ export function comparison({ names, problem, seed, current, look, view, below })
           told(new Error(failure(now)));
         },
       },
-    );
-    go.hidden = true;
-    stop.hidden = progress.hidden = false;
-    stop.onclick = () => cancelJob(job.id);
+    ).catch((error) => {
+      finish();
+      throw error;
+    });
   }
 
   function finish() {

@@ -101,6 +101,7 @@ export class Editor {
     this.below = null; // a photograph under the cells: { image, box, share }
     this.photograph = null;
     this.map = null; // { shape, free, start }
+    this.applying = el("button.second", { disabled: true }, "Apply"); // of what is painted by numbers
     this.inlet = new Set();
     this.tool = LOOK;
     this.brush = 3;
@@ -120,6 +121,7 @@ export class Editor {
     const view = this.photograph ? this.look() : null;
     const other = this.photograph || !same;
     this.map = map;
+    this.applying.disabled = !map;
     this.photograph = null;
     if (other) this.lookAt(map && view);
     this.paint();
@@ -362,7 +364,6 @@ export class Editor {
 
   /** Paint a rectangle by its numbers, for those who do not draw. */
   fill(tool, row, column, rows, columns) {
-    if (!this.map) return;
     this.tool = tool;
     this.beginStroke();
     this.set(tool, row, column, rows, columns);

@@ -1,6 +1,6 @@
 /* Run: the episode in the player, move by move as it is computed, and earlier episodes of the
    folder. */
-import { ask, cancelJob, leftOut, on, run, state } from "../../shared/api.js";
+import { ask, leftOut, on, run, state } from "../../shared/api.js";
 import { el, guarded, number, progressText, say, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
@@ -19,14 +19,9 @@ export function running({ store, problem, open, below }) {
     result = el("div.result", {});
   const bar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Run");
-  const stop = el(
-    "button.second",
-    { type: "button", hidden: true, onclick: guarded(() => job && cancelJob(job)) },
-    "Stop",
-  );
+  const stop = el("button.second", { type: "button", hidden: true }, "Stop");
   const empty = el("p.empty", {}, PRESS);
-  let job = null,
-    turns = 0; // of what is on the stage
+  let turns = 0; // of what is on the stage
   let shown = null; // the episode on the stage: its file and its sentence
 
   /** What is on the stage says so if it is of other settings than those that are set now. */
@@ -95,10 +90,11 @@ export function running({ store, problem, open, below }) {
     go.disabled = go.hidden = true;
     stop.hidden = bar.hidden = false;
     empty.textContent = BEGINS;
-    const begun = run(
+    await run(
       "play",
       { problem: given, seed: JSON.parse(at).seed },
       {
+        stop,
         piece(piece) {
           if (!here()) return;
           if (piece.begin) opening = begin(piece.begin);
@@ -126,20 +122,13 @@ export function running({ store, problem, open, below }) {
           told(new Error(failure(now)));
         },
       },
-    );
-    await begun.then(
-      ({ id }) => {
-        job = id;
-      },
-      (error) => {
-        finish();
-        throw error;
-      },
-    );
+    ).catch((error) => {
+      finish();
+      throw error;
+    });
   }
 
   function finish() {
-    job = null;
     go.disabled = go.hidden = false;
     empty.textContent = PRESS;
     stop.hidden = bar.hidden = true;

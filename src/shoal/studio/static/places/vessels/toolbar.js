@@ -74,7 +74,7 @@ export function toolbar(editor, store) {
     },
     what,
     cells,
-    el("button.second", {}, "Apply"),
+    editor.applying,
   );
   const byNumbers = el("details.by", {}, el("summary", {}, "By numbers"), form);
   const element = el(
