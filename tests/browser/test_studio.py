@@ -111,6 +111,11 @@ def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:
 def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels", {"problem": {"map": "line:4", "particles": 1}, "seed": 1})
     start = shoal.run(SwarmProblem("line:4", particles=1), seed=1).start[0, 1]
+    # the plan has ended before the studio hears that somebody watches it
+    page.evaluate("""() => {
+        const { send } = WebSocket.prototype;
+        WebSocket.prototype.send = function (words) { setTimeout(() => send.call(this, words), 800); };
+    }""")
     tab(page, "Drive")
     page.get_by_role("button", name="Start the race").click()
     page.wait_for_selector(".pad:not([hidden])")

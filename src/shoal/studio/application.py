@@ -313,11 +313,11 @@ class Studio:
                 number = _watched(await socket.receive())
                 if number is not None:
                     watched.add(number)
-                    # The earlier pieces, and the job's current state. No other message is sent
-                    # between these lines.
+                    # The earlier pieces, and then the job's current state, with which a browser
+                    # has them all. No other message is sent between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
-                    listener.put_nowait({"job": self.queue.describe(number)})
+                    listener.put_nowait({"job": self.queue.describe(number), "of": number})
         except WebSocketDisconnect:
             pass
         except ShoalError:

@@ -195,6 +195,11 @@ MOST_PIECES = 50_000_000
 to watch later.
 """
 
+MOST_ENDED = 4
+"""Number of ended jobs that keep their pieces, for browsers whose request to watch comes after the
+end.
+"""
+
 
 class _Running:
     """A running job: its process, its progress, and the reported pieces of its episode, for
@@ -235,6 +240,7 @@ class JobQueue:
         self.folder, self.tell = folder, tell
         self.store = JobStore(folder.root)
         self._running: dict[int, _Running] = {}
+        self._ended: dict[int, list[dict[str, Any]]] = {}  # pieces of the last ended jobs
         self._unsaved: dict[
             int, tuple[str, dict[str, Any]]
         ] = {}  # ends of jobs that a full disk could not store
@@ -327,6 +333,9 @@ class JobQueue:
             state, result = "cancelled", {}
         await asyncio.to_thread(worker.end)
         del self._running[number]
+        self._ended[number] = running.pieces
+        if len(self._ended) > MOST_ENDED:
+            del self._ended[next(iter(self._ended))]
         if self._closing and not running.cancelled:
             return  # the store says that the job is running: the next server finds it
         self._end(number, state, result)
@@ -353,8 +362,12 @@ class JobQueue:
             del self._unsaved[number]
 
     def pieces(self, number: int) -> list[dict[str, Any]]:
-        """Return all pieces of the episode that a running job has computed so far."""
-        return list(self._running[number].pieces) if number in self._running else []
+        """Return all pieces of the episode that a job has computed, if the job runs or is one of
+        the last that ended.
+        """
+        if number in self._running:
+            return list(self._running[number].pieces)
+        return self._ended.get(number, [])
 
     def describe(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers. If the job does not exist, return empty data.

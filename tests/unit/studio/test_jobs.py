@@ -139,6 +139,7 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
             await asyncio.sleep(0.01)
         found = [queue.describe(number) for number in (crashing, cancelled, good, bad)]
         pieces = [message["piece"] for message in told if message.get("of") == good]
+        assert queue.pieces(good) == pieces  # also for a browser that asks after the end
         await queue.close()
         return found, pieces
 

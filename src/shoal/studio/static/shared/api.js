@@ -113,6 +113,7 @@ function connect() {
   });
   socket.addEventListener("message", (event) => hear(JSON.parse(event.data)));
   socket.addEventListener("close", () => {
+    for (const watcher of watchers.values()) watcher.answered = false;
     setTimeout(async () => {
       try {
         const { jobs } = await request("GET", "/api/jobs");
@@ -127,10 +128,11 @@ function connect() {
 }
 
 function hear(message) {
+  const watcher = watchers.get(message.of);
+  if (watcher && message.job) watcher.answered = true;
   if (message.job?.id !== undefined) heardOf(message.job);
   if (message.files) loadFiles().catch(() => {});
-  const watcher = message.piece && watchers.get(message.of);
-  if (!watcher) return;
+  if (!watcher || !message.piece) return;
   watcher.came = (watcher.came ?? 0) + 1;
   if (watcher.came <= (watcher.skip ?? 0)) return;
   watcher.seen = (watcher.seen ?? 0) + 1;
@@ -139,12 +141,14 @@ function hear(message) {
 
 export const ended = (job) => ["done", "failed", "cancelled", "interrupted"].includes(job.state);
 
+/** A job has changed. Its watcher hears of its end when the studio has answered that it is watched,
+ *  with all pieces before: a short job may end earlier. */
 function heardOf(job) {
   state.jobs.set(job.id, job);
   listeners.job.forEach((tell) => tell(job));
   const watcher = watchers.get(job.id);
   watcher?.job?.(job);
-  if (watcher && ended(job)) {
+  if (watcher?.answered && ended(job)) {
     watchers.delete(job.id);
     if (job.state === "done") watcher.done?.(job.result, job);
     else watcher.failed?.(job);
