@@ -343,13 +343,11 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     places = []
     for name in ("Cells", "Photograph", "Cells"):
         page.get_by_role("button", name=name, exact=True).click()
-        kind = "row" if name == "Cells" else "pixel"
+        kind, fact = ("row", "free cells") if name == "Cells" else ("pixel", "confidence")
+        page.locator(".facts", has_text=fact).wait_for()
         if not places:
-            page.locator(".facts", has_text="free cells").wait_for()
             canvas.hover(position={"x": 420, "y": 200})
             page.mouse.wheel(0, -600)
-        elif kind == "pixel":
-            page.locator(".facts", has_text="confidence").wait_for()
         settle(page)
         canvas.hover(position={"x": 300, "y": 210})
         where = page.locator(".where", has_text=re.compile(f"^{kind}"))
@@ -408,9 +406,9 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     page.get_by_role("button", name="Compare", exact=True).click()
     page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
     for place, count in ((".race", 1), (".quad", 2)):
-        frames = page.locator(f"{place} iframe:not([hidden])").all()
-        players = [frame.content_frame.locator("body") for frame in frames]
-        assert len(players) == count
+        frames = page.locator(f"{place} iframe:not([hidden])")
+        expect(frames).to_have_count(count)
+        players = [frame.content_frame.locator("body") for frame in frames.all()]
         for checked, share in ((True, 0.95), (False, None)):
             page.get_by_label("Photograph below").set_checked(checked)
             for player in players:

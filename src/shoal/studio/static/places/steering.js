@@ -143,7 +143,7 @@ export function steering({ remember }) {
   const loadRoom = newest(async () => {
     try {
       place = await ask("workspace", { problem: fields(), seed });
-      complain(null);
+      if (!corners) complain(null); // what is said of an outline stays
       form.usual(place.chosen);
       if (place.dimensions !== 2)
         throw new Error(
@@ -171,7 +171,7 @@ export function steering({ remember }) {
     try {
       plans = { greedy: await ask("steer", { problem: { ...asked, planner: "greedy" }, seed }) };
       performance.measure("shoal-greedy", { start: began });
-      complain(null);
+      if (!corners) complain(null);
     } catch (error) {
       // greedy follows the hand, whichever planner is set
       const other = error.field === "planner" && planner() !== "greedy";
