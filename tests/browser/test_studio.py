@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from tests.browser.studio import HOSTILE, Studio, run_and_load, tab, tab_to
 from tests.browser.waiting import PATIENCE, settle, until
 
