@@ -437,7 +437,7 @@ class SearchEpisode(Episode):
             times[cells].tolist(),
             strict=True,
         ):
-            numbers = [*(f"{number:.6g}" for number in place), str(robot + 1), f"{moment:.6f}"]
+            numbers = [*(f"{number:.6f}" for number in place), str(robot + 1), f"{moment:.6f}"]
             lines.append(",".join(numbers))
         write_text(Path(path), "\n".join(lines) + "\n")
 

@@ -54,6 +54,26 @@ def test_an_obstacle_has_a_proof(around):
     assert not check_certificate_of(SteeringProblem(ELL, problem.start, problem.start), proof)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+@pytest.mark.parametrize(
+    ("start", "goal", "least"),
+    [
+        ([(1.95, 0.5), (0.5, 0.5)], [(1.95, 0.5), (0.3, 0.5)], 0.2),
+        ([(0.0, 0.0), (0.5, 0.5)], [(0.0, 0.0), (0.45, 0.45)], 0.05 * 2**0.5),
+        ([(1.8, 0.5), (0.1, 0.2)], [(1.8, 0.5), (0.1, 0.2)], 0.0),
+    ],
+)
+def test_a_particle_that_stays_needs_no_path(unit, start, goal, least):
+    """The bounds of these problems counted a way there and back, through some corner."""
+    place = region(unit * np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]))
+    start, goal = unit * np.array(start), unit * np.array(goal)
+    problem = SteeringProblem(place, start, goal, friction=5.0, tolerance=1e-6 * unit)
+    assert geodesic_bound(problem, start, goal) == pytest.approx(least * unit, abs=2e-6 * unit)
+    if unit == 1.0 and least < 0.1:
+        found = certify(run(problem), seconds=1)
+        assert found.lower_bound <= found.episode.length + 1e-12
+
+
 def _first_leaf(proof):
     return next(node for node in proof["trees"][0]["proof"]["ways"][0]["proof"] if "norms" in node)
 

@@ -251,6 +251,27 @@ def test_lines_on_transparent_ground(tmp_path, said, mode, ink, hidden, suffix):
     is_lines(path, channel="alpha")
 
 
+@pytest.mark.parametrize("ink", [0, 255])
+def test_faint_lines_stand_out_from_their_ground(tmp_path, ink):
+    """The ground of lines that are less than half opaque was always white."""
+    path = tmp_path / "faint.png"
+    grey = np.full_like(LINES, ink)
+    Image.fromarray(np.stack([grey, grey, grey, LINES * 100], axis=-1)).save(path)
+    np.testing.assert_array_equal(read_map(path).free, FREE if ink else ~FREE)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_a_wholly_transparent_picture_is_refused(tmp_path, suffix):
+    from shoal.swarm.maps.pictures import read_pixels
+
+    path = tmp_path / f"nothing{suffix}"
+    Image.fromarray(np.stack([LINES * 255, LINES * 0], axis=-1)).save(path)
+    for read in (read_map, read_pixels):
+        with pytest.raises(InvalidInputError, match=r"nothing.*expected pixels that can be seen"):
+            read(path)
+    assert read_map(path, channel=1).n_free == np.count_nonzero(FREE)
+
+
 def test_the_ground_of_a_stack_is_that_of_all_its_pages(tmp_path):
     for number in range(3):  # on the first page, nothing is drawn
         drawn = LINES if number else LINES * 0

@@ -9,12 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from math import ceil, inf, tau
+from math import ceil, floor, inf, tau
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import (
     check_file,
@@ -41,8 +41,9 @@ LARGEST_PRIOR = 256 * 2**20
 """Maximum size of a prior file in bytes."""
 
 _MOST_NUMBERS = 100_000_000 // 4  # of an array
-_FINE, _COARSE = 4, 2  # samples along the side of a cell, in small and in large searches
+_FINE, _COARSE = 4, 2  # samples along the side of a cell, in most and in large searches
 _SMALL = 200_000  # cells
+_ENOUGH, _FINEST = 25_600, 32  # samples that few cells have, and along the side of one at most
 _AT_ONCE = 200_000  # samples
 _MOST_LOOKED = 4_000_000  # samples of the ground that was seen before
 _CERTAIN = 1.0 - 1e-6
@@ -91,7 +92,16 @@ class Raster:
         places = np.column_stack(
             [(points[:, 0] - self.west) / width, (self.north - points[:, 1]) / height]
         )
-        return _mean_pixel(self.values, places, side / width, side / height) / (width * height)
+        mean = _mean_pixel(self.values, places, side / width, side / height)
+        return mean / (width * height)
+
+    def covered(self, points: Points, side: float) -> Floats:
+        """Return the share of each square in the grid; float64, shape (n,)."""
+        height, width = self.values.shape
+        across, down = self.sides
+        low = np.array([self.west, self.north - height * down])
+        high = np.array([self.west + width * across, self.north])
+        return _shares_in_box(points, side, low, high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +122,28 @@ class GeoRaster:
         """Return the mean probability per square metre in squares (see `Density`), which count as if
         they lay along the pixels.
         """
-        places = self.grid.grid_points(points, self.region.frame) + 0.5  # pixels from the corner
+        places, sides, scale = self._pixels(points, side)
+        return _mean_pixel(self.grid.heights, places, *sides) * scale
+
+    def covered(self, points: Points, side: float) -> Floats:
+        """Return the share of each square in the grid; float64, shape (n,)."""
+        places, sides, _ = self._pixels(points, side)
+        size = np.array(self.grid.heights.shape[::-1])
+        return _shares_in_box(places, sides, np.zeros(2), size)
+
+    def _pixels(self, points: Points, side: float) -> tuple[Points, Floats, float]:
+        """Return the middles of squares in pixels from the corner, the squares' sides in pixels, and
+        the number of pixels in a square metre.
+        """
+        places = self.grid.grid_points(points, self.region.frame) + 0.5
         # metres of the frame to pixels, in the middle of the points
         middle = points.mean(axis=0)
         corners = self.grid.grid_points(
             middle + np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]), self.region.frame
         )
         (a, b), (c, d) = corners[1:] - corners[0]
-        across, down = side * float(np.hypot(a, c)), side * float(np.hypot(b, d))
-        mean = _mean_pixel(self.grid.heights, places, across, down)
-        return mean * float(abs(a * d - b * c))
+        sides = side * np.array([np.hypot(a, c), np.hypot(b, d)])
+        return places, sides, float(abs(a * d - b * c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +371,8 @@ class Prior:
             count = int(there.sum())
             ground = MovingGround(np.full(count, 1.0 / count), motion, grid, tour)
             return ground, count / len(places)
-        step, samples = self._samples(layers_of(grid)[0])
+        # more squares than particles tell nothing more
+        step, samples = self._samples(layers_of(grid)[0], enough=_PARTICLES)
         points, _, weights = map(np.concatenate, zip(*samples, strict=True))
         ahead, rng = np.cumsum(weights), np.random.default_rng(_PARTICLES)
         if not ahead[-1] > 0:
@@ -437,20 +460,29 @@ class Prior:
         flat, masses = _summed(*map(np.concatenate, zip(*found, strict=True)))
         return flat, masses, float(masses.sum())
 
-    def _samples(self, grid: Any) -> tuple[float, Iterator[tuple[Points, Floats, Floats]]]:
+    def _samples(
+        self, grid: Any, enough: int = _ENOUGH
+    ) -> tuple[float, Iterator[tuple[Points, Floats, Floats]]]:
         """Return the side of the sample squares that cover the area of a grid, in metres, and these
-        squares (see `_looked`).
+        squares (see `_looked`). They lie inside the cells, unless these are turned. Few cells have
+        ``enough`` of them together.
         """
         fine = _FINE if grid.n_cells <= _SMALL else _COARSE
+        fine = max(fine, min(_FINEST, ceil((enough / grid.n_cells) ** 0.5)))
         step = grid.size / fine
-        return step, self._looked(grid.region, grid.region.area, step)
+        corner = None if grid.angle else grid.corner
+        return step, self._looked(grid.region, grid.region.area, step, corner)
 
     def _looked(
-        self, region: SearchRegion, area: Any, step: float
+        self,
+        region: SearchRegion,
+        area: Any,
+        step: float,
+        corner: tuple[float, float] | None = None,
     ) -> Iterator[tuple[Points, Floats, Floats]]:
         """Yield the middles of squares of side ``step`` that cover an area, strip by strip, with the
         probability of the part of each square in the area before and after the earlier looks at the
-        region.
+        region. A corner of one square may be given.
         """
         import shapely
 
@@ -464,6 +496,11 @@ class Prior:
             for weight, density in parts
         ]
         west, south, east, north = area.bounds
+        if corner is not None:
+            west, south = (
+                first + step * floor((low - first) / step + _ROUNDED)
+                for first, low in zip(corner, (west, south), strict=True)
+            )
         across, along = (
             low + step * (np.arange(ceil((high - low) / step - _ROUNDED)) + 0.5)
             for low, high in ((west, east), (south, north))
@@ -479,7 +516,13 @@ class Prior:
             density = np.zeros(len(points))
             for weight, part in parts:
                 own = weight * part.density(points, step)
-                density += own if isinstance(part, Segments) else own * shares
+                if isinstance(part, Raster | GeoRaster):
+                    # what is outside the grid counts as 0 in the mean already
+                    covered = np.maximum(part.covered(points, step), shares)
+                    own *= shares / covered
+                elif not isinstance(part, Segments):
+                    own *= shares
+                density += own
             weights = step**2 * density
             missed = np.ones(len(points))
             for look in looks:
@@ -560,8 +603,7 @@ def _shares(shape: Any, points: Points, side: float) -> Floats:
 
     low, high = np.reshape(shape.bounds, (2, 2))
     if shape.area >= (1.0 - _UPRIGHT) * (high - low).prod():
-        sides = np.minimum(points + side / 2, high) - np.maximum(points - side / 2, low)
-        return np.asarray(np.maximum(sides, 0.0).prod(axis=1) / side**2)
+        return _shares_in_box(points, side, low, high)
     shares = np.zeros(len(points))
     there = np.flatnonzero((np.abs(2 * points - low - high) < high - low + side).all(axis=1))
     if not len(there):
@@ -585,6 +627,15 @@ def _shares(shape: Any, points: Points, side: float) -> Floats:
     found[crossed] = np.bincount(square, areas, minlength=len(crossed)) / side**2
     shares[there] = np.minimum(found, 1.0)
     return shares
+
+
+def _shares_in_box(points: Points, sides: ArrayLike, low: Floats, high: Floats) -> Floats:
+    """Return the share of each rectangle around points, with given sides, between two corners of a
+    box; float64, shape (n,).
+    """
+    half = np.broadcast_to(sides, 2) / 2
+    inner = np.minimum(points + half, high) - np.maximum(points - half, low)
+    return np.asarray(np.maximum(inner, 0.0).prod(axis=1) / (2 * half).prod())
 
 
 def _subdivided(shape: Any) -> list[Any]:

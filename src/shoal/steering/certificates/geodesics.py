@@ -86,6 +86,7 @@ def geodesics(space: Any, start: Points, goal: Points) -> NDArray[np.float64]:
     if isinstance(space, ConvexWorkspace):
         return np.asarray(straight)
     import shapely
+    from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
     # A slightly larger region has shorter paths, so that rounding errors never raise a bound.
@@ -94,13 +95,12 @@ def geodesics(space: Any, start: Points, goal: Points) -> NDArray[np.float64]:
     nodes = np.concatenate([start, goal, *space.rings])
     tails, heads = np.triu_indices(len(nodes), 1)
     lines = shapely.linestrings(np.stack([nodes[tails], nodes[heads]], axis=1))
-    visible = shapely.covers(shape, lines)
-    graph = np.full((len(nodes), len(nodes)), inf)
     lengths = np.linalg.norm(nodes[tails] - nodes[heads], axis=1)
-    graph[tails[visible], heads[visible]] = lengths[visible]
-    graph = np.minimum(graph, graph.T)
-    # zero is no edge for SciPy: points at one place are an immeasurable distance apart
-    graph[(graph == 0)] = 1e-300
-    graph[~np.isfinite(graph)] = 0
-    distances = dijkstra(graph, indices=range(len(start)))[:, len(start) : len(start) + len(goal)]
+    # Shapely finds no line between points at one place in any shape
+    visible = shapely.covers(shape, lines) | (lengths == 0)
+    # sparse, because SciPy takes lengths of about zero in a full matrix for missing edges
+    edges = lengths[visible], (tails[visible], heads[visible])
+    graph = csr_array(edges, shape=(len(nodes), len(nodes)))
+    distances = dijkstra(graph, directed=False, indices=range(len(start)))
+    distances = distances[:, len(start) : len(start) + len(goal)]
     return np.asarray(np.maximum(np.where(np.isfinite(distances), distances, 0.0), straight))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,6 +60,8 @@ LABELS_OF_PALETTE = "the labels are the entries of the palette (--level takes it
 LEVELS_OF_PALETTE = "the levels are the greys of the palette (--label takes its entries)"
 # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
 LUMA = (0.299, 0.587, 0.114)
+# least opacity of the pixels that tell the ground behind transparent ones; in faint drawings
+_OPAQUE, _FAINT = 0.5, 1e-6
 
 
 def read_picture(path: Path, options: MapOptions) -> Cells:
@@ -162,7 +164,9 @@ def read_pixels(
                 if channel is None or picture.channels_chosen
                 else _one_channel(band, channel, path)
             )
-        return np.concatenate(_pixels(path, bands, _ground_of(bands)))
+        with errors_at(path):
+            ground = _ground_of(lambda: bands)
+        return np.concatenate(_pixels(path, bands, ground))
 
 
 def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uint8]]:
@@ -426,8 +430,15 @@ class _Source:
             yield grey
 
     def _common_ground(self) -> float:
-        """Return the brightness from 0 to 1 that stands for transparent pixels on all pages."""
-        ground = _ground_of(page for _, page in self.pages())
+        """Return the brightness from 0 to 1 that stands for transparent pixels on all pages.
+
+        Raises
+        ------
+        InvalidInputError
+            If no pixel can be seen.
+        """
+        with errors_at(str(self.folder or self.files[0])):
+            ground = _ground_of(lambda: (page for _, page in self.pages()))
         word = "white" if ground else "black"
         self._notices[
             f"transparent pixels count as {word}, the opposite of most other pixels (--channel"
@@ -493,17 +504,25 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
     )
 
 
-def _ground_of(pages: Iterable[Page]) -> float:
+def _ground_of(pages: Callable[[], Iterable[Page]]) -> float:
     """Return the brightness from 0 to 1 of the ground behind transparent pixels.
 
     A drawing on a transparent ground is visible on a ground of the opposite brightness: white lines
-    mean a black ground. The ground is therefore the opposite of most opaque pixels.
+    mean a black ground. The ground is therefore the opposite of most opaque pixels or, in a faint
+    drawing without any, of most visible pixels.
+
+    Raises
+    ------
+    InvalidInputError
+        If all pixels are wholly transparent.
     """
-    opaque = [_opaque(page) for page in pages]
-    return (
-        0.0
-        if sum(counts.bright for counts in opaque) > sum(counts.dark for counts in opaque)
-        else 1.0
+    for least in (_OPAQUE, _FAINT):
+        opaque = [_opaque(page, least) for page in pages()]
+        bright, dark = (sum(getattr(page, side) for page in opaque) for side in ("bright", "dark"))
+        if bright or dark or not any(page.transparent for page in opaque):
+            return 0.0 if bright > dark else 1.0
+    raise InvalidInputError(
+        "expected pixels that can be seen, got transparent ones only (--channel reads one channel)"
     )
 
 
@@ -515,8 +534,10 @@ class _Opaque(NamedTuple):
     transparent: bool
 
 
-def _opaque(page: Page) -> _Opaque:
-    """Return how many opaque pixels of a page are bright, and how many are dark."""
+def _opaque(page: Page, least: float = _OPAQUE) -> _Opaque:
+    """Return how many pixels of a page with at least this opacity are bright, and how many are
+    dark.
+    """
     if page.palette is not None:
         counts = np.bincount(page.numbers.ravel(), minlength=len(page.palette)).astype(np.float64)
         opacity = page.palette[:, 3] / 255
@@ -528,7 +549,7 @@ def _opaque(page: Page) -> _Opaque:
         light = (_grey_of(page.numbers[..., :-1]) / np.float32(white)).ravel()
     else:
         return _Opaque(0, 0, False)
-    opaque = opacity >= 0.5
+    opaque = opacity >= least
     bright, dark = (
         float(counts[opaque & side].sum(dtype=np.float64))
         for side in (light >= WHITE, light < WHITE)
