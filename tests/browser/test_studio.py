@@ -24,6 +24,7 @@ import shoal
 from shoal.papers.reproduce import recipes
 from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
+from shoal.swarm.maps.files import vessel_map
 
 pytestmark = pytest.mark.browser
 
@@ -332,6 +333,12 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     assert max(luminance(colour) + 0.05 for colour in seen) / tissue > 3
     page.locator(".editor canvas").hover()
     page.locator(".where", has_text=re.compile(r"^pixel 1[12]\d, 1[12]\d$")).wait_for()
+    said = page.locator(".underStage .facts", has_text="of the photograph").inner_text()
+    found = vessel_map(str(studio.folder / "tissue.png"), width=60)
+    left, top, right, bottom = found.picture_box
+    taken = f"{(right - left) * (bottom - top) / 240**2:.1%}".replace("%", " %")
+    assert f"the map: {taken} of the photograph" in said
+    assert ("separate part" in said) == (found.dropped[0] > 0)
 
     # cells and photograph share their zoom
     canvas = page.locator(".editor canvas")
@@ -375,8 +382,16 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     run_and_load(page, studio)
     player = page.frame_locator(".frames iframe:not([hidden])")
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
+
+    def obstacle() -> str:
+        swatch = player.locator(".swatch.obstacle")
+        return str(swatch.evaluate("(one) => getComputedStyle(one).backgroundColor"))
+
+    red, green, blue = (int(part) for part in re.findall(r"\d+", obstacle()))
+    assert red > 150 > green > blue  # as it is drawn on the tissue
     page.get_by_label("Photograph below").uncheck()
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None
+    assert obstacle() == "rgb(27, 34, 44)"
     # with the zoom of the cells
     tab(page, "Map")
     page.get_by_role("button", name="Cells", exact=True).click()

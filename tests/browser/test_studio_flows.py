@@ -55,6 +55,8 @@ def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: P
     facts.get_by_text(
         f"{100 * found.mask.mean():.1f} % of the pixels are vessel, confidence"
     ).wait_for()
+    # what was found anew is not out of date
+    assert page.locator(".editor").get_attribute("data-aged") is None
     page.locator("[data-field=particles] input").fill("5")
     page.locator("[data-field=policy] select").select_option("closest-frontier")
     episode = run_and_load(page, studio)

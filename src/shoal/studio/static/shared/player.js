@@ -78,10 +78,7 @@ export class PlayerFrame {
 
   /** Show a photograph under the map: { image, box, share }; or none. A volume has none. */
   setBelow(below) {
-    const { player } = this;
-    if (!player?.picture?.setBelow) return;
-    player.picture.setBelow(below);
-    player.redraw();
+    this.player?.setBelow?.(below);
   }
 
   /** What of the map is looked at: see Picture; undefined: no plane map is shown. */
