@@ -17,6 +17,8 @@ import shoal
 from shoal.lab import Store, Sweep, run_sweep
 from shoal.lab.statistics import compare_along, summarise
 from shoal.lab.sweep import as_toml
+from shoal.search import SearchProblem
+from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
 
 pytestmark = pytest.mark.browser
@@ -378,6 +380,42 @@ def test_the_gallery_shows_episodes_and_plays_them(page: Page, studio: Studio) -
     card.click()
     frame = page.frame_locator(".watching iframe:not([hidden])")
     frame.locator("#of", has_text=f"of {episode.moves}").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_episodes_of_all_parts_play_at_once_with_their_buttons_in_sight(
+    page: Page, studio: Studio
+) -> None:
+    shoal.run(SteeringProblem(planner="greedy"), seed=9).save(studio.folder / "pair.json")
+    shoal.run(SearchProblem("square:60", robots=5, footprint=20.0)).save(
+        studio.folder / "five.json"
+    )
+    page.emulate_media(reduced_motion="no-preference")
+    for name in ("pair.json", "five.json"):
+        studio.open(page, "lab", {"tab": "episodes", "episode": name})
+        until(
+            page,
+            "document.querySelector('.watching iframe:not([hidden])')?.contentWindow.shoalPlayer?.time"
+            " > 0",
+        )
+        frame = page.frame_locator(".watching iframe:not([hidden])")
+        for button in (frame.locator("#play"), frame.locator("#robots li, #moves li").first):
+            box = button.bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= 800
+    side = frame.locator(".side").evaluate("side => side.getBoundingClientRect().bottom")
+    assert (
+        frame.locator("#robots li").last.evaluate("robot => robot.getBoundingClientRect().bottom")
+        <= side
+    )
+    studio.open(page, "steering", {"problem": {"workspace": "square", "planner": "greedy"}})
+    page.locator(".plan[aria-checked=true]", has_text="moves").wait_for()
+    page.get_by_role("button", name="Play", exact=True).click()
+    until(
+        page,
+        "document.querySelector('.panel:not([hidden]) iframe:not([hidden])')?.contentWindow"
+        ".shoalPlayer?.time > 0",
+    )
 
 
 def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:

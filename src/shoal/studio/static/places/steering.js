@@ -335,7 +335,12 @@ export function steering({ remember }) {
         svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" }),
       ),
       ...place.goal.map((point, i) =>
-        handle("goal", i, point, svg("circle", { class: `goal p${i % 5}`, r: 3.1 })),
+        handle(
+          "goal",
+          i,
+          point,
+          svg("circle", { class: `goal p${i % 5}`, r: Math.max(3.1, radius + 0.5) }),
+        ),
       ),
       ...place.start.map((point, i) =>
         handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius })),
@@ -403,10 +408,12 @@ export function steering({ remember }) {
 
   function move(what, i, point) {
     // Random points become those that are shown as soon as one of them is moved.
+    const shown = (points, now) =>
+      Array.isArray(now) ? now.map((one) => [...one]) : points.map((one) => one.map(round));
     problem = {
       ...problem,
-      start: place.start.map((one) => [...one]),
-      goal: place.goal.map((one) => [...one]),
+      start: shown(place.start, problem.start),
+      goal: shown(place.goal, problem.goal),
     };
     problem[what][i] = point.map(round);
     place[what][i] = problem[what][i];
@@ -680,6 +687,7 @@ export function steering({ remember }) {
           go.disabled = false;
           word.textContent = "";
           await showEpisode(file, sentence, at);
+          player.play();
         }),
         failed: (now) => {
           go.disabled = false;

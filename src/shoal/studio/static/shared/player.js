@@ -76,6 +76,11 @@ export class PlayerFrame {
     return this.shown?.contentWindow.shoalPlayer ?? null;
   }
 
+  /** Play what is shown, unless the user wants no motion. */
+  play() {
+    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.player?.play();
+  }
+
   /** Show a photograph under the map: { image, box, share }; or none. A volume has none. */
   setBelow(below) {
     this.player?.setBelow?.(below);
