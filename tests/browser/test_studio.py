@@ -77,7 +77,7 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     page.locator(".underStage .facts").get_by_text("0 free").wait_for()
     hint = page.locator(".warning", has_text="Paint free cells")
     hint.wait_for()
-    tab(page, "Run")
+    tab(page, "Episode")
     assert not hint.is_visible()  # a hint about the map lies over no button of a run
     tab(page, "Map")
     page.get_by_label("What to paint").select_option("free")
@@ -399,13 +399,13 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     page.mouse.wheel(0, -600)
     settle(page)
     wanted = page.locator(".where", has_text="row").inner_text()
-    tab(page, "Run")
+    tab(page, "Episode")
     view = player.locator("body").evaluate("() => shoalPlayer.picture.view")
     assert view["wide"] < 1.5
     tab(page, "Map")
     canvas.hover(position={"x": 300, "y": 210})
     assert page.locator(".where", has_text="row").inner_text() == wanted
-    tab(page, "Run")
+    tab(page, "Episode")
     player.locator("#picture").hover()
     assert re.fullmatch(r"row \d+, column \d+", player.locator("#where").inner_text())
 

@@ -128,7 +128,7 @@ def test_an_episode_of_the_folder_is_opened_again(page: Page, studio: Studio) ->
     episode = shoal.run(SwarmProblem(**MAZE), seed=4)
     episode.save(studio.folder / "earlier.npz")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
-    tab(page, "Run")
+    tab(page, "Episode")
     page.get_by_label("Episodes of the folder").select_option("earlier.npz")
     page.frame_locator(".panel:not([hidden]) iframe:not([hidden])").locator(
         "#of", has_text=f"of {episode.moves}"

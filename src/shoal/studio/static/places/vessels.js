@@ -486,7 +486,7 @@ export function vessels({ remember }) {
         volumeFrame.element,
         words,
       ],
-      ["run", "Run", ...runs.children],
+      ["run", "Episode", ...runs.children],
       ["race", "Drive", races.element],
       ["compare", "Compare", comparisons.element],
     ],
