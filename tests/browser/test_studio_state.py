@@ -168,7 +168,9 @@ def test_a_reload_restores_every_place_with_its_film_and_its_steps(
     page.reload()
     inside = page.frame_locator(".panel:not([hidden]) iframe:not([hidden])")
     inside.locator("#of", has_text=f"of {episode.moves}").wait_for()
-    assert page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    assert (
+        page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    )
     assert page.locator(".frames[data-aged]").count() == 0
     assert page.locator("#compareTrials").input_value() == "7"
     page.locator("[data-field=particles] input").focus()

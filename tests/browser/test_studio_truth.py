@@ -463,7 +463,9 @@ def test_players_and_drawings_survive_a_visit_elsewhere(page: Page, studio: Stud
     inside.locator("#of", has_text=f"of {episode.moves}").wait_for()
     assert inside.locator("#picture").bounding_box()
     assert page.url == address  # so that a link, and the next visit, are of what is shown
-    assert page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    assert (
+        page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    )
     page.get_by_role("link", name="Search", exact=True).click()
     page.locator(".search-place .plane").wait_for()
     assert told(page)["drawing"]["parts"] == []

@@ -194,5 +194,5 @@ def test_points_in_space_and_what_are_no_points():
     for text in ("0.2,0.3,0.1 0.5,0.4,0.7", "0.2 0.3 0.1, 0.5 0.4 0.7", str(wanted)):
         assert _parse_places(text) == wanted
     for text in ("0.2,0.3 0.5", "0.2,0.3 0.5,0.6,0.7", "a,b c,d"):
-        with pytest.raises(ValueError, match="expected points, as in '0.1,0.2 0.3,0.4', got "):
+        with pytest.raises(ValueError, match=r"expected points, as in '0\.1,0\.2 0\.3,0\.4', got "):
             _parse_places(text)
