@@ -181,7 +181,7 @@ def test_drawn_is_where_the_walls_are(open_player):
             const first = 4 * (Math.round(top + (1 - y) * side) * width + Math.round(left + x * side));
             return [...pixels.slice(first, first + 4)];
         };
-        return [at(0.8, 0.2), at(0.2 + 6 * unit / side, 0.3), at(0.5 + 6 * unit / side, 0.35)];
+        return [at(0.8 + 6 * unit / side, 0.2), at(0.2 + 6 * unit / side, 0.3), at(0.5 + 6 * unit / side, 0.35)];
     })()""")
     assert colour == [[255, 255, 255, 255], [0, 114, 178, 255], [213, 94, 0, 255]]
 

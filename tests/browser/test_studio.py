@@ -24,6 +24,7 @@ import shoal
 from shoal.papers.reproduce import recipes
 from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
+from shoal.swarm.maps.files import vessel_map
 
 pytestmark = pytest.mark.browser
 
@@ -76,7 +77,7 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     page.locator(".underStage .facts").get_by_text("0 free").wait_for()
     hint = page.locator(".warning", has_text="Paint free cells")
     hint.wait_for()
-    tab(page, "Run")
+    tab(page, "Episode")
     assert not hint.is_visible()  # a hint about the map lies over no button of a run
     tab(page, "Map")
     page.get_by_label("What to paint").select_option("free")
@@ -337,6 +338,12 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     assert max(luminance(colour) + 0.05 for colour in seen) / tissue > 3
     page.locator(".editor canvas").hover()
     page.locator(".where", has_text=re.compile(r"^pixel 1[12]\d, 1[12]\d$")).wait_for()
+    said = page.locator(".underStage .facts", has_text="of the photograph").inner_text()
+    found = vessel_map(str(studio.folder / "tissue.png"), width=60)
+    left, top, right, bottom = found.picture_box
+    taken = f"{(right - left) * (bottom - top) / 240**2:.1%}".replace("%", " %")
+    assert f"the map: {taken} of the photograph" in said
+    assert ("separate part" in said) == (found.dropped[0] > 0)
 
     # cells and photograph share their zoom
     canvas = page.locator(".editor canvas")
@@ -378,8 +385,16 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     run_and_load(page, studio)
     player = page.frame_locator(".frames iframe:not([hidden])")
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below.share") == 0.95
+
+    def obstacle() -> str:
+        swatch = player.locator(".swatch.obstacle")
+        return str(swatch.evaluate("(one) => getComputedStyle(one).backgroundColor"))
+
+    red, green, blue = (int(part) for part in re.findall(r"\d+", obstacle()))
+    assert red > 150 > green > blue  # as it is drawn on the tissue
     page.get_by_label("Photograph below").uncheck()
     assert player.locator("body").evaluate("() => shoalPlayer.picture.below") is None
+    assert obstacle() == "rgb(27, 34, 44)"
     # with the zoom of the cells
     tab(page, "Map")
     page.get_by_role("button", name="Cells", exact=True).click()
@@ -387,13 +402,13 @@ def test_a_photograph_lies_below_its_map_and_its_vessels_stand_out(
     page.mouse.wheel(0, -600)
     settle(page)
     wanted = page.locator(".where", has_text="row").inner_text()
-    tab(page, "Run")
+    tab(page, "Episode")
     view = player.locator("body").evaluate("() => shoalPlayer.picture.view")
     assert view["wide"] < 1.5
     tab(page, "Map")
     canvas.hover(position={"x": 300, "y": 210})
     assert page.locator(".where", has_text="row").inner_text() == wanted
-    tab(page, "Run")
+    tab(page, "Episode")
     player.locator("#picture").hover()
     assert re.fullmatch(r"row \d+, column \d+", player.locator("#where").inner_text())
 

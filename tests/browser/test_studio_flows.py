@@ -55,6 +55,8 @@ def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: P
     facts.get_by_text(
         f"{100 * found.mask.mean():.1f} % of the pixels are vessel, confidence"
     ).wait_for()
+    # what was found anew is not out of date
+    assert page.locator(".editor").get_attribute("data-aged") is None
     page.locator("[data-field=particles] input").fill("5")
     page.locator("[data-field=policy] select").select_option("closest-frontier")
     episode = run_and_load(page, studio)
@@ -136,7 +138,7 @@ def test_an_episode_of_the_folder_is_opened_again(page: Page, studio: Studio) ->
     episode = shoal.run(SwarmProblem(**MAZE), seed=4)
     episode.save(studio.folder / "earlier.npz")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
-    tab(page, "Run")
+    tab(page, "Episode")
     page.get_by_label("Episodes of the folder").select_option("earlier.npz")
     page.frame_locator(".panel:not([hidden]) iframe:not([hidden])").locator(
         "#of", has_text=f"of {episode.moves}"

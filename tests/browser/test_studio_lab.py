@@ -17,6 +17,8 @@ import shoal
 from shoal.lab import Store, Sweep, run_sweep
 from shoal.lab.statistics import compare_along, summarise
 from shoal.lab.sweep import as_toml
+from shoal.search import SearchProblem
+from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
 
 pytestmark = pytest.mark.browser
@@ -127,6 +129,10 @@ def test_a_new_sweep_of_each_kind_is_a_question_with_a_free_name(
         kind.select_option(name)
         until(page, f"document.getElementById('sweepToml').value.includes('kind = \"{name}\"')")
         said.get_by_text("2 points, 40 trials").wait_for()
+    kind.select_option("swarm")
+    page.get_by_label("What varies").select_option("particles")
+    page.get_by_label("Values").fill("5, 15")
+    said.get_by_text("Results go to particles.sqlite").wait_for()  # no longer of policies
     kind.select_option("search")
     said.get_by_text("Results go to crashes-2.sqlite").wait_for()
     page.locator(".axis .help", has_text="Number of robots that crash").wait_for()
@@ -153,6 +159,13 @@ def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> 
     page.get_by_text("8 points, 32 trials").wait_for()
     assert page.get_by_label("Name").input_value() == "other"
     assert page.get_by_label("Values").last.input_value() == "2 to 8 step 2"
+    # a name becomes a part of a file's name: blanks are hyphens
+    name = page.get_by_label("Name")
+    name.fill("how many moves")
+    page.locator(".drafting [role=status]", has_text="how-many-moves.sqlite").wait_for()
+    name.press("Tab")
+    expect(name).to_have_value("how-many-moves")
+    assert 'name = "how-many-moves"\n' in text.input_value()
     page.get_by_label("Values").last.fill("1 to 100 in 3 values log")
     page.get_by_text("6 points, 24 trials").wait_for()
     assert 'particles = { from = 1, to = 100, count = 3, scale = "log" }' in text.input_value()
@@ -206,6 +219,10 @@ def test_a_sweep_of_the_command_is_found_and_exported(
     page.get_by_label("Measure").select_option("moves")
     chart = page.get_by_label("moves against particles")
     chart.locator("canvas").wait_for()
+    chart.get_by_text("Bars: their 95 % intervals").wait_for()
+    compared, *_, told_95 = shown_table(page, "Comparisons")[0]
+    assert compared == "greedy-classify minus closest-frontier"
+    assert told_95 in ("higher", "lower", "no clear difference")
     with Store(studio.folder / mazes) as store:
         rows = [row for row in summarise(store, "mazes", "moves") if row.estimate]
 
@@ -244,6 +261,36 @@ def test_a_sweep_of_the_command_is_found_and_exported(
     table = written_by(page, studio, "Table as CSV")
     assert list(csv.reader(table.read_text().splitlines()))[1:] == expected
     assert written_by(page, studio, "Figure as PNG").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("ends", "said"),
+    [
+        ([(2, 4)] * 4, "are, against closest-frontier, higher at all 4 points."),
+        (
+            [(2, 4), (-4, -2), (-1, 1), (1, 3)],
+            "lower at 1 and higher at 2, and not clearly different at 1 (of 4 points).",
+        ),
+        ([(-1, 1)] * 4, "closest-frontier do not differ clearly at any of 4 points."),
+    ],
+)
+def test_many_comparisons_are_one_sentence(
+    page: Page, studio: Studio, mazes: str, ends: list[tuple[int, int]], said: str
+) -> None:
+    def many(route: Route) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        one = found["comparisons"][0]
+        found["comparisons"] = [
+            one | {"comparison": {"difference": {"low": low, "high": high, "mean": 0, "count": 4}}}
+            for low, high in ends
+        ]
+        route.fulfill(response=answer, json=found)
+
+    page.route("**/api/ask/sweep", many)
+    studio.open(page, "lab", {"store": mazes, "sweep": "mazes", "measure": "moves"})
+    page.locator(".verdict", has_text=said).wait_for()
+    page.unroute_all(behavior="ignoreErrors")
 
 
 def test_a_sweep_as_python_gives_the_same_means(
@@ -378,6 +425,42 @@ def test_the_gallery_shows_episodes_and_plays_them(page: Page, studio: Studio) -
     card.click()
     frame = page.frame_locator(".watching iframe:not([hidden])")
     frame.locator("#of", has_text=f"of {episode.moves}").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_episodes_of_all_parts_play_at_once_with_their_buttons_in_sight(
+    page: Page, studio: Studio
+) -> None:
+    shoal.run(SteeringProblem(planner="greedy"), seed=9).save(studio.folder / "pair.json")
+    shoal.run(SearchProblem("square:60", robots=5, footprint=20.0)).save(
+        studio.folder / "five.json"
+    )
+    page.emulate_media(reduced_motion="no-preference")
+    for name in ("pair.json", "five.json"):
+        studio.open(page, "lab", {"tab": "episodes", "episode": name})
+        until(
+            page,
+            "document.querySelector('.watching iframe:not([hidden])')?.contentWindow.shoalPlayer?.time"
+            " > 0",
+        )
+        frame = page.frame_locator(".watching iframe:not([hidden])")
+        for button in (frame.locator("#play"), frame.locator("#robots li, #moves li").first):
+            box = button.bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= 800
+    side = frame.locator(".side").evaluate("side => side.getBoundingClientRect().bottom")
+    assert (
+        frame.locator("#robots li").last.evaluate("robot => robot.getBoundingClientRect().bottom")
+        <= side
+    )
+    studio.open(page, "steering", {"problem": {"workspace": "square", "planner": "greedy"}})
+    page.locator(".plan[aria-checked=true]", has_text="moves").wait_for()
+    page.get_by_role("button", name="Play", exact=True).click()
+    until(
+        page,
+        "document.querySelector('.panel:not([hidden]) iframe:not([hidden])')?.contentWindow"
+        ".shoalPlayer?.time > 0",
+    )
 
 
 def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:

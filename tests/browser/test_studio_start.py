@@ -83,6 +83,7 @@ def test_somebodys_episode_is_changed_and_run_again(
         "found.json": SearchProblem("field.json", robots=2, footprint=40.0),
         "room.json": SteeringProblem(workspace="room.wkt", planner="greedy", **pair),
         "square.json": SteeringProblem(planner="greedy", **pair),
+        "random.json": SteeringProblem(planner="greedy"),
     }
     for name, problem in problems.items():
         shoal.run(problem, seed=4).save(tmp_path / name)
@@ -113,4 +114,17 @@ def test_somebodys_episode_is_changed_and_run_again(
             page, f"document.getElementById('steeringWorkspace')?.value.startsWith('{workspace}')"
         )
         assert page.locator("[data-field=start] input:visible").input_value() == "0.2,0.7 0.4,0.9"
+    # random points stay those of the episode, whatever else is changed
+    change("random.json")
+    start, goal = problems["random.json"].endpoints(4)
+    points = [
+        page.get_by_role("button", name=f"{what} {k + 1} at {round(x, 4):g}, {round(y, 4):g}")
+        for what, places in (("Particle", start), ("Goal", goal))
+        for k, (x, y) in enumerate(places)
+    ]
+    radius = page.locator("[data-field=particle_radius] input:visible")
+    radius.fill("0.01")
+    radius.press("Tab")
+    page.locator(".plan[aria-checked=true]", has_text="moves").wait_for()
+    assert [point.count() for point in points] == [1, 1, 1, 1]
     assert page.locator(".note.bad").count() == 0

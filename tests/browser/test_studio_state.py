@@ -164,11 +164,13 @@ def test_a_reload_restores_every_place_with_its_film_and_its_steps(
     episode = run_and_load(page, studio)
     tab(page, "Compare")
     page.locator("#compareTrials").fill("7")
-    tab(page, "Run")
+    tab(page, "Episode")
     page.reload()
     inside = page.frame_locator(".panel:not([hidden]) iframe:not([hidden])")
     inside.locator("#of", has_text=f"of {episode.moves}").wait_for()
-    assert page.get_by_role("tab", name="Run", exact=True).get_attribute("aria-selected") == "true"
+    assert (
+        page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    )
     assert page.locator(".frames[data-aged]").count() == 0
     assert page.locator("#compareTrials").input_value() == "7"
     page.locator("[data-field=particles] input").focus()
@@ -267,7 +269,7 @@ def test_an_episode_opened_during_a_run_stays_on_the_stage_with_its_own_exports(
     episode.save(studio.folder / "opened.npz")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 5})
     page.locator(".underStage .facts", has_text="free").wait_for()
-    tab(page, "Run")
+    tab(page, "Episode")
     page.evaluate("""async () => {
         const choice = document.querySelector("select[aria-label='Episodes of the folder']");
         [...document.querySelectorAll(".bottom .main")].find((one) => one.textContent === "Run").click();

@@ -417,7 +417,7 @@ def test_python_of_an_opened_episode_is_that_episode(page: Page, studio: Studio)
     episode.save(studio.folder / "opened.npz")
     studio.open(page, "vessels", {"problem": MAZE, "seed": 5})
     page.locator(".underStage .facts", has_text="free").wait_for()
-    tab(page, "Run")
+    tab(page, "Episode")
     page.get_by_label("Episodes of the folder").select_option("opened.npz")
     page.locator(".panel:not([hidden]) .exports").wait_for()
 
@@ -463,7 +463,9 @@ def test_players_and_drawings_survive_a_visit_elsewhere(page: Page, studio: Stud
     inside.locator("#of", has_text=f"of {episode.moves}").wait_for()
     assert inside.locator("#picture").bounding_box()
     assert page.url == address  # so that a link, and the next visit, are of what is shown
-    assert page.get_by_role("tab", name="Run", exact=True).get_attribute("aria-selected") == "true"
+    assert (
+        page.get_by_role("tab", name="Episode", exact=True).get_attribute("aria-selected") == "true"
+    )
     page.get_by_role("link", name="Search", exact=True).click()
     page.locator(".search-place .plane").wait_for()
     assert told(page)["drawing"]["parts"] == []
@@ -489,7 +491,7 @@ def test_of_many_episodes_the_newest_are_listed_and_all_can_be_reached(
         list(studio.folder.rglob("*.episode.json"))
     )
     assert listed[-1] == f"{there - 200:,} older ones: in the Lab …"
-    tab(page, "Run")
+    tab(page, "Episode")
     page.get_by_label("Episodes of the folder").select_option(listed[-1])
     page.get_by_text(f"The newest 24 of {there:,} episodes.").wait_for()
     assert page.locator(".gallery .card b").first.inner_text() == "the-newest.npz"
@@ -615,6 +617,9 @@ def test_what_is_wrong_stands_at_its_field_and_nothing_moves(page: Page, studio:
         control.press("Enter")
         field.locator(".fault", has_text=said).wait_for()
         room.locator(".stage-side > .warning", has_text=said).wait_for()
+        if place == "steering":  # the last picture stays, and says that it is another one
+            assert room.locator(".workspace .handle").count() == 4
+            assert room.locator(".workspace").get_attribute("data-aged") == "not of these settings"
         assert [one.bounding_box() for one in [control, *stage.all()]] == before, name
         assert control.get_attribute("aria-describedby") == f"{control.get_attribute('id')}-fault"
         page.locator(".brand").click()
@@ -680,7 +685,7 @@ def test_an_outline_that_would_cross_itself_or_bend_inward_is_refused_at_once(
 ) -> None:
     studio.open(page, "steering", {"problem": {"workspace": "square"}, "seed": 2})
     page.get_by_role("button", name="Draw a workspace").click()
-    page.get_by_text("Click the corners of a convex outline").wait_for()
+    page.get_by_text("Click corners of a convex outline (none inward)").wait_for()
     box = page.locator(".room").first.bounding_box()
     assert box is not None
 

@@ -309,8 +309,8 @@ def check_sweep_name(name: Any, *, what: str) -> str:
     usable = isinstance(name, str) and 0 < len(name) <= 80 and name[0] not in ".-"
     if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in name):
         raise InvalidInputError(
-            f"{what}: expected at most 80 letters, digits and ._-, neither . nor - first, got"
-            f" {name!r:.100}"
+            f"{what}: expected at most 80 letters, digits, points, hyphens and underscores (no"
+            f" blanks; neither a point nor a hyphen first), got {name!r:.100}"
         )
     return str(name)
 

@@ -65,13 +65,25 @@ def _check_places(what: str) -> Any:
 def _parse_places(text: str) -> Any:
     if text == RANDOM:
         return RANDOM
-    numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
-    # numbers per point
-    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)
+    if re.search(r"[(\[]", text):
+        groups = re.findall(r"[(\[]([^()\[\]]+)[)\]]", text)
+    elif ";" in text:
+        groups = text.split(";")
+    elif any("," in word.strip(",") for word in text.split()):  # 0.1,0.2 0.3,0.4
+        groups = text.split()
+    else:  # 0.1 0.2, 0.3 0.4
+        groups = text.split(",")
+    points = [re.findall(r"[^\s,]+", group) for group in groups]
+    sizes = {len(point) for point in points if len(point) > 1} if len(points) > 1 else set()
+    # the same mark between all numbers: points of the plane
+    size = sizes.pop() if len(sizes) == 1 else 2
+    numbers = [number for point in points for number in point]
     try:
+        if sizes or len(numbers) % size:
+            raise ValueError
         return [
-            [float(number) for number in numbers[k : k + count]]
-            for k in range(0, len(numbers), count)
+            [float(number) for number in numbers[k : k + size]]
+            for k in range(0, len(numbers), size)
         ]
     except ValueError:
         raise ValueError(

@@ -508,7 +508,7 @@ def test_reach(tmp_path, capsys):
         [0.0634, 0.301], abs=0.004
     )
     for words, wanted in (
-        (["disk", "--start", "0 0 0.1"], "start: expected points of 2 numbers"),
+        (["disk", "--start", "0 0 0.1"], "start: expected points, as in '0.1,0.2 0.3,0.4'"),
         (["disk", "--start", "0 0 0.9 0"], "start: expected points inside the disk"),
         (["square", "--start", "0 0 0.9 0", "--moves", "3"], "moves: expected an even number"),
         (["nowhere", "--start", "0 0 0.9 0"], "unknown workspace"),

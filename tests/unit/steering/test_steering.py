@@ -19,6 +19,7 @@ from shoal.steering import (
     regular_polygon,
 )
 from shoal.steering.delta_space import two_move_pieces
+from shoal.steering.problem import _parse_places
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 
@@ -168,3 +169,30 @@ def test_reach_of_two_moves_is_the_exact_set():
             assert not found
         elif crossing.slack > 0.01:  # wider than the contacts lie apart
             assert found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0.2,0.3 0.5,0.35",
+        "0.2,0.3, 0.5,0.35",
+        "0.2, 0.3, 0.5, 0.35",
+        "0.2, 0.3 0.5, 0.35",
+        "0.2 0.3, 0.5 0.35",
+        "0.2 0.3 0.5 0.35",
+        "0.2,0.3;0.5,0.35",
+        "(0.2, 0.3), (0.5, 0.35)",
+        "[[0.2,0.3],[0.5,0.35]]",
+    ],
+)
+def test_points_are_read_however_they_are_separated(text):
+    assert _parse_places(text) == [[0.2, 0.3], [0.5, 0.35]]
+
+
+def test_points_in_space_and_what_are_no_points():
+    wanted = [[0.2, 0.3, 0.1], [0.5, 0.4, 0.7]]
+    for text in ("0.2,0.3,0.1 0.5,0.4,0.7", "0.2 0.3 0.1, 0.5 0.4 0.7", str(wanted)):
+        assert _parse_places(text) == wanted
+    for text in ("0.2,0.3 0.5", "0.2,0.3 0.5,0.6,0.7", "a,b c,d"):
+        with pytest.raises(ValueError, match=r"expected points, as in '0\.1,0\.2 0\.3,0\.4', got "):
+            _parse_places(text)

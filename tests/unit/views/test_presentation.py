@@ -126,15 +126,18 @@ def test_pictures_show_particles_where_they_are():
 )
 def test_a_photograph_lies_under_its_map(clip_of, tmp_path):
     picture = Image.new("RGB", (120, 90), (180, 120, 90))
-    ImageDraw.Draw(picture).line([(5, 45), (60, 40), (115, 50)], (90, 20, 20), 7)
+    ImageDraw.Draw(picture).line([(5, 45), (60, 25), (115, 50)], (90, 20, 20), 7)
     picture.save(tmp_path / "vessel.png")
     problem = SwarmProblem(str(tmp_path / "vessel.png"), particles=2, vessels=True, width=60)
     episode = run_swarm(problem, seed=1)
     clip = clip_of(episode)
     with_it = next(iter(clip.frames(clip.moments[:1]))).copy()
+    middle = clip.moments[len(clip.moments) // 2 : len(clip.moments) // 2 + 1]
+    ends = {True: next(iter(clip.frames(middle))).copy()}
     (tmp_path / "vessel.png").unlink()
     clip = clip_of(episode)
-    without = next(iter(clip.frames(clip.moments[:1])))
+    without = next(iter(clip.frames(clip.moments[:1]))).copy()
+    ends[False] = next(iter(clip.frames(middle)))
     assert with_it.shape == without.shape
     # the ground beside the vessel is unknown: grey without the photograph, else in its colour
     unknown = (without == rgb_of(PALETTE["unknown"])).all(axis=-1)
@@ -142,6 +145,13 @@ def test_a_photograph_lies_under_its_map(clip_of, tmp_path):
     assert unknown.sum() > 1000
     red, green, blue = np.median(with_it[unknown], axis=0)
     assert red > green > blue
+    # the legend has each colour as it is drawn on the photograph
+    plain, seen = ends[False], ends[True]
+    for name in ("obstacle", "free", "unknown"):
+        there = (plain == rgb_of(PALETTE[name])).all(axis=-1)
+        there[-200:] = False
+        drawn = np.median(seen[there], axis=0)
+        assert (np.abs(seen[-200:] - drawn).max(axis=-1) < 16).sum() > 60, name
 
 
 def test_a_map_knows_where_it_is_in_its_photograph():

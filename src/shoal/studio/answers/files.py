@@ -40,7 +40,8 @@ def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     An episode holds its map, region or workspace, and somebody else may have the file that it was
     read from. A region is returned as a drawing, and a workspace as text. Cells of a map that the
     problem does not open here are written to a new file (``written``), which takes the place of
-    the map.
+    the map. Random points of a steering problem are returned as the episode has drawn them: with
+    another field, such as the radius of the particles, the same seed draws others.
     """
     name = str(about["file"])
     episode: Any = episode_in(folder.path(name))
@@ -55,6 +56,8 @@ def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             corners = workspace["vertices"]
             pairs = ", ".join(f"{x!r} {y!r}" for x, y in [*corners, corners[0]])
             fields["workspace"] = f"POLYGON (({pairs}))"
+        start, goal = episode.problem.endpoints(episode.seed)
+        fields |= {"start": start.tolist(), "goal": goal.tolist()}
     elif episode.part == "swarm" and not _opens(folder, fields, episode.workspace):
         fields, answer["written"] = _with_cells(folder, fields, episode.workspace)
     return answer | {"problem": fields}

@@ -59,7 +59,7 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "free": base64_of(np.packbits(workspace.free.ravel()).tobytes()),
         "start": None,
         "chosen": {},
-        "box": _box_in_photograph(problem),
+        "box": _box_of(_map_in_photograph(problem)),
         "problem": None,
     }
     try:
@@ -75,15 +75,21 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     return answer
 
 
-def _box_in_photograph(problem: Any) -> list[float] | None:
-    """Return the left, top, right and bottom edge of the map in its photograph, as shares of the
-    photograph's width and height, or None for a map of no photograph.
-    """
+def _map_in_photograph(problem: Any) -> Any:
+    """Return the map of the vessels in a photograph, or None for a map of no photograph."""
     from shoal.swarm.maps.files import vessel_map
 
     if not problem.vessels or not isinstance(problem.map, str):
         return None
-    found = vessel_map(problem.map, **problem.reading)
+    return vessel_map(problem.map, **problem.reading)
+
+
+def _box_of(found: Any) -> list[float] | None:
+    """Return the left, top, right and bottom edge of the map in its photograph, as shares of the
+    photograph's width and height.
+    """
+    if found is None:
+        return None
     height, width = found.mask.shape
     sides = (width, height, width, height)
     return [edge / side for edge, side in zip(found.picture_box, sides, strict=True)]
@@ -100,8 +106,9 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the vessels in a photograph as a picture, which has the size of the picture that
     `photograph` returns.
 
-    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels, and
-    where the map is in the photograph (``box``).
+    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels,
+    where the map is in the photograph (``box``), and the number of parts that are not in the map,
+    with their share of the vessel pixels (``dropped``).
     """
     from shoal.swarm.maps.files import finder_of, vessels_in
 
@@ -112,11 +119,13 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     if answer["exact"]:
         vessels = vessels_in(problem.map, **thresholds, **fields)
         mask = vessels.mask
+        network = _map_in_photograph(problem)
         answer |= {
             "confidence": vessels.confidence,
             "warning": vessels.warning,
             "bright": vessels.bright,
-            "box": _box_in_photograph(problem),
+            "box": _box_of(network),
+            "dropped": network.dropped if network is not None else (0, 0.0),
         }
     else:
         finder = finder_of(problem.map, **fields)

@@ -27,7 +27,7 @@ _TOUCH = 1e-6  # relative to the size: contact tolerance for drawing
 _PUSHED = 1e-9  # relative to the length of a move
 _SPEED = 0.62  # sizes per second
 # seconds of pause after each move, before the first and after the last
-_REST, _FIRST_REST, _LAST_REST = (0.35, 0.7, 2.0)
+_REST, _FIRST_REST, _LAST_REST = (0.35, 0.7, 1.0)
 _QUICKEST = 0.25  # seconds for a short move
 _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
@@ -213,7 +213,7 @@ class FilmSchedule:
     >>> trajectory = MoveTrajectory(np.array([0.62, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),))
     >>> schedule = FilmSchedule([trajectory, trajectory], size=1.0)
     >>> schedule.seconds, schedule.at(1.2), schedule.at(schedule.seconds)
-    (5.05, FilmMoment(move=0, share=0.5), FilmMoment(move=1, share=1.0))
+    (4.05, FilmMoment(move=0, share=0.5), FilmMoment(move=1, share=1.0))
     """
 
     def __init__(self, trajectories: list[MoveTrajectory], *, size: float) -> None:

@@ -15,6 +15,8 @@ from shoal.swarm.maps.workspace import COLOURS, FREE, FRONTIER, PALETTE
 
 LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
 """Names of the colours in the order of the legend."""
+SOLID = frozenset({"particle", "frontier", "free"})
+"""Names of the colours that hide more of a photograph under the map (`CellPalette.solid`)."""
 
 
 def legend_of(episode: SwarmEpisode) -> dict[str, str]:

@@ -17,6 +17,7 @@ from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.drawing.stage import Stage
 from shoal.views.swarm.colours import (
+    SOLID,
     codes_by_move,
     legend_colour,
     legend_of,
@@ -158,8 +159,8 @@ def _legend(
     left, size = 10.0, font.size
     for key, name in legend_of(episode).items():
         colour = rgb_of(legend_colour(episode, key))
-        if key == "unknown" and below is not None:
-            colour = below.shade(colour)
+        if below is not None:
+            colour = below.shade(colour, key in SOLID)
         pen.rectangle(
             (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
             colour,

@@ -89,12 +89,12 @@ class PhotographBelow:
         picture = np.where(covered[..., None], *self._seen)
         return np.asarray(np.add(picture, over, out=picture))
 
-    def shade(self, colour: tuple[int, ...]) -> tuple[int, ...]:
-        """Return what a colour of unknown cells or obstacles looks like on the photograph, in the
-        mean.
+    def shade(self, colour: tuple[int, ...], solid: bool) -> tuple[int, ...]:
+        """Return what the colour of cells looks like on the photograph's median colour: cells
+        that hide more of the photograph (solid), or others.
         """
-        mean = self._pixels.mean(axis=(0, 1))
+        median, through = np.median(self._pixels, axis=(0, 1)), _THROUGH if solid else _UNDER
         return tuple(
-            round(_UNDER * below + (1.0 - _UNDER) * over)
-            for below, over in zip(mean, colour, strict=True)
+            round(through * below + (1.0 - through) * over)
+            for below, over in zip(median, colour, strict=True)
         )

@@ -20,6 +20,7 @@ from shoal.views.drawing.charts import BLUE, INK, MUTED, bar_length
 from shoal.views.drawing.encoding import Clip
 from shoal.views.drawing.stage import Stage
 from shoal.views.swarm.colours import (
+    SOLID,
     codes_by_move,
     legend_colour,
     legend_of,
@@ -176,8 +177,8 @@ class PresentedSwarm:
         left, level = float(_SIDE), self.height - 66.0
         for key, name in legend_of(episode).items():
             colour = legend_colour(episode, key)
-            if key == "unknown" and self._photograph is not None:
-                colour = f"#{bytes(self._photograph.shade(rgb_of(colour))).hex()}"
+            if key != "particle" and self._photograph is not None:
+                colour = f"#{bytes(self._photograph.shade(rgb_of(colour), key in SOLID)).hex()}"
             middle = np.array([left + 11, level - 8])
             if key == "particle":
                 canvas.disc(middle, 10, colour)

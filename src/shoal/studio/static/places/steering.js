@@ -46,7 +46,7 @@ const BEGIN = {
     [0.3, 0.75],
   ],
 };
-const SKETCH = "Click the corners of a convex outline";
+const SKETCH = "Click corners of a convex outline (none inward)";
 const PLANS = ["greedy", "shortest", "fewest-moves"];
 const CLOSEST = 40; // the largest zoom
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
@@ -152,16 +152,27 @@ export function steering({ remember }) {
       drawRoom();
       follow();
     } catch (error) {
-      place = null; // not another workspace under these settings
+      place = null;
       plans = {};
-      room.replaceChildren();
-      space.replaceChildren();
-      refill(reachWord);
       complain(error);
       drawPlans();
     }
     delete room.dataset.aged;
+    showVeil();
   });
+
+  /** Settings without a workspace, such as points that are half typed, leave the last picture there:
+   *  under a veil, and out of reach. */
+  function showVeil() {
+    for (const [figure, other] of [
+      [roomBox, !place && !corners],
+      [spaceBox, !place || corners],
+    ]) {
+      figure.inert = !!other;
+      if (other && room.hasChildNodes()) figure.dataset.aged = "not of these settings";
+      else delete figure.dataset.aged;
+    }
+  }
 
   /** What follows the hand: greedy's plan, and what two moves reach. */
   const follow = newest(async () => {
@@ -335,7 +346,12 @@ export function steering({ remember }) {
         svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" }),
       ),
       ...place.goal.map((point, i) =>
-        handle("goal", i, point, svg("circle", { class: `goal p${i % 5}`, r: 3.1 })),
+        handle(
+          "goal",
+          i,
+          point,
+          svg("circle", { class: `goal p${i % 5}`, r: Math.max(3.1, radius + 0.5) }),
+        ),
       ),
       ...place.start.map((point, i) =>
         handle("start", i, point, svg("circle", { class: `particle p${i % 5}`, r: radius })),
@@ -403,10 +419,12 @@ export function steering({ remember }) {
 
   function move(what, i, point) {
     // Random points become those that are shown as soon as one of them is moved.
+    const shown = (points, now) =>
+      Array.isArray(now) ? now.map((one) => [...one]) : points.map((one) => one.map(round));
     problem = {
       ...problem,
-      start: place.start.map((one) => [...one]),
-      goal: place.goal.map((one) => [...one]),
+      start: shown(place.start, problem.start),
+      goal: shown(place.goal, problem.goal),
     };
     problem[what][i] = point.map(round);
     place[what][i] = problem[what][i];
@@ -483,12 +501,22 @@ export function steering({ remember }) {
           el("span", {}, note),
         );
       }),
-      el(
-        "p.soft",
-        {},
-        plans.greedy?.bound ? `No plan is shorter than ${number(plans.greedy.bound)}.` : "",
-      ),
+      el("p.soft", {}, boundWords()),
     );
+  }
+
+  /** What is proven of all plans, beside what was found. */
+  function boundWords() {
+    if (!plans.greedy?.bound) return "";
+    const lengths = Object.values(plans)
+      .filter((plan) => plan.status === "solved")
+      .map((plan) => plan.length);
+    const { bound } = plans.greedy,
+      found = Math.min(...lengths);
+    if (found <= bound * (1 + 1e-9))
+      return `Proven: no plan is shorter than the shortest one found here (${number(found)}).`;
+    const here = lengths.length ? ` The shortest one found here is ${number(found)} long.` : "";
+    return `Proven: every plan is at least ${number(bound)} long.${here}`;
   }
 
   // ---- where the workspace comes from ----
@@ -510,6 +538,11 @@ export function steering({ remember }) {
     typed.value = typeof name === "string" ? name : "";
     kinds.value = NAMES.includes(name) ? name : "";
     files.value = state.files.some((file) => file.name === name) ? name : "";
+    kinds.options[0].textContent = own()
+      ? "drawn here"
+      : files.value
+        ? "from a file"
+        : "another one";
     sketch.textContent = corners ? "Close the outline" : "Draw a workspace";
     sketch.setAttribute("aria-pressed", String(!!corners));
     heading.textContent = corners ? SKETCH : "Workspace: drag particles and goals";
@@ -580,6 +613,7 @@ export function steering({ remember }) {
     if (!(await mayGo("A new outline"))) return;
     corners = [];
     complain(null);
+    showVeil();
     showChoice();
     stages.pick("plan");
     keep();
@@ -596,6 +630,7 @@ export function steering({ remember }) {
     store.fold((one) => !!one.corners);
     corners = null;
     showChoice();
+    showVeil();
     if (found.length < 3) {
       keep();
       drawRoom();
@@ -619,7 +654,7 @@ export function steering({ remember }) {
       return;
     }
     if (bends([...corners, corner])) {
-      complain("A workspace is convex, and with this corner the outline would bend inward.");
+      complain("This corner would bend inward: a workspace is convex, without inward corners.");
       return;
     }
     complain(null);
@@ -680,6 +715,7 @@ export function steering({ remember }) {
           go.disabled = false;
           word.textContent = "";
           await showEpisode(file, sentence, at);
+          player.play();
         }),
         failed: (now) => {
           go.disabled = false;
@@ -703,6 +739,7 @@ export function steering({ remember }) {
   }
 
   const empty = el("p.empty", {}, "Press Play to watch the plan here, contact by contact.");
+  const roomBox = el("figure.workspace", {}, el("figcaption", {}, heading, where), room);
   const spaceBox = el(
     "figure.delta",
     {},
@@ -718,12 +755,7 @@ export function steering({ remember }) {
         role: "tabpanel",
         "aria-labelledby": tabId("Steering", "plan"),
       },
-      el(
-        "div.twin",
-        {},
-        el("figure.workspace", {}, el("figcaption", {}, heading, where), room),
-        spaceBox,
-      ),
+      el("div.twin", {}, roomBox, spaceBox),
       table,
     ),
     play: el(
@@ -761,7 +793,7 @@ export function steering({ remember }) {
     "Steering",
     [
       ["plan", "Plan"],
-      ["play", "Play"],
+      ["play", "Episode"],
     ],
     (name) => {
       for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
@@ -774,7 +806,7 @@ export function steering({ remember }) {
 
   return {
     element: el(
-      "div.place",
+      "div.place.steering-place",
       {},
       el(
         "section.stage-side",

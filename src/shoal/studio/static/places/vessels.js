@@ -100,6 +100,7 @@ export function vessels({ remember }) {
   const source = el("b.source", {}),
     facts = el("p.facts", {}),
     where = el("p.soft.where", {}),
+    words = el("div.underStage", {}, source, facts, where),
     warning = el("p.warning", { role: "status", hidden: true });
   const {
     input: seedInput,
@@ -183,8 +184,9 @@ export function vessels({ remember }) {
     showRelevant();
     showSource();
     keep(name);
-    if (problem.vessels && VESSEL_FIELDS.includes(name) && name !== "width") overlay();
-    else load();
+    const finds = problem.vessels && VESSEL_FIELDS.includes(name) && name !== "width";
+    if (finds && view !== "photo") setView("photo");
+    load();
   }
 
   /** Whether what was painted may make room for something else. */
@@ -347,18 +349,19 @@ export function vessels({ remember }) {
     visible: () => view === "photo",
     placed: (found) => layers.set(found),
     shown: () => mapped.is(null),
-    said: (words) => {
-      refill(facts, words);
+    said: (...words) => {
+      refill(facts, ...words);
     },
   });
-  const overlay = newest(async () => {
-    if (view !== "photo") setView("photo");
+  async function overlay() {
     try {
       await photograph.show();
     } catch (error) {
+      if (editor.photograph) editor.setPhotograph(editor.photograph, null); // not other vessels
+      refill(facts);
       complain(error);
     }
-  });
+  }
 
   const viewButtons = [
     ["photo", "Photograph"],
@@ -388,6 +391,7 @@ export function vessels({ remember }) {
       button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))),
     );
     tools.hidden = name === "photo";
+    words.classList.toggle("photograph", name === "photo");
     showLayers();
     editor.element.hidden = false;
     volumeFrame.element.hidden = true;
@@ -480,9 +484,9 @@ export function vessels({ remember }) {
         el("div.stageHead", {}, views, tools),
         editor.element,
         volumeFrame.element,
-        el("div.underStage", {}, source, facts, where),
+        words,
       ],
-      ["run", "Run", ...runs.children],
+      ["run", "Episode", ...runs.children],
       ["race", "Drive", races.element],
       ["compare", "Compare", comparisons.element],
     ],

@@ -138,7 +138,11 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
     { "aria-label": `${title} against ${words}` },
     keys,
     room,
-    el("p.soft", {}, "Drag to zoom in, double-click for all."),
+    el(
+      "p.soft",
+      {},
+      "Points: means. Bars: their 95 % intervals. Point at one for its numbers, drag to zoom in, double-click for all.",
+    ),
   );
   const ink = () => colourOf("--soft"),
     rule = () => colourOf("--line");
@@ -192,6 +196,7 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
         width,
         height,
         cursor: { drag: { x: true, y: false }, points: BARE },
+        legend: { markers: { width: 0, fill: (_, i) => colourOf("--own", keys[i - 1]) } },
         scales: {
           x: {
             time: false,
@@ -243,7 +248,16 @@ export function linesChart(lines, { axis, measure, zoom = {} }) {
                 ]);
             },
           ],
-          ready: [(made) => made.over.addEventListener("dblclick", () => show(null))],
+          ready: [
+            ({ over }) => {
+              over.addEventListener("dblclick", () => show(null));
+              for (const [kind, on] of [
+                ["mouseenter", true],
+                ["mouseleave", false],
+              ])
+                over.addEventListener(kind, () => element.classList.toggle("pointed", on));
+            },
+          ],
         },
       },
       [places, ...found.map((one) => numbers.map((at) => one.get(at)?.mean ?? null))],

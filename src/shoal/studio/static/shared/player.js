@@ -76,12 +76,14 @@ export class PlayerFrame {
     return this.shown?.contentWindow.shoalPlayer ?? null;
   }
 
+  /** Play what is shown, unless the user wants no motion. */
+  play() {
+    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.player?.play();
+  }
+
   /** Show a photograph under the map: { image, box, share }; or none. A volume has none. */
   setBelow(below) {
-    const { player } = this;
-    if (!player?.picture?.setBelow) return;
-    player.picture.setBelow(below);
-    player.redraw();
+    this.player?.setBelow?.(below);
   }
 
   /** What of the map is looked at: see Picture; undefined: no plane map is shown. */

@@ -52,7 +52,7 @@
     legendRow("Start", "square");
     legendRow("Goal", "ring");
     legendRow("Wall that holds", "hold");
-    if (data.delta?.sets.some((rings) => rings.length)) legendRow("Δ two moves from here", "reach");
+    if (data.delta?.sets.some((rings) => rings.length)) legendRow("Δ in 2 moves", "reach");
     fillRows($("details"), [
       ["Lower bound", data.bound == null ? "none known" : figure(data.bound)],
       [
@@ -74,6 +74,7 @@
     i.style.background = colour;
     dd.id = id;
     dt.append(i, word);
+    row.classList.toggle("own", !!id);
     row.append(dt, dd);
     $("legend").append(row);
   }

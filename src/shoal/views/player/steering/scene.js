@@ -9,6 +9,8 @@ const ShoalScene = (() => {
   const MARGIN = 22,
     TOP = 42; // CSS pixels around the picture, and above it, where its name stands
   const BODY = 9.5; // radius of a particle that has none, in CSS pixels at 16 a rem
+  const SPECK = 3; // and the least of one that has
+  const NUMBERED = 7.5; // radius from which a particle has its number inside
 
   const floorOf = ([x, y]) => [x, y, 0];
 
@@ -136,7 +138,8 @@ const ShoalScene = (() => {
     drawPlane(moment) {
       const { view, unit, colours } = this,
         at = (point) => view.at(point);
-      const body = Math.max(this.radius * view.scale, BODY * unit);
+      // to scale, as far as it can be seen; a point has no size of its own
+      const body = this.radius ? Math.max(this.radius * view.scale, SPECK * unit) : BODY * unit;
       this.area([this.rings[0].map(at)], colours.floor);
       for (const hole of this.rings.slice(1)) this.area([hole.map(at)], colours.block);
       for (const ring of this.rings)
@@ -160,14 +163,36 @@ const ShoalScene = (() => {
         const corners = square(at(start), 0.8 * body);
         this.area([corners], colours.particle(i), 0.25);
         this.line(corners, colours.particle(i), 1.5 * unit, { closed: true });
+        const goal = at(track.goal[i]),
+          radius = Math.max(1.32 * body, body + 3 * unit);
         this.disc(
-          at(track.goal[i]),
-          1.32 * body,
+          goal,
+          radius,
           this.space ? null : colours.hollow,
           colours.particle(i),
           2.5 * unit,
         );
+        this.number(goal, radius - 1.5 * unit, i, colours.particle(i));
       });
+    }
+
+    /** The number of a particle in a disc, or beside one that is too small for it. */
+    number([x, y], radius, i, inside) {
+      const { unit, colours } = this;
+      if (radius >= NUMBERED * unit)
+        this.word(
+          [x, y],
+          String(i + 1),
+          inside,
+          Math.min(Math.max(11.5 * unit, 0.9 * radius), 24 * unit),
+        );
+      else
+        this.word(
+          [x + radius + 6 * unit, y - radius - 4 * unit],
+          String(i + 1),
+          colours.particle(i),
+          11.5 * unit,
+        );
     }
 
     drawWays(moment, at, shadow = null) {
@@ -191,12 +216,7 @@ const ShoalScene = (() => {
     drawParticle(place, body, i) {
       const { unit, colours } = this;
       this.disc(place, body, colours.particle(i), colours.hollow, 1.5 * unit);
-      this.word(
-        place,
-        String(i + 1),
-        colours.onParticle,
-        Math.min(Math.max(11.5 * unit, 0.9 * body), 24 * unit),
-      );
+      this.number(place, body, i, colours.onParticle);
     }
 
     /** The part of a wall that is shown as holding: a line in the plane. */

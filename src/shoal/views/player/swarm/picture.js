@@ -58,6 +58,24 @@ const ShoalPicture = (() => {
   const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
   const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
 
+  /** The median colour of what is used of a photograph, [r, g, b]. */
+  function medianOf({ image, box: [left, top, right, bottom] }) {
+    const [width, height] = [
+        image.naturalWidth ?? image.width,
+        image.naturalHeight ?? image.height,
+      ],
+      side = 16,
+      canvas = document.createElement("canvas");
+    canvas.width = canvas.height = side;
+    const pen = canvas.getContext("2d"),
+      [x, y] = [left * width, top * height];
+    pen.drawImage(image, x, y, right * width - x, bottom * height - y, 0, 0, side, side);
+    const { data } = pen.getImageData(0, 0, side, side);
+    return [0, 1, 2].map(
+      (k) => data.filter((_, i) => i % 4 === k).sort()[(side * side) >> 1], // a typed array: by size
+    );
+  }
+
   class Picture {
     constructor(canvas, timeline) {
       this.canvas = canvas;
@@ -93,10 +111,18 @@ const ShoalPicture = (() => {
       this.clear = shades.map((shade) => shade === unknown || shade === obstacle);
       const share = (shade, i) =>
         shade === frontier ? 0 : this.clear[i] ? through : THROUGH_OPEN * through;
+      if (below?.image !== this.below?.image || String(below?.box) !== String(this.below?.box))
+        this.median = below && medianOf(below);
       this.below = below;
       this.packed = shades.map((shade, i) => packColour(shade, 1 - share(shade, i)));
       this.frontierShade = shades.indexOf(frontier);
       this.painted = -1;
+      /** A colour of the palette as it looks here: over a photograph, over its median colour. */
+      this.seen = (name) => {
+        const colour = this.palette[name],
+          part = through && share(colour, shades.indexOf(colour));
+        return part ? colour.map((x, i) => Math.round(x + part * (this.median[i] - x))) : colour;
+      };
     }
 
     /** `rem` is the page's text size in CSS pixels. */

@@ -245,6 +245,7 @@
       for (const name of ["unknown", "frontier", "free", "obstacle", "particle", "shared", "wrong"])
         palette[name] = read(name);
       picture.setPalette(palette);
+      showLegend();
       const css = (name, alpha) => ShoalPicture.cssColour(read(name), alpha);
       colours = {
         line: css("curve"),
@@ -256,6 +257,14 @@
         surface: css("page"),
       };
       redraw();
+    }
+
+    /** Over a photograph, the legend has the colours that the eye meets there. */
+    function showLegend() {
+      for (const name of ["unknown", "free", "obstacle"])
+        if (picture.below)
+          $("legend").style.setProperty(`--${name}`, ShoalPicture.cssColour(picture.seen(name)));
+        else $("legend").style.removeProperty(`--${name}`);
     }
 
     function resize() {
@@ -413,6 +422,12 @@
       swarm,
       picture,
       redraw,
+      /** Show a photograph under the map: see Picture; a volume has none. */
+      setBelow(below) {
+        picture.setBelow?.(below);
+        showLegend();
+        redraw();
+      },
       lookAt: (view) => moveView(() => picture.lookAt?.(view)),
       stepBy,
       goTo,

@@ -142,28 +142,34 @@ export function gallery() {
     head.replaceChildren(
       el("h2", {}, file),
       el("p", {}, sentence),
-      exports(file),
-      PLACES[problem.kind]
-        ? el(
-            "button.second",
-            { type: "button", onclick: guarded(() => change(file)) },
-            "Change and run again …",
-          )
-        : [],
       el(
-        "button.second",
+        "button.quiet.icon",
         {
           type: "button",
+          "aria-label": "Close",
           onclick: () => {
             stage.hidden = true;
             frames[part].close();
           },
         },
-        "Close",
+        "×",
+      ),
+      el(
+        "div.actions",
+        {},
+        exports(file),
+        PLACES[problem.kind]
+          ? el(
+              "button.second.small",
+              { type: "button", onclick: guarded(() => change(file)) },
+              "Change and run again …",
+            )
+          : [],
       ),
     );
     await frames[part].open(data);
     stage.scrollIntoView({ block: "start" });
+    frames[part].play();
   }
 
   on("files", () => {

@@ -22,6 +22,8 @@ const QUESTIONS = {
   line: { name: "line", problem: { cells: 100 }, axes: { particles: [5, 10] } },
   schedule: { name: "schedules", problem: {}, axes: { schedule: ["i^i", "every-step"] } },
 };
+/** A name as it is typed; it becomes part of a file's name, which has no blanks. */
+const nameIn = (text) => text.trim().replace(/\s+/g, "-");
 const questionOf = (kind) => {
   const { name, problem, axes } = QUESTIONS[kind] ?? { name: kind, problem: {}, axes: {} };
   return structuredClone({ name, problem: { kind, ...problem }, axes, paired: Object.keys(axes) });
@@ -84,7 +86,15 @@ export function drafting({ shown, started }) {
     own = FIRST.name, // the name that nobody typed
     given = structuredClone(FIRST);
   const id = (words) => `sweep${words}`;
-  const name = el("input", { type: "text", id: id("Name"), spellcheck: false, oninput: changed });
+  const name = el("input", {
+    type: "text",
+    id: id("Name"),
+    spellcheck: false,
+    oninput: changed,
+    onchange: () => {
+      name.value = nameIn(name.value);
+    },
+  });
   const trials = el("input", { type: "number", id: id("Trials"), min: 1, oninput: changed }),
     seed = el("input", { type: "number", id: id("Seed"), min: 0, oninput: changed });
   const kind = el("select", {
@@ -117,6 +127,7 @@ export function drafting({ shown, started }) {
       type: "button",
       onclick: () => {
         addAxis();
+        nameByAxes();
         changed();
         rows.at(-1).choice.focus();
       },
@@ -201,6 +212,7 @@ export function drafting({ shown, started }) {
     }
     choice.addEventListener("change", () => {
       input.value = "";
+      nameByAxes();
       showChips();
       hideVaried();
       changed();
@@ -220,6 +232,7 @@ export function drafting({ shown, started }) {
             onclick: () => {
               rows = rows.filter((one) => one !== row);
               row.element.remove();
+              if (rows.length) nameByAxes();
               hideVaried();
               changed();
             },
@@ -244,6 +257,12 @@ export function drafting({ shown, started }) {
     axes.append(row.element);
     showChips();
     hideVaried();
+  }
+
+  /** A name that nobody typed says what varies. */
+  function nameByAxes() {
+    if (name.value !== own) return;
+    name.value = own = rows.map((row) => row.choice.value.replaceAll("_", "-")).join("-and-");
   }
 
   /** A field that varies is not among those that stay. */
@@ -293,7 +312,7 @@ export function drafting({ shown, started }) {
       Object.entries(form.values()).filter(([key]) => !(key in found)),
     );
     return {
-      name: name.value.trim(),
+      name: nameIn(name.value),
       trials: Number(trials.value),
       seed: seedIn(seed),
       paired,

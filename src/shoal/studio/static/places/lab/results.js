@@ -25,6 +25,7 @@ const short = (values) =>
       typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`,
     )
     .join(", ") || "all";
+const BARS = "Points: means. Bars: their 95 % intervals.";
 const UNITS = { makespan: "s", planned: "s", expected_find: "s" }; // of a search
 const plain = (name) => name.replaceAll("_", " ");
 /** A measure with its unit, and one value of an axis. */
@@ -92,6 +93,12 @@ export function results({ shown, change }) {
     if (one.complete) return `${number(one.total, 9)} trials, complete`;
     return `${number(one.done, 9)} of ${number(one.total, 9)} trials, ${one.running ? "run by a command" : "paused"}`;
   }
+
+  /** What the numbers of the sweep are of: while it runs, they come after its progress. */
+  const basis = (one, found) =>
+    atWork(one)
+      ? `so far: ${number(found.done, 9)} of ${number(found.total, 9)} trials`
+      : stateOf(one);
 
   function drawList() {
     list.replaceChildren(
@@ -213,7 +220,7 @@ export function results({ shown, change }) {
         "p.soft",
         { role: "status" },
         [
-          stateOf(one),
+          basis(one, found),
           found.failures ? `${found.failures} failed` : "",
           `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`,
         ]
@@ -235,7 +242,16 @@ export function results({ shown, change }) {
             ...(format === "csv" ? {} : { measure: found.measure }),
           }),
           FORMATS,
-          el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"),
+          el(
+            "a.chip",
+            {
+              href: fileAddress(one.store),
+              download: "",
+              title: "All trials: the store of the sweep, an SQLite file",
+              "aria-label": "All trials as SQLite",
+            },
+            "SQLite",
+          ),
         ),
       ),
       el("div.chartArea", {}, chart(found)),
@@ -309,7 +325,16 @@ export function results({ shown, change }) {
       .map((group) => {
         const less = group.filter((one) => one.comparison.difference.high < 0).length,
           more = group.filter((one) => one.comparison.difference.low > 0).length;
-        return `With 95 % confidence, mean ${what} ${are} lower for ${valued(compared, group[0].second)} than for ${valued(compared, group[0].first)} at ${less} of ${group.length} points, and higher at ${more}.`;
+        const names = [group[0].second, group[0].first].map((one) => valued(compared, one)),
+          all = group.length;
+        if (!less && !more)
+          return `Mean ${what} of ${names.join(" and ")} do not differ clearly at any of ${all} points.`;
+        const at = (count, word) =>
+          !count ? [] : [`${word} at ${count === all ? `all ${all} points` : count}`];
+        const where = [...at(less, "lower"), ...at(more, "higher")].join(" and ");
+        const rest = less + more < all ? `, and not clearly different at ${all - less - more}` : "";
+        const of = Math.max(less, more) < all ? ` (of ${all} points)` : "";
+        return `With 95 % confidence, mean ${what} for ${names[0]} ${are}, against ${names[1]}, ${where}${rest}${of}.`;
       })
       .concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : [])
       .join(" ");
@@ -324,11 +349,14 @@ export function results({ shown, change }) {
         known.every((one) => typeof one.axes[name] === "number"),
     );
     if (!axis)
-      return rowsChart(
-        known.map((one) => ({ ...one.estimate, label: short(one.axes) })),
-        `${measure}: means and intervals`,
-        titled(measure),
-      );
+      return [
+        rowsChart(
+          known.map((one) => ({ ...one.estimate, label: short(one.axes) })),
+          `${measure}: means and intervals`,
+          titled(measure),
+        ),
+        el("p.soft", {}, BARS),
+      ];
     const lines = new Map();
     for (const { axes, estimate } of known) {
       const { [axis]: x, ...others } = axes,
@@ -357,11 +385,20 @@ export function results({ shown, change }) {
       el("h3", {}, `${titled(measure)} along ${plain(compared)}, on the same seeds`),
       dataTable(
         "Comparisons",
-        ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""],
+        [
+          "Compared",
+          "At",
+          "Difference",
+          "95 % interval",
+          "Ratio",
+          "p (Wilcoxon)",
+          "Pairs",
+          "At 95 %",
+        ],
         all.map(({ axes, first, second, comparison: found }) => {
           const d = found?.difference;
           return [
-            `${valued(compared, second)} less ${first}`,
+            `${valued(compared, second)} minus ${first}`,
             words(axes) === "all" ? "–" : words(axes),
             ...(d
               ? [
@@ -370,7 +407,7 @@ export function results({ shown, change }) {
                   number(found.ratio, 3),
                   number(found.p_value, 2),
                   `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`,
-                  d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference",
+                  d.low > 0 ? "higher" : d.high < 0 ? "lower" : "no clear difference",
                 ]
               : ["–", "–", "–", "–", "–", "too few finished pairs"]),
           ];

@@ -100,6 +100,8 @@ export class Editor {
     this.boxIn = () => null;
     this.below = null; // a photograph under the cells: { image, box, share }
     this.photograph = null;
+    this.vesselColour = null; // of what was found on it
+    this.framed = false; // whether the place of the map in it is that of these vessels
     this.map = null; // { shape, free, start }
     this.applying = el("button.second", { disabled: true }, "Apply"); // of what is painted by numbers
     this.inlet = new Set();
@@ -128,7 +130,7 @@ export class Editor {
     this.redraw();
   }
 
-  setPhotograph(image, mask) {
+  setPhotograph(image, mask, framed = false) {
     const view = this.photograph ? null : this.look();
     const same =
       this.photograph &&
@@ -136,6 +138,7 @@ export class Editor {
       this.photograph.naturalHeight === image.naturalHeight;
     this.photograph = image;
     this.overlay = mask ? this.tinted(mask) : null;
+    this.framed = framed;
     if (!same) this.lookAt(view);
     this.redraw();
   }
@@ -181,6 +184,7 @@ export class Editor {
   tinted(mask) {
     const own = contrasting(this.photograph, mask),
       other = own === ON_DARK ? ON_BRIGHT : ON_DARK;
+    this.vesselColour = own;
     const thick = Math.max(1, Math.round(Math.max(mask.naturalWidth, mask.naturalHeight) / 800));
     const layer = (/** @type {string} */ colour, /** @type {number[]} */ shifts) => {
       const made = document.createElement("canvas"),
@@ -284,6 +288,7 @@ export class Editor {
         pen.drawImage(this.overlay, left, top, columns * scale, rows * scale);
         pen.globalAlpha = 1;
       }
+      this.drawFrame();
       return;
     }
     if (!this.map) return;
@@ -326,6 +331,33 @@ export class Editor {
         this.brush * scale,
       );
     }
+  }
+
+  /** Frame what of the photograph the map takes: all around it is dim. */
+  drawFrame() {
+    const box = this.framed && this.box;
+    if (!box) return;
+    const { pen, ratio, scale } = this,
+      [rows, columns] = this.size;
+    const [left, top, right, bottom] = box.map((share, i) =>
+      i % 2 ? this.top + share * rows * scale : this.left + share * columns * scale,
+    );
+    pen.save();
+    pen.beginPath();
+    pen.rect(this.left, this.top, columns * scale, rows * scale);
+    pen.rect(left, top, right - left, bottom - top);
+    pen.fillStyle = "rgb(12 16 22 / .45)";
+    pen.fill("evenodd");
+    pen.lineWidth = 1.5 * ratio;
+    for (const [colour, dash] of [
+      ["#10151b", []],
+      ["#ffffff", [5 * ratio, 5 * ratio]],
+    ]) {
+      pen.strokeStyle = colour;
+      pen.setLineDash(dash);
+      pen.strokeRect(left, top, right - left, bottom - top);
+    }
+    pen.restore();
   }
 
   // ---- painting ----

@@ -1,7 +1,13 @@
 /* The photograph under its map and under the player: whether it is seen, and how much of it. */
-import { el } from "../../shared/page.js";
+import { el, percent } from "../../shared/page.js";
 
 const SHARE = 0.5; // at first
+
+/** How much of the photograph the map has, if not all of it. */
+function cut([left, top, right, bottom]) {
+  const share = (right - left) * (bottom - top);
+  return share < 0.995 ? `${percent(share)} of it is on the map` : "";
+}
 
 /** `changed(below)` is told what lies below: { image, box, share }, or null; `look` keeps it over a
  *  reload. */
@@ -17,11 +23,13 @@ export function photographBelow({ changed, look }) {
     "aria-label": "How much of the photograph shows through",
     oninput: tell,
   });
+  const part = el("span.part", {});
   const element = el(
     "div.layer",
     { hidden: true },
     el("label", {}, seen, el("span", {}, "Photograph below")),
     share,
+    part,
   );
 
   function below() {
@@ -45,6 +53,7 @@ export function photographBelow({ changed, look }) {
     /** Another photograph, or none. */
     set(found) {
       photograph = found;
+      part.textContent = found?.box ? cut(found.box) : "";
       changed(below());
     },
     revive(kept) {

@@ -1,6 +1,6 @@
 /* The photograph with what the sliders find on it: soon, and then as a run will find it. */
 import { ask } from "../../shared/api.js";
-import { guarded, number, percent } from "../../shared/page.js";
+import { el, guarded, number, percent } from "../../shared/page.js";
 
 const REST = 700; // milliseconds until the sliders are at rest
 
@@ -12,7 +12,7 @@ async function imageOf(text, kind) {
 }
 
 /** Returns functions that read and show it; `fields()` is the problem, `visible()` whether the
- *  photograph is still looked at, `said(sentence)` and `complain(sentence)` show words, and
+ *  photograph is still looked at, `said(...words)` and `complain(sentence)` show words, and
  *  `shown()` and `placed({ image, box })` hear of a photograph that is there, and of where the map
  *  is in one that was looked through. */
 export function photographs({ editor, fields, visible, said, complain, placed, shown }) {
@@ -25,14 +25,33 @@ export function photographs({ editor, fields, visible, said, complain, placed, s
     const found = await ask("vessels", { problem: asked, exact: surely });
     const mask = await imageOf(found.mask, "png");
     if (asked.map !== fields().map || !visible()) return;
-    editor.setPhotograph(photograph.image, mask);
+    if (surely && JSON.stringify(asked) !== JSON.stringify(fields())) return; // a newer one comes
+    editor.setPhotograph(photograph.image, mask, surely);
     performance.measure("shoal-overlay", { start: began });
     if (surely) {
       complain(found.warning);
       placed({ image: photograph.image, box: found.box });
     }
     const confidence = surely ? `, confidence ${number(found.confidence, 2)} of 1` : "";
-    said(`${percent(found.share)} of the pixels are vessel${confidence}`);
+    const key = el("i.swatch", { "aria-hidden": "true" });
+    key.style.background = editor.vesselColour;
+    said(
+      el("span", {}, key, `${percent(found.share)} of the pixels are vessel${confidence}`),
+      ...(surely && found.box ? [framed(found)] : []),
+    );
+  }
+
+  /** What of the photograph the map takes, and what of its vessels the map leaves out. */
+  function framed({ box: [left, top, right, bottom], dropped: [parts, share] }) {
+    const rest = parts
+      ? `, without ${number(parts)} separate ${parts === 1 ? "part" : "parts"} (${percent(share)} of the vessels)`
+      : "";
+    return el(
+      "span",
+      {},
+      el("i.swatch.frame", { "aria-hidden": "true" }),
+      `the map: ${percent((right - left) * (bottom - top))} of the photograph${rest}`,
+    );
   }
 
   /** The photograph of the form, read once. */
@@ -52,8 +71,8 @@ export function photographs({ editor, fields, visible, said, complain, placed, s
       shown();
       said("looking for vessels …");
     }
-    await find(false);
     clearTimeout(exact);
+    await find(false);
     exact = setTimeout(
       guarded(() => find(true)),
       REST,
