@@ -21,8 +21,9 @@ from tests.browser.waiting import settle, until
 
 import shoal
 from shoal.cli import run as run_command
-from shoal.search import SearchProblem, open_region
-from shoal.search.planning.plan import end_of, plan_search
+from shoal.missions import MissionSet
+from shoal.search import SearchEpisode, SearchProblem, open_region
+from shoal.search.planning.plan import end_of
 from shoal.search.regions.projection import LocalFrame
 
 pytestmark = pytest.mark.browser
@@ -39,6 +40,11 @@ def opened(page: Page, studio: Studio, region: str = "square:40", **more: Any) -
     planned(page).wait_for()
 
 
+def simulated(problem: SearchProblem) -> SearchEpisode:
+    """A search as the page plans it: for missions."""
+    return MissionSet.from_problem(problem, seed=1).run()
+
+
 def lasting(seconds: float) -> str:
     if seconds < 59.5:
         return f"{float(f'{seconds:.3g}'):g} s"
@@ -47,9 +53,8 @@ def lasting(seconds: float) -> str:
 
 def shown(page: Page, **fields: Any) -> None:
     """The plan on the page is that of the library: its time, and each robot's."""
-    plan = plan_search(
-        SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1
-    )
+    problem = SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields})
+    plan = MissionSet.from_problem(problem, seed=1).scheduled
     planned(page).get_by_text(f"searched in {lasting(plan.planned_seconds)}").wait_for()
     for sorties, row in zip(plan.sorties, page.locator(".fleet button").all(), strict=True):
         assert lasting(end_of(sorties)) in row.inner_text()
@@ -109,7 +114,7 @@ def test_a_region_is_named_and_simulated_by_keys_alone(page: Page, studio: Studi
     page.locator(".search-place .source", has_text="rectangle:60x30").wait_for()
     shown(page, region="rectangle:60x30")
     episode = run_and_load(page, studio, "Simulate", by_keys=True)
-    expected = shoal.run(SearchProblem("rectangle:60x30", **(FAST | {"footprint": 10})), seed=1)
+    expected = simulated(SearchProblem("rectangle:60x30", **(FAST | {"footprint": 10})))
     assert episode.trace.covered_at == expected.trace.covered_at
 
 
@@ -188,7 +193,9 @@ def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio
     zone = shapely.Polygon(
         frame.to_metres([(8.5003, 47.4001), (8.5005, 47.4001), (8.5005, 47.4002)])
     )
-    assert episode.plan.grid.region.area_m2 == pytest.approx(
+    # without the corners that cannot be seen with the margin
+    region = episode.plan.grid.region
+    assert region.area_m2 + region.unseen_m2 == pytest.approx(
         shapely.Polygon(frame.to_metres(FIELD)).area - zone.area, abs=0.1
     )
 
@@ -293,10 +300,11 @@ def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studi
     opened(page, studio)
     run_and_load(page, studio, "Simulate")
     inside = player(page)
-    inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(2.25); shoalPlayer.drawNow()")
+    inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(20.25); shoalPlayer.drawNow()")
     x, y = inside.evaluate("""() => {
         const box = document.getElementById('picture').getBoundingClientRect(), [x, y] = shoalPlayer.points[1];
-        const scale = Math.min(box.width - 44, box.height - 44) / 40;
+        // the cells lie over 2.112 m beyond the region
+        const scale = Math.min(box.width - 44, box.height - 44) / 44.224;
         return [box.left + box.width / 2 + (x - 20) * scale, box.top + box.height / 2 - (y - 20) * scale];
     }""")
     frame = page.locator(".panel:not([hidden]) iframe:not([hidden])").bounding_box()
@@ -304,14 +312,13 @@ def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studi
     page.mouse.click(frame["x"] + x, frame["y"] + y)
     page.locator(".faults .chip", has_text="Robot 2 dies").wait_for()
     page.get_by_role("button", name="Keep this run").wait_for()
-    assert player(page).evaluate("shoalPlayer.time") == 2.25
+    assert player(page).evaluate("shoalPlayer.time") == 20.25
     page.locator("#searchLoss").fill("0.3")
     page.get_by_text(" messages did not arrive, ").wait_for()
     episode = run_and_load(page, studio, "Keep this run")
-    assert episode.problem.to_dict()["faults"] == ["crash:2@2.25"]
-    expected = shoal.run(
-        SearchProblem("square:40", faults="crash:2@2.25", loss=0.3, **(FAST | {"footprint": 10})),
-        seed=1,
+    assert episode.problem.to_dict()["faults"] == ["crash:2@20.25"]
+    expected = simulated(
+        SearchProblem("square:40", faults="crash:2@20.25", loss=0.3, **(FAST | {"footprint": 10}))
     )
     assert (episode.trace.sent, episode.trace.lost) == (expected.trace.sent, expected.trace.lost)
     page.get_by_role("button", name="As Python").click()
@@ -667,3 +674,59 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
     words = page.locator(".measured", has_text="area").inner_text()
     side, bearing, around, size = map(float, re.findall(r"[\d.]+", words)[:4])
     assert [side, bearing, around, size] == pytest.approx([30, 270, 100, 600], rel=0.05)
+
+
+@pytest.mark.forms(0, 3)
+def test_the_plan_that_is_shown_is_written_and_simulated(page: Page, studio: Studio) -> None:
+    """With waiting vehicles at one launch point, a plan without missions ends earlier."""
+    opened(page, studio, "rectangle:120x80", launch="-10,-10")
+    facts = page.locator(".search-place .facts")
+    ends = [text.split(" · ")[0] for text in page.locator(".fleet button").all_inner_texts()]
+    ends = [end.split("\n")[-1] for end in ends]
+    whole = facts.inner_text().partition("searched in ")[2].partition(" ·")[0]
+    assert whole in ends
+    tab(page, "Missions")
+    page.get_by_role("button", name="Write missions").click()
+    page.locator(".missionMap img").wait_for()
+    with zipfile.ZipFile(next(studio.folder.glob("*.missions.zip"))) as archive:
+        written = json.loads(archive.read("studio.json"))["written"]
+    sorties = written["missions"]["starts"]
+    assert [lasting(one["start_s"] + one["duration_s"]) for one in sorties] == ends
+    episode = run_and_load(page, studio, "Simulate")
+    assert [lasting(end_of(sorties)) for sorties in episode.plan.sorties] == ends
+    tab(page, "Missions")
+    page.get_by_label("Plan for missions").uncheck()
+    tab(page, "Plan")
+    planned(page).get_by_text("without the margin, reserve and start times of missions").wait_for()
+    alone = shoal.run(
+        SearchProblem("rectangle:120x80", **(FAST | {"footprint": 10, "launch": "-10,-10"})), seed=1
+    )
+    planned(page).get_by_text(f"searched in {lasting(alone.plan.planned_seconds)}").wait_for()
+    tab(page, "Missions")
+    page.get_by_role("button", name="Write missions").click()
+    page.locator(".note.bad", has_text="Switch on “Plan for missions” first").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_an_episode_that_is_changed_has_the_settings_that_it_had(
+    page: Page, studio: Studio
+) -> None:
+    problem = SearchProblem("rectangle:120x80", robots=3, footprint=20)
+    episode = shoal.run(problem, seed=1)
+    episode.save(studio.folder / "field.episode.json")
+    studio.open(page, "lab", {"tab": "episodes", "episode": "field.episode.json"})
+    page.get_by_role("button", name="Change and run again").click()
+    words = f"{episode.plan.tour.name} at 0°, {episode.plan.allocation.allocator}"
+    planned(page).get_by_text(words).wait_for()
+    planned(page).get_by_text(
+        f"searched in {lasting(episode.plan.planned_seconds)}, without a vehicle"
+    ).wait_for()
+    page.locator("[data-field=robots] input").fill("5")
+    five = shoal.run(problem.replaced(robots=5), seed=1)
+    planned(page).get_by_text(f"searched in {lasting(five.plan.planned_seconds)}").wait_for()
+    tab(page, "Missions")
+    page.get_by_role("button", name="Write missions").click()
+    page.locator(".note.bad", has_text="Choose a vehicle first").wait_for()
+    page.locator("[data-field=preset] select").select_option("multirotor")
+    page.get_by_role("button", name="Write missions").click()
+    page.locator(".missionMap img").wait_for()

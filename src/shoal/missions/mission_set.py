@@ -279,7 +279,7 @@ class MissionSet:
             return self
         others = (SHORTER, TOUR) if waiting > _SLIGHT * plan.planned_seconds else (TOUR,)
         made = {LIKELY: self}
-        times = {LIKELY: _expected_find(self._scheduled, problem)}
+        times = {LIKELY: _expected_find(self.scheduled, problem)}
         limit = problem.at_most * (plan.plain_seconds or 0.0) + _ROUNDED
         for order in others:
             named = problem.replaced(order=order).at_place(problem.place)
@@ -294,7 +294,7 @@ class MissionSet:
                 )
             except InvalidInputError:
                 continue
-            times[order] = _expected_find(made[order]._scheduled, named)
+            times[order] = _expected_find(made[order].scheduled, named)
         if TOUR in made and min(one.end for one in made.values()) > limit:
             limit = problem.at_most * made[TOUR].end
         in_time = [name for name, one in made.items() if one.end <= limit]
@@ -472,14 +472,14 @@ class MissionSet:
         problem, plan = self.problem, self.plan
         if problem is None or plan is None:
             raise InvalidInputError("missions: expected planned missions to run, got read ones")
-        scheduled = self._scheduled
+        scheduled = self.scheduled
         if scheduled.delays.any():
             delays = tuple(scheduled.delays.tolist())
             problem = problem.replaced(delays=delays).at_place(problem.place)
         return run(problem, seed=self.seed, plan=scheduled)
 
     @property
-    def _scheduled(self) -> SearchPlan:
+    def scheduled(self) -> SearchPlan:
         """The plan with the start times and durations of the missions."""
         plan = self.plan
         assert plan is not None

@@ -5,7 +5,7 @@ did.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -764,6 +764,18 @@ def _schedule_from(data: Any, robots: int) -> tuple[SortieTimes, ...] | None:
         )
         for sorties in data
     )
+
+
+def starts_text(times: Iterable[float]) -> str:
+    """Return when vehicles start, given the times of their starts in seconds.
+
+    Examples
+    --------
+    >>> starts_text([0.0, 0.0]), starts_text([0.0, 42.5, 7.0])
+    ('all start at once', 'the last starts after 42.5 s')
+    """
+    last = max(times, default=0.0)
+    return f"the last starts after {duration_text(last)}" if last else "all start at once"
 
 
 def duration_text(seconds: float) -> str:

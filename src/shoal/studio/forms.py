@@ -19,6 +19,7 @@ from shoal.core.problem import Declaration, Problem
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.lab.statistics import first_measure
 from shoal.lab.sweep import Sweep, sweep_in
+from shoal.missions.options import MissionOptions
 from shoal.parts import PARTS, problem_type
 from shoal.studio.folder import Folder
 from shoal.studio.words import as_in_forms, label_of
@@ -130,6 +131,14 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     return kind.from_dict(read)
 
 
+def mission_options(about: Mapping[str, Any], folder: Folder) -> MissionOptions | None:
+    """Return the options of the missions that a search is planned for, or None for a plan without
+    missions.
+    """
+    given = about.get("missions")
+    return None if given is None else checked_fields(MissionOptions, given, folder)
+
+
 def checked_seed(about: Mapping[str, Any]) -> int:
     """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because
     numbers in browsers have 53 bits.
@@ -140,19 +149,24 @@ def checked_seed(about: Mapping[str, Any]) -> int:
     return check_integer(0 if given is None else given, what="seed", least=0)
 
 
-def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
+def copies_of(
+    problem: Problem, *, seed: int, missions: MissionOptions | None = None
+) -> dict[str, str]:
     """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a run
-    outside the studio.
+    outside the studio. With the options of ``missions``, the run follows the plan of the missions,
+    and ``beside`` has the words that a command with the file needs.
     """
+    words = [] if missions is None else ["--missions=missions", *mission_words(missions)]
     return {
-        "python": as_python(problem, seed=seed),
-        "command": as_command(problem, seed=seed),
+        "python": as_python(problem, seed=seed, missions=missions),
+        "command": " ".join([as_command(problem, seed=seed), *words]),
         "file": as_file(problem),
+        "beside": " ".join([f"--seed={seed}", *words]),
     }
 
 
-def as_python(problem: Problem, *, seed: int) -> str:
-    """Return a Python script that runs a problem.
+def as_python(problem: Problem, *, seed: int, missions: MissionOptions | None = None) -> str:
+    """Return a Python script that runs a problem, or the missions of a search.
 
     Examples
     --------
@@ -171,10 +185,17 @@ def as_python(problem: Problem, *, seed: int) -> str:
     """
     name = type(problem).__name__
     fields = "".join(f"    {field}={value!r},\n" for field, value in _fields(problem).items())
-    return (
-        f"import shoal\nfrom shoal.{problem.part} import {name}\n\nproblem = {name}(\n{fields})\n"
-        f"episode = shoal.run(problem, seed={seed})\nprint(episode.sentence)\n"
-    )
+    imports, run = ["import shoal"], f"episode = shoal.run(problem, seed={seed})\n"
+    if missions is not None:
+        given = "".join(f"{field}={value!r}, " for field, value in _fields(missions).items())
+        options = f"MissionOptions({given.removesuffix(', ')}), " if given else ""
+        imports = [f"from shoal.missions import {'MissionOptions, ' * bool(given)}MissionSet"]
+        run = (
+            f"missions = MissionSet.from_problem(problem, {options}seed={seed})\n"
+            "episode = missions.run()\n"
+        )
+    imports.append(f"from shoal.{problem.part} import {name}")
+    return "\n".join(imports) + f"\n\nproblem = {name}(\n{fields})\n{run}print(episode.sentence)\n"
 
 
 def as_command(problem: Problem, *, seed: int, file: str = "problem.json") -> str:

@@ -25,15 +25,17 @@ from shoal.lab.exchange import SUFFIXES, export
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
+from shoal.missions.mission_set import MissionSet
+from shoal.missions.options import MissionOptions
 from shoal.search.problem import SearchProblem
 from shoal.studio.folder import MISSIONS_PAGE, PAPERS, Folder, episode_in
 from shoal.studio.forms import (
     as_command,
-    checked_fields,
     checked_problem,
     checked_seed,
     checked_sweep,
     command_beside,
+    mission_options,
     mission_words,
 )
 from shoal.studio.requests import (
@@ -48,6 +50,7 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
+from shoal.studio.searching import planned_search
 from shoal.studio.words import fault_of
 
 Say = Callable[[str, Any], None]
@@ -102,11 +105,18 @@ def do_job(
 
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run an episode, and report the moves of the episode during the run."""
+    """Run an episode, and report the moves of the episode during the run.
+
+    A search with the entry "missions", the options of its missions, follows the plan of the missions.
+    """
     problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     # a swarm's problem has it
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]
         episode: Any = play_live(problem, seed, say)
+    elif isinstance(problem, SearchProblem):
+        say("progress", (0.0, "planning"))
+        options = mission_options(spec, folder)
+        episode = planned_search(problem.opened(), options, seed=seed).run(seed=seed)
     else:
         say("progress", (0.0, "planning"))
         episode = shoal.run(problem, seed=seed)
@@ -335,13 +345,16 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     The archive also holds the files that the problem and the options name, so that the command in
     the result runs in the unpacked archive.
     """
-    from shoal.missions import MissionOptions, MissionSet
     from shoal.missions.profile import height_profiles
     from shoal.views.search.missions import MAP, save_missions_map
 
     problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
     assert isinstance(problem, SearchProblem)
-    options = checked_fields(MissionOptions, spec.get("missions") or {}, folder)
+    if problem.vehicle is None:
+        raise InvalidInputError(
+            "vehicle: expected one, for whose speed and turns missions are planned, got none"
+        )
+    options = mission_options(spec, folder) or MissionOptions()
     command = " ".join(
         [as_command(problem, seed=seed), "--missions=missions", *mission_words(options)]
     )
@@ -492,7 +505,7 @@ class Job:
 
 
 JOBS: dict[str, Job] = {
-    "play": Job(play, {"problem": OBJECT, "seed": SEED}),
+    "play": Job(play, {"problem": OBJECT, "missions": MAYBE_OBJECT, "seed": SEED}),
     "compare": Job(
         compare_policies,
         {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},

@@ -287,7 +287,8 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert re.search(rf"flight robot-01: {share} flight robot-01-2: [\d.]+ min, [\d.]+ % ", text)
     assert "airspace" not in text
     assert re.search(
-        r"starts first starts within [\d.]+ s, last sortie at 0:\d\d:\d\d; at 30 m", text
+        r"starts (all start at once|the last starts after [\d.]+ s), last sortie at 0:\d\d:\d\d; at 30 m",
+        text,
     )
     later = re.findall(
         r"sortie (robot-0\d-\d): start it (\d:\d\d:\d\d) after the first missions", text

@@ -12,14 +12,15 @@ import shoal
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import as_json
+from shoal.missions import MissionOptions, MissionSet
 from shoal.search import SearchProblem, open_region
-from shoal.search.planning.plan import plan_search
+from shoal.search.planning.plan import end_of, plan_search
 from shoal.search.regions.projection import LocalFrame
-from shoal.studio.answers import search
+from shoal.studio.answers import files, search
 from shoal.studio.answers.welcome import open_
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem
-from shoal.studio.work import missions_zip
+from shoal.studio.work import missions_zip, play
 
 PARTS = [[[-40, -30], [50, -35], [60, 20], [-35, 40]]]
 ZONES = [[[0, 0], [12, 0], [12, 10], [0, 10]]]
@@ -131,7 +132,7 @@ def test_simulations_go_on_as_before_until_a_robot_dies(folder):
 def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeypatch):
     name = search.draw(folder, about([8.5, 47.4]))["file"]
     problem = about(None, region=name)["problem"]
-    foretold = search.missions(
+    foretold = search.plan(
         folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}
     )
     done = as_json(
@@ -155,9 +156,10 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
     figures = sorted(folder.root.glob("*-missions-figure*.png"))
     assert [figure.name for figure in figures] == [done["map"]]  # written once
     assert done["check"]["errors"] == 0
-    assert [one["altitude_m"] for one in foretold["starts"]] == [
-        one["altitude_m"] for one in done["missions"]["starts"]
-    ]
+    for ours, theirs in zip(
+        foretold["missions"]["starts"], done["missions"]["starts"], strict=True
+    ):
+        assert {name: ours[name] for name in theirs} == theirs
     monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert run_command([*done["command"].split()[1:], "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["missions"] == done["missions"]
@@ -166,6 +168,75 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
         for path in (folder.root / "missions", folder.root / "out/missions")
     )
     assert [path.read_text() for path in ours] == [path.read_text() for path in theirs]
+
+
+def test_what_is_shown_is_what_is_simulated_written_and_repeated(folder, monkeypatch):
+    """Missions keep a reserve, a margin and start times: the plan that is shown has them too."""
+    name = search.draw(folder, about([8.5, 47.4]))["file"]
+    problem = about(None, region=name, launch="8.4994,47.3996")["problem"] | {"footprint": "20"}
+    asked = {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}
+    shown = search.plan(folder, asked)
+    ends = [robot["seconds"] for robot in shown["robots"]]
+    assert max(ends) == shown["makespan"]
+    written = missions_zip(folder, asked, lambda *_: None)
+    starts = [one["start_s"] for one in written["missions"]["starts"]]
+    assert max(starts) > 0  # they wait at the launch point that they share
+    assert [one["start_s"] for one in shown["missions"]["starts"]] == starts
+    assert [one["times"][-1] for one in written["profiles"]] == pytest.approx(ends, abs=0.06)
+    assert search.simulate(folder, asked)["makespan"] == pytest.approx(shown["makespan"])
+    kept = shoal.load(play(folder, asked, lambda *_: None)["file"])
+    assert [end_of(sorties) for sorties in kept.plan.sorties] == pytest.approx(ends)
+    names: dict[str, object] = {}
+    told = files.copies(folder, asked)
+    exec(told["python"], names)
+    assert [end_of(sorties) for sorties in names["episode"].plan.sorties] == pytest.approx(ends)
+    assert told["command"] == written["command"]
+    # without missions, the plan is that of a search alone
+    alone = search.plan(folder, asked | {"missions": None})
+    assert (
+        alone["makespan"]
+        == plan_search(checked_problem(problem, folder).opened(), seed=2).planned_seconds
+    )
+    assert alone["missions"] is None
+    assert alone["makespan"] < shown["makespan"]
+
+
+@pytest.mark.parametrize("made", ["no vehicle", "no missions", "missions", "own margin"])
+def test_an_episode_that_is_run_again_has_its_times_and_its_tour(folder, made):
+    fields = {"robots": 3, "footprint": 20}
+    if made != "no vehicle":
+        fields |= {"vehicle": "multirotor", "launch": ((-20.0, -20.0),)}
+    if made == "own margin":
+        fields |= {"margin": 5.0, "region": "circle:90"}
+    problem = SearchProblem(**{"region": "rectangle:300x200", **fields})
+    if made in ("missions", "own margin"):
+        episode = MissionSet.from_problem(problem, seed=1).run()
+    else:
+        episode = shoal.run(problem, seed=1)
+    episode.save("run.episode.json")
+    told = files.settings(folder, {"file": "run.episode.json"})
+    assert "note" not in told
+    about = {name: told.get(name) for name in ("problem", "drawing", "missions", "seed")}
+    again = search.plan(folder, about)
+    assert again["tour"] == episode.plan.tour.name
+    assert again["makespan"] == pytest.approx(episode.plan.planned_seconds)
+    assert search.simulate(folder, about)["makespan"] == pytest.approx(episode.makespan)
+    # what missions chose is not set: another number of robots has other start times
+    assert told["problem"].keys() <= {"kind", "region", *fields}
+    assert search.plan(folder, about | {"problem": told["problem"] | {"robots": 5}})["robots"][4]
+
+
+def test_an_episode_of_other_missions_says_that_its_plan_is_another(folder):
+    problem = SearchProblem(
+        "rectangle:300x200", robots=3, footprint=20, vehicle="multirotor", launch=((-20.0, -20.0),)
+    )
+    options = MissionOptions(separation=60)
+    MissionSet.from_problem(problem, options, seed=1).run().save("run.episode.json")
+    told = files.settings(folder, {"file": "run.episode.json"})
+    assert "delays" in told["problem"]
+    plan = search.plan(folder, {name: told.get(name) for name in ("problem", "missions", "seed")})
+    same = plan["makespan"] == pytest.approx(shoal.load("run.episode.json").makespan)
+    assert same != ("note" in told)
 
 
 def test_ways_are_corners_in_layers_and_their_length_is_that_of_the_plan(folder, monkeypatch):

@@ -54,6 +54,9 @@ def test_the_photograph_is_written_once(tmp_path, monkeypatch):
         example(Folder(tmp_path), {"name": "lung"})
 
 
+VEHICLE = {"vehicle": {"preset": "multirotor"}}
+
+
 def test_each_kind_of_file_is_opened_where_it_belongs(tmp_path):
     folder = Folder(tmp_path)
     Image.fromarray(np.full((9, 9), 200, dtype=np.uint8)).save(tmp_path / "eye.png")
@@ -70,9 +73,9 @@ def test_each_kind_of_file_is_opened_where_it_belongs(tmp_path):
     expected = {
         "eye.png": ("vessels", {"problem": {"map": "eye.png", "vessels": True}}),
         "maze.map": ("vessels", {"problem": {"map": "maze.map"}}),
-        "field.geojson": ("search", {"problem": {"region": "field.geojson"}}),
-        "field.json": ("search", {"problem": {"region": "field.json"}}),
-        "corners.csv": ("search", {"problem": {"region": "corners.csv"}}),
+        "field.geojson": ("search", {"problem": {"region": "field.geojson"} | VEHICLE}),
+        "field.json": ("search", {"problem": {"region": "field.json"} | VEHICLE}),
+        "corners.csv": ("search", {"problem": {"region": "corners.csv"} | VEHICLE}),
         "cells.csv": ("vessels", {"problem": {"map": "cells.csv"}}),
         "room.svg": ("steering", {"problem": {"workspace": "room.svg"}}),
         "sweep.toml": ("lab", {"tab": "new", "toml": "name = 'x'\n"}),

@@ -65,7 +65,7 @@ def test_a_wrong_value_of_each_field_is_said_at_the_field(question, tmp_path):
 def test_a_form_inside_of_the_form_has_its_own_fields(field, form, request_, tmp_path):
     for name, schema in schema_of(form)["properties"].items():
         if types(schema) in ("integer", "number"):
-            _, fault = answer(Folder(str(tmp_path)), "missions", request_({name: "no number"}))
+            _, fault = answer(Folder(str(tmp_path)), "plan", request_({name: "no number"}))
             assert fault["field"] == f"{field}.{name}"
             assert fault["error"].endswith("got no number.")
 

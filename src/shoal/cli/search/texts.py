@@ -184,7 +184,7 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     Each sortie after the first sortie of its vehicle has its own row, in the order of the start
     times.
     """
-    from shoal.search.episode import duration_text
+    from shoal.search.episode import duration_text, starts_text
 
     first = [start["start_s"] for start in told["starts"] if start["sortie"] == 1]
     later = [start for start in told["starts"] if start["sortie"] > 1]
@@ -194,12 +194,17 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     )
     last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
     rows = flights_rows(told["starts"], told["usable_s"])
-    rows += [
-        (
-            "starts",
-            f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m",
+    rows += [("starts", f"{starts_text(first)}{last}; at {heights} m")]
+    if told["cross_track_m"]:
+        rows.append(
+            (
+                "reserve",
+                (
+                    f"{told['cross_track_m']:.3g} m on each side of a row for errors of positions:"
+                    " without missions there is none by default, and the search takes less time"
+                ),
+            )
         )
-    ]
     rows += [
         ("sortie", f"{name}: start it {duration_text(time)} after the first missions")
         for time, name in timed[:_ROWS]

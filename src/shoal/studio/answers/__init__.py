@@ -92,7 +92,10 @@ class Question:
 QUESTIONS: dict[str, Question] = {
     "page": Question(files.page, {"file": TEXT}),
     "settings": Question(files.settings, {"file": TEXT}),
-    "copies": Question(files.copies, {"problem": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED}),
+    "copies": Question(
+        files.copies,
+        {"problem": MAYBE_OBJECT, "missions": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED},
+    ),
     "save": Question(files.save_problem, {"problem": OBJECT, "name": MAYBE_TEXT, "seed": SEED}),
     "map": Question(vessels.map_, {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED}),
     "photograph": Question(vessels.photograph, {"file": TEXT}),
@@ -104,10 +107,7 @@ QUESTIONS: dict[str, Question] = {
     "workspace": Question(steering.workspace, {"problem": OBJECT, "seed": SEED}),
     "reach": Question(steering.reach, {"problem": OBJECT, "moves": MAYBE_INTEGER, "seed": SEED}),
     "plan": Question(
-        search.plan, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "frame": MAYBE_LIST, "seed": SEED}
-    ),
-    "missions": Question(
-        search.missions,
+        search.plan,
         {
             "problem": OBJECT,
             "drawing": MAYBE_OBJECT,
@@ -117,7 +117,13 @@ QUESTIONS: dict[str, Question] = {
         },
     ),
     "simulate": Question(
-        search.simulate, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "seed": SEED}
+        search.simulate,
+        {
+            "problem": OBJECT,
+            "drawing": MAYBE_OBJECT,
+            "missions": MAYBE_OBJECT,
+            "seed": SEED,
+        },
     ),
     "draw": Question(search.draw, {"problem": OBJECT, "drawing": MAYBE_OBJECT}),
     "tiles": Question(tiles, {"file": TEXT}),

@@ -4,6 +4,7 @@ command or file, and the reproduced figures of the papers.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ from shoal.core.checks import parse_json, read_text
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import atomic
 from shoal.parts import LARGEST_PROBLEM
-from shoal.studio.answers.search import drawing_in
+from shoal.search.episode import SearchEpisode
+from shoal.search.problem import SearchProblem
+from shoal.studio.answers.search import drawing_in, placed_problem
 from shoal.studio.folder import PAPERS, Folder, episode_in
-from shoal.studio.forms import checked_problem, checked_seed, copies_of
+from shoal.studio.forms import checked_problem, checked_seed, copies_of, mission_options
+from shoal.studio.searching import is_same_plan, planned_search
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -41,16 +45,17 @@ def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     read from. A region is returned as a drawing, and a workspace as text. Cells of a map that the
     problem does not open here are written to a new file (``written``), which takes the place of
     the map. Random points of a steering problem are returned as the episode has drawn them: with
-    another field, such as the radius of the particles, the same seed draws others.
+    another field, such as the radius of the particles, the same seed draws others. Of a search,
+    there are also the settings of its missions (``missions``), and a ``note`` if all these settings
+    do not give its plan.
     """
     name = str(about["file"])
     episode: Any = episode_in(folder.path(name))
     fields = episode.problem.to_dict()
     answer: dict[str, Any] = {"seed": str(episode.seed or 0), "written": None, "drawing": None}
-    if episode.part == "search" and isinstance(fields["region"], dict):
-        answer["drawing"] = drawing_in(episode.problem.place)
-        del fields["region"]
-    elif episode.part == "steering":
+    if episode.part == "search":
+        return answer | _settings_of_search(folder, episode, answer | {"problem": fields})
+    if episode.part == "steering":
         workspace = fields.setdefault("workspace", episode.problem.workspace)
         if isinstance(workspace, dict) and workspace.get("type") == "polygon":
             corners = workspace["vertices"]
@@ -61,6 +66,43 @@ def settings(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     elif episode.part == "swarm" and not _opens(folder, fields, episode.workspace):
         fields, answer["written"] = _with_cells(folder, fields, episode.workspace)
     return answer | {"problem": fields}
+
+
+CHOSEN = ("margin", "cross_track", "delays")
+"""Fields of a search that missions choose, unless they are given."""
+
+
+def _settings_of_search(
+    folder: Folder, episode: SearchEpisode, about: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the settings of the page Search that give the plan of an episode, as few as
+    possible, with a ``note`` if none were found that do.
+
+    What missions choose is in the problem of their episode, and need not be set.
+    """
+    plan, fields = episode.plan, about["problem"]
+    if isinstance(fields["region"], dict):
+        about["drawing"] = drawing_in(episode.problem.place)
+        del fields["region"]
+    if plan.schedule is None:  # without a vehicle, the page plans no missions anyway
+        return about | {"missions": None if plan.flies else {}}
+    for kept in ((), ("margin",), ("cross_track",), ("margin", "cross_track"), CHOSEN):
+        some = {name: fields[name] for name in fields if name in kept or name not in CHOSEN}
+        settings = about | {"problem": some, "missions": {}}
+        with suppress(ShoalError, OSError):
+            found = planned_search(
+                placed_problem(folder, settings),
+                mission_options(settings, folder),
+                seed=checked_seed(settings),
+            )
+            if is_same_plan(plan, found.plan):
+                return settings
+    return settings | {
+        "note": (
+            "The plan of these settings is not that of the episode, which was made with other"
+            " settings of missions, or by another version of Shoal."
+        )
+    }
 
 
 def _with_cells(
@@ -96,14 +138,20 @@ def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return a problem, or the problem of an episode file, in three forms: as Python code, as a
     command and as the text of a file.
 
-    The seed of an episode is the episode's own.
+    The seed of an episode is the episode's own. A search with ``missions``, the options of its
+    missions, follows their plan, as on its page.
     """
     if (about.get("file") is None) == (about.get("problem") is None):
         raise InvalidInputError(
             "copies: expected either a problem or the file of an episode, got both or none"
         )
+    missions = None
     if about.get("file") is None:
         problem, seed = checked_problem(about["problem"], folder), checked_seed(about)
+        options = mission_options(about, folder)
+        if options is not None and isinstance(problem, SearchProblem):
+            found = planned_search(problem.opened(), options, seed=seed)
+            missions = None if found.missions is None else options
     else:
         episode = episode_in(folder.path(about["file"]))
         problem, seed = episode.problem, episode.seed
@@ -111,7 +159,8 @@ def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             raise InvalidInputError(
                 f"{about['file']}: expected an episode with a seed, got one that no seed repeats"
             )
-    return copies_of(problem, seed=seed) | {"problem": problem.to_dict(), "seed": str(seed)}
+    copies = copies_of(problem, seed=seed, missions=missions)
+    return copies | {"problem": problem.to_dict(), "seed": str(seed)}
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

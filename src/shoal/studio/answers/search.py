@@ -14,15 +14,17 @@ from shoal.core.checks import check_points, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import atomic
+from shoal.missions.mission_set import MissionSet
 from shoal.search.flight.timing import turns_of
-from shoal.search.planning.plan import SearchPlan, end_of, plan_search
+from shoal.search.planning.plan import SearchPlan, end_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.builder import build_region
 from shoal.search.regions.outline import RegionOutline, RegionOutlines, Ring
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_fields, checked_problem, checked_seed
+from shoal.studio.forms import checked_problem, checked_seed, mission_options
+from shoal.studio.searching import planned_search
 from shoal.studio.words import fault_of
 
 MOST_DRAWN = 200_000
@@ -38,18 +40,21 @@ _REACH = 20_000.0
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a plan: the region, the tour, and the path and time of each robot.
+    """Return the plan that the page shows, simulates and writes: the region, the tour, the path
+    and time of each robot, and a report of the missions.
 
-    All coordinates are metres from ``about["frame"]``.
+    All coordinates are metres from ``about["frame"]``. Without missions, ``refused`` says why.
     """
-    problem = placed_problem(folder, about)
+    problem, options = placed_problem(folder, about), mission_options(about, folder)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
     answer = _region(region, canvas)
     try:
-        made = plan_search(problem, seed=checked_seed(about))
+        found = planned_search(problem, options, seed=checked_seed(about))
     except ShoalError as error:
         return answer | {"problem": fault_of(error, about)}
+    made, problem = found.plan, found.problem
+    answer |= _region(made.grid.region, canvas)
     allocation = made.allocation
     tour = _Path(_tour(made), made.altitudes)
     robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
@@ -61,8 +66,9 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             "tour": made.tour.name,
             "allocation": allocation.allocator,
             "angle": f"{made.row_angle:.4g}",
-            "margin": f"{region.margin:.4g}",
-            "footprint": f"{np.min(problem.chosen_footprint):.4g}",
+            "margin": f"{made.grid.region.margin:.4g}",
+            "cross_track": f"{problem.cross_track or 0.0:.4g}",
+            "footprint": f"{np.min(problem.view):.4g}",
         },
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
@@ -71,7 +77,9 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "tour": made.tour.name,
         "allocation": allocation.allocator,
         "compared": len(made.compared),
-        "vehicle": made.vehicle.kind,
+        "vehicle": made.vehicle.preset if made.flies else None,
+        "missions": None if found.missions is None else _missions(found.missions, canvas),
+        "refused": None if found.refusal is None else str(found.refusal),
         "makespan": made.planned_seconds,
         "bound": made.least_seconds,
         "drawn": drawn,
@@ -174,19 +182,14 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
     }, path
 
 
-def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the missions of a plan: the sorties, their heights and start delays, and the nearest
+def _missions(missions: MissionSet, canvas: _Canvas) -> dict[str, Any]:
+    """Return the report of missions: the sorties, their heights and start times, and the nearest
     approach of two vehicles.
     """
-    from shoal.missions import MissionOptions, MissionSet
-
-    options = checked_fields(MissionOptions, about.get("missions") or {}, folder)
-    made = MissionSet.from_problem(placed_problem(folder, about), options, seed=checked_seed(about))
-    answer = made.report()
-    if made.approach is not None and made.region is not None:
-        canvas = _Canvas(made.region.frame, frame_of(about.get("frame")))
-        answer["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
-    for start, mission in zip(answer["starts"], made.missions, strict=True):
+    answer = missions.report()
+    if missions.approach is not None:
+        answer["nearest_approach"]["place"] = canvas.points(missions.approach.place[:2])[0]
+    for start, mission in zip(answer["starts"], missions.missions, strict=True):
         start |= {"length_m": mission.length, "items": mission.n_items}
     return answer
 
@@ -195,7 +198,6 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Simulate a search, and return the data of the search for the player, without
     writing a file.
     """
-    from shoal.search.run import run
     from shoal.views.search.page import page_data
 
     problem = placed_problem(folder, about)
@@ -203,7 +205,8 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         raise InvalidInputError(
             "live: expected a simulated search in a preview, got a live search: run it as a job"
         )
-    episode = run(problem, seed=checked_seed(about))
+    seed = checked_seed(about)
+    episode = planned_search(problem, mission_options(about, folder), seed=seed).run(seed=seed)
     return {
         "data": page_data(episode),
         "sentence": episode.sentence,
@@ -388,11 +391,13 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def drawing_in(region: SearchRegion) -> dict[str, Any]:
-    """Return a region as the drawing of a page: what `drawing_of` reads. Holes are zones."""
-    if region.barriers or region.height:
+    """Return a region as the drawing of a page: what `drawing_of` reads. Holes are zones.
+
+    Polygons that a fence adds to the zones are not drawn: missions add them again.
+    """
+    if region.height:
         raise InvalidInputError(
-            "region: expected a region that a page can draw, got one with"
-            f" {'barriers' if region.barriers else 'a height'}"
+            "region: expected a region that a page can draw, got one with a height"
         )
     shown = _region(region, _Canvas(region.frame, None))
     outlines = [[ring[:-1] for ring in rings] for rings in shown["outline"]]

@@ -11,6 +11,7 @@ from typing import Any
 from shoal.core.checks import check_choice, decode_text, parse_json, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
+from shoal.missions.mission_set import VEHICLE
 from shoal.parts import read_problem
 from shoal.studio.folder import MISSIONS_PAGE, PICTURES, Folder, is_episode, purpose_of
 
@@ -36,6 +37,7 @@ EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {
                 "region": "square:300",
                 "robots": 6,
                 "footprint": "15",
+                "vehicle": {"preset": VEHICLE},
                 "loss": 0.3,
                 "faults": ["crash:2@20", "crash:5@45"],
             },
@@ -84,14 +86,14 @@ def open_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             f"file: expected a file of the folder, got no such file: {shortened(name)}"
         )
     if name.lower().endswith(".csv") and _has_header(path):
-        return _on(_SEARCH, problem={"region": name})
+        return _of_region(name)
     if kind == "map":
         photograph = name.lower().endswith(PICTURES)
         return _on(_VESSELS, problem={"map": name} | ({"vessels": True} if photograph else {}))
     if kind == "workspace":
         return _on(_STEERING, problem={"workspace": name})
     if kind == "region":
-        return _on(_SEARCH, problem={"region": name})
+        return _of_region(name)
     if kind == "episode":
         return _on(_LAB, tab="episodes", episode=name)
     if kind == "store":
@@ -118,13 +120,18 @@ def _has_header(path: Path) -> bool:
         return any(chr(byte).isalpha() for byte in file.readline(200))
 
 
+def _of_region(name: str) -> dict[str, Any]:
+    """Return the page of a region that is to be searched by vehicles."""
+    return _on(_SEARCH, problem={"region": name, "vehicle": {"preset": VEHICLE}})
+
+
 def _of_json(name: str, data: Any) -> dict[str, Any]:
     """Return the page of a JSON file: a problem with its part, or a region as GeoJSON."""
     if isinstance(data, dict) and data.get("kind") in PLACES:
         problem = {key: value for key, value in data.items() if key != "seed"}
         return _on(PLACES[data["kind"]], problem=problem, seed=data.get("seed", 0))
     if isinstance(data, dict) and isinstance(data.get("type"), str):
-        return _on(_SEARCH, problem={"region": name})
+        return _of_region(name)
     raise InvalidInputError(
         f"{shortened(name)}: expected a problem with its kind ({', '.join(PLACES)}) or GeoJSON, got"
         f" {shortened(json.dumps(data))}"

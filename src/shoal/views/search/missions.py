@@ -16,7 +16,7 @@ from shoal.core.geometry import unit_vectors
 from shoal.missions.approach import MissionApproach
 from shoal.missions.mission import Mission
 from shoal.missions.rules import inside_of, search_slice
-from shoal.search.episode import duration_text
+from shoal.search.episode import duration_text, starts_text
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.canvas import path_of_rings, rings_of
 from shoal.views.drawing.charts import (
@@ -126,13 +126,12 @@ def missions_figure(
 
 def _summary(missions: Sequence[Mission], approach: MissionApproach | None) -> str:
     robots = len({mission.robot for mission in missions})
-    waits = max((mission.start or 0.0 for mission in missions if mission.sortie == 1), default=0.0)
+    starts = starts_text(mission.start or 0.0 for mission in missions if mission.sortie == 1)
     sorties = f", {len(missions)} sorties" if len(missions) > robots else ""
     last = max((mission.start or 0.0 for mission in missions if mission.sortie > 1), default=0.0)
     last_sortie = f", last sortie at {duration_text(last)}" if last else ""
     return (
-        f"{count_text(robots, 'vehicle')}{sorties}, first starts within"
-        f" {duration_text(waits)}{last_sortie}{_approach_text(approach)}"
+        f"{count_text(robots, 'vehicle')}{sorties}, {starts}{last_sortie}{_approach_text(approach)}"
     )
 
 

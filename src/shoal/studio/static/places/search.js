@@ -88,7 +88,6 @@ const BEGIN = {
   },
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i;
-const REST = 600; // milliseconds after which what takes longer is asked
 const closed = (polygons) =>
   polygons
     .flat()
@@ -101,7 +100,6 @@ export function search({ remember }) {
   let region = null,
     seed = 0,
     plan = null,
-    waiting = 0,
     chosen = -1,
     fleet = null,
     begun = false,
@@ -179,10 +177,19 @@ export function search({ remember }) {
     problem: fields(),
     drawing: drawing.state,
     under: underlay.told.file ? underlay.told : null,
-    missions: missions.form.values(),
+    missions: missions.value(),
     seed,
   });
-  const question = () => ({ problem: fields(), drawing: drawing.asked, seed });
+  /** All that the plan follows from, which is simulated and written. */
+  /** What there must be before anything can be planned; null: nothing. */
+  const lacking = () =>
+    region || drawing.told.parts.length ? null : "Draw a region first, in Plan, or drop a file.";
+  const question = () => ({
+    problem: fields(),
+    drawing: drawing.asked,
+    missions: missions.value(),
+    seed,
+  });
   const own = () =>
     drawing.draft ||
     (!drawing.empty &&
@@ -224,7 +231,7 @@ export function search({ remember }) {
     region = typeof problem.region === "string" ? problem.region : null;
     form.write(problem);
     vehicle.write(problem.vehicle);
-    missions.form.write(options);
+    missions.write(options);
     launch.forget();
     drawing.load(told);
     canvas.show(drawing.points); // before its plan is there
@@ -290,8 +297,8 @@ export function search({ remember }) {
       } else {
         const found = await ask("plan", asked);
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
-        plan = { ...found, asked };
-        fleet = null;
+        plan = found;
+        fleet = found.missions;
         complain(found.problem);
         form.usual(found.chosen);
       }
@@ -308,26 +315,6 @@ export function search({ remember }) {
       ...drawing.points,
       ...(plan?.robots?.map((robot) => robot.place) ?? []),
     ]);
-    show();
-    clearTimeout(waiting);
-    waiting = setTimeout(after, REST);
-  });
-
-  /** What takes longer: sorties, heights and the nearest approach. */
-  const after = newest(async () => {
-    if (!plan?.robots) return;
-    const of = plan;
-    try {
-      const found = await ask("missions", {
-        ...of.asked,
-        missions: missions.form.values(),
-        frame: frame(),
-        slow: true,
-      });
-      if (of === plan) fleet = found;
-    } catch (error) {
-      if (of === plan) fleet = { problem: error.message };
-    }
     show();
   });
 
@@ -362,7 +349,7 @@ export function search({ remember }) {
           plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
           `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
           `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`,
-          `searched in ${lasting(plan.makespan)}`,
+          `searched in ${lasting(plan.makespan)}${plan.vehicle ? "" : ", without a vehicle"}`,
           nearest(),
           plan.drawn ? "" : "the paths have too many corners to be drawn here",
         ]
@@ -374,14 +361,17 @@ export function search({ remember }) {
   }
 
   function nearest() {
-    if (!fleet) return "";
+    if (!fleet)
+      return plan.refused
+        ? `no missions: ${plan.refused}`
+        : plan.vehicle
+          ? "without the margin, reserve and start times of missions"
+          : "";
     const near = fleet.nearest_approach;
-    return (
-      fleet.problem ??
-      (near
-        ? `nearest approach ${number(near.horizontal_m, 3)} m`
-        : "vehicles keep apart in height")
-    );
+    if (!fleet.separation_m) return "no separation required";
+    return near
+      ? `nearest approach ${number(near.horizontal_m, 3)} m`
+      : "vehicles keep apart in height";
   }
 
   function drawMarks(corners) {
@@ -556,7 +546,14 @@ export function search({ remember }) {
   });
   const missions = missionsPanel({
     ready,
-    current: () => JSON.stringify([question(), missions.form.values()]),
+    current: () => JSON.stringify(question()),
+    lacking: () =>
+      lacking() ??
+      (!vehicle.value()
+        ? "Choose a vehicle first: missions are planned for its speed and its turns."
+        : missions.value()
+          ? null
+          : "Switch on “Plan for missions” first: the plan that is shown has none."),
     changed: (_, name) => redo(`missions ${name}`),
     store,
   });
@@ -610,7 +607,10 @@ export function search({ remember }) {
       simulate.bar,
       el(
         "button.second",
-        { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) },
+        {
+          type: "button",
+          onclick: guarded(async () => showCopies(await ready(), seed, missions.value())),
+        },
         "As Python …",
       ),
       simulate.go,

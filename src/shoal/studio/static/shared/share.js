@@ -25,9 +25,12 @@ const FORMATS = [
 /** The page of each part. */
 export const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
 
-/** The address of a place with a problem and its seed, and what was drawn. */
-export const placeOf = (kind, problem, seed, drawing = null) =>
-  `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify({ problem, seed, ...(drawing ? { drawing } : {}) }))}`;
+/** The address of a place with a problem and its seed, and what else there is of `more`: what was
+ *  drawn, the settings of missions. */
+export const placeOf = (kind, problem, seed, more = {}) => {
+  const state = JSON.stringify({ problem, seed, ...more });
+  return `#${PLACES[kind]}?${encodeURIComponent(state)}`;
+};
 
 const saving = (problem, seed) =>
   el(
@@ -42,9 +45,10 @@ const saving = (problem, seed) =>
     "Write the file into the folder",
   );
 
-/** Show a problem as Python, as a command and as a file, ready to copy. */
-export const showCopies = guarded(async (problem, seed) => {
-  showForms(await ask("copies", { problem, seed }), {
+/** Show a problem as Python, as a command and as a file, ready to copy; a search with the settings
+ *  of its `missions`. */
+export const showCopies = guarded(async (problem, seed, missions = null) => {
+  showForms(await ask("copies", { problem, seed, missions, slow: missions !== null }), {
     more: saving(problem, seed),
     about: "The settings of this page.",
   });
@@ -73,9 +77,7 @@ export function showForms(copies, { more = [], about = "", link = location.href 
       how.textContent = [
         about,
         HOW[name],
-        name === "file" && copies.seed
-          ? `Its seed is not in the file: add --seed=${copies.seed}.`
-          : "",
+        name === "file" && copies.beside ? `With the file, add ${copies.beside}.` : "",
       ]
         .join(" ")
         .trim();

@@ -118,12 +118,13 @@ export function gallery() {
 
   /** Take the settings of an episode to the page of its problem. */
   async function change(file) {
-    const { problem, seed, drawing, written } = await ask("settings", { file, slow: true });
+    const { problem, seed, written, note, ...more } = await ask("settings", { file, slow: true });
+    if (note) say(note);
     if (written) {
       await loadFiles();
       say(`This folder has another map or none of this name: its cells are in ${written} now.`);
     }
-    location.hash = placeOf(problem.kind, problem, seed, drawing);
+    location.hash = placeOf(problem.kind, problem, seed, more);
   }
 
   async function watch(file) {

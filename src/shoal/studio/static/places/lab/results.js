@@ -443,7 +443,7 @@ export function results({ shown, change }) {
             ? el(
                 "a",
                 {
-                  href: placeOf(kind, one.watch.problem, one.watch.seed),
+                  href: placeOf(kind, one.watch.problem, one.watch.seed, { missions: null }),
                   "aria-label": `Watch the first trial at ${words(one.axes)}`,
                 },
                 "Watch",

@@ -1,6 +1,6 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { fileAddress, run, state } from "../../shared/api.js";
-import { makeForm } from "../../shared/form.js";
+import { fieldRow, makeForm } from "../../shared/form.js";
 import { dataTable, el, guarded, number, precise, progressText, told } from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
@@ -29,10 +29,28 @@ const MOST_SAID = 50; // mistakes and warnings
 const inFiles = ([first, ...more]) => (more.length ? `${first} and ${more.length} more` : first);
 
 /** `current()` is a text of all that missions are made from: results of another one are not current
- *  any more. */
-export function missionsPanel({ ready, current, changed, store }) {
+ *  any more. `lacking()` says what there must be before missions are written; null: nothing. */
+export function missionsPanel({ ready, current, lacking, changed, store }) {
   const schema = state.start.schemas.missions;
-  const form = makeForm(schema, SECTIONS, { label: "Settings of missions", changed });
+  // the plan of a search alone, such as that of an episode, has no missions
+  const wanted = el("input.switch", {
+    type: "checkbox",
+    id: "missionsWanted",
+    checked: true,
+    onchange: () => changed(null, "wanted"),
+  });
+  const { element: first } = fieldRow(
+    "wanted",
+    "plan for missions",
+    { id: wanted.id, element: wanted },
+    "The plan has the margin, reserve and start times of missions.",
+    { inline: true },
+  );
+  const form = makeForm(
+    schema,
+    SECTIONS.map((section) => ({ ...section, before: [first] })),
+    { label: "Settings of missions", changed },
+  );
   const word = el("p.soft", { role: "status" }),
     bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
@@ -64,8 +82,10 @@ export function missionsPanel({ ready, current, changed, store }) {
   }
 
   async function start() {
+    const why = lacking();
+    if (why) throw new Error(why);
     const of = current(),
-      [{ seed }, missions] = JSON.parse(of),
+      { seed, missions } = JSON.parse(of),
       problem = await ready();
     go.disabled = true;
     bar.hidden = stop.hidden = false;
@@ -185,6 +205,12 @@ export function missionsPanel({ ready, current, changed, store }) {
 
   return {
     form,
+    /** The settings of missions; null for a plan without them. */
+    value: () => (wanted.checked ? form.values() : null),
+    write(given) {
+      wanted.checked = given !== null;
+      form.write(given ?? {});
+    },
     refresh: () => dates.refresh(),
     /** Missions that were written before, of the settings that are set. */
     open: (found) => take(found, current()),

@@ -25,8 +25,8 @@ export const lasting = (seconds) => {
     : `${Math.floor(whole / 3600) ? `${Math.floor(whole / 3600)}:` : ""}${whole >= 3600 ? two(Math.floor(whole / 60) % 60) : Math.floor(whole / 60)}:${two(whole % 60)}${whole < 3600 ? " min" : " h"}`;
 };
 
-/** `question()` is what is simulated: the problem with its drawing and seed; `ready()` gives it as
- *  it is run, with the drawing in a file;
+/** `question()` is what is simulated: the problem with its drawing, missions and seed; `ready()`
+ *  gives the problem as it is run, with the drawing in a file;
  *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it
  *  is shown, and `said()` what is said
  *  to be wrong already. */
@@ -194,7 +194,7 @@ export function simulation({ ready, question, fields, set, open, visible, said, 
 
   async function play() {
     const of = JSON.stringify(question()),
-      { seed } = JSON.parse(of),
+      { seed, missions } = JSON.parse(of),
       problem = await ready();
     runs += 1;
     running = true;
@@ -211,7 +211,7 @@ export function simulation({ ready, question, fields, set, open, visible, said, 
     };
     await run(
       "play",
-      { problem, seed },
+      { problem, missions, seed },
       {
         job: (now) => {
           bar.value = now.done ?? 0;

@@ -1,4 +1,5 @@
-/* What searches: a preset or a file, and what differs from it. */
+/* What searches: a preset or a file, and what differs from it; or no vehicle: then a plan has the
+   time of the search alone. */
 import { on, state } from "../../shared/api.js";
 import { fieldRow, makeForm } from "../../shared/form.js";
 import { el } from "../../shared/page.js";
@@ -37,6 +38,8 @@ const SECTIONS = [
   },
 ];
 
+const NONE = "";
+
 export function vehicleForm(changed) {
   const schema = state.start.schemas.vehicle,
     files = el("select", {
@@ -64,6 +67,9 @@ export function vehicleForm(changed) {
     },
   );
 
+  const { input: preset } = form.row("preset");
+  preset.prepend(el("option", { value: NONE }, "none: time of the search alone"));
+
   function listFiles(wanted = files.value) {
     const found = state.files
       .filter(
@@ -79,13 +85,19 @@ export function vehicleForm(changed) {
     files.value = wanted;
   }
 
-  /** What a preset has stands in its empty fields. */
+  const none = () => !files.value && preset.value === NONE;
+
+  /** What a preset has stands in its empty fields; without a vehicle there are none. */
   function usual() {
-    const preset = files.value ? {} : (schema.presets[form.row("preset").read()] ?? {});
+    const own = files.value ? {} : (schema.presets[form.row("preset").read()] ?? {}),
+      names = Object.keys(schema.properties);
+    form.show(names, !none());
     form.show(["preset"], !files.value);
-    for (const name of Object.keys(schema.properties)) {
+    for (const section of form.element.querySelectorAll("details.section:not(:first-child)"))
+      section.hidden = none();
+    for (const name of names) {
       const input = form.element.querySelector(`[data-field="${name}"] input[type=number]`);
-      if (input) input.placeholder = preset[name] ?? (files.value ? "from the file" : "none");
+      if (input) input.placeholder = own[name] ?? (files.value ? "from the file" : "none");
     }
   }
 
@@ -97,6 +109,7 @@ export function vehicleForm(changed) {
     form,
     file: before,
     value() {
+      if (none()) return undefined;
       const { preset, ...others } = form.values(),
         changes = Object.entries(others).map(([name, value]) => `${name}=${value}`);
       return files.value
@@ -121,6 +134,7 @@ export function vehicleForm(changed) {
             }
           : (given ?? {}),
       );
+      if (!given) preset.value = NONE;
       listFiles(known ? "" : file);
       usual();
     },
