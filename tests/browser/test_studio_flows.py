@@ -103,7 +103,12 @@ def test_a_link_opens_the_same_problem_again(page: Page, studio: Studio) -> None
 
 def test_a_run_is_stopped_and_leaves_nothing(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels", {"problem": {"map": "maze:201x201", "particles": 10}, "seed": 0})
-    page.get_by_role("button", name="Run", exact=True).click()
+    run = page.get_by_role("button", name="Run", exact=True)
+    before = run.bounding_box()
+    run.click()
+    page.get_by_role("button", name="Stop").wait_for()
+    # a second click of the same hand meets the button, which is off
+    assert (run.is_disabled(), run.bounding_box()) == (True, before)
     page.get_by_role("button", name="Stop").click()
     until(page, "!document.querySelector('.bottom .main').disabled")
     assert list(studio.folder.glob("maze-201*")) == []

@@ -629,7 +629,9 @@ def test_what_is_wrong_stands_at_its_field_and_nothing_moves(page: Page, studio:
 
 
 @pytest.mark.forms(0)
-def test_captions_are_whole_and_without_words_of_the_command_line(page: Page, studio: Studio) -> None:
+def test_captions_are_whole_and_without_words_of_the_command_line(
+    page: Page, studio: Studio
+) -> None:
     for place in ("vessels", "steering", "search"):
         studio.open(page, place)
         room = page.locator(".place:visible")

@@ -210,7 +210,7 @@ export const exports = (episode, { fresh = true } = {}) =>
           "aria-label": "Figure for print",
           onclick: () => openPrint(episode),
         },
-        "Print …",
+        "For print …",
       ),
       el(
         "button.chip",
@@ -220,7 +220,7 @@ export const exports = (episode, { fresh = true } = {}) =>
           "aria-label": "Film for a talk",
           onclick: () => openFilm(episode),
         },
-        "Film …",
+        "For a talk …",
       ),
       el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
       el(

@@ -20,7 +20,7 @@ export function running({ store, problem, open, below }) {
   const bar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Run");
   const stop = el(
-    "button.second",
+    "button.second.stop",
     { type: "button", hidden: true, onclick: guarded(() => job && cancelJob(job)) },
     "Stop",
   );
@@ -92,7 +92,7 @@ export function running({ store, problem, open, below }) {
       waiting.forEach(take);
       waiting = [];
     };
-    go.disabled = go.hidden = true;
+    go.disabled = true;
     stop.hidden = bar.hidden = false;
     empty.textContent = BEGINS;
     const begun = run(
@@ -140,7 +140,7 @@ export function running({ store, problem, open, below }) {
 
   function finish() {
     job = null;
-    go.disabled = go.hidden = false;
+    go.disabled = false;
     empty.textContent = PRESS;
     stop.hidden = bar.hidden = true;
     word.textContent = "";
