@@ -110,8 +110,13 @@ def test_a_run_is_stopped_and_leaves_nothing(page: Page, studio: Studio) -> None
         late.append(route)
 
     page.route("**/api/jobs", hold)
+    run = page.get_by_role("button", name="Run", exact=True)
+    before = run.bounding_box()
     with page.expect_request("**/api/jobs"):
-        page.get_by_role("button", name="Run", exact=True).click()
+        run.click()
+    page.get_by_role("button", name="Stop").wait_for()
+    # a second click of the same hand meets the button, which is off
+    assert (run.is_disabled(), run.bounding_box()) == (True, before)
     page.get_by_role("button", name="Stop").click()  # before the studio knows of the run
     late[0].continue_()
     page.unroute("**/api/jobs", hold)

@@ -48,6 +48,16 @@ def test_an_example_runs_by_a_click(page: Page, studio: Studio, form: Form) -> N
     page.wait_for_selector(".pad:not([hidden])")
 
 
+def test_files_of_the_folder_are_on_the_first_page(page: Page, studio: Studio) -> None:
+    episode = shoal.run(SwarmProblem("line:7", particles=1), seed=2)
+    episode.save(studio.folder / "found.npz")
+    studio.open(page, "start")
+    page.get_by_role("button", name="found.npz episode").click()
+    page.locator(".watching", has_text=episode.sentence).wait_for()
+    page.get_by_role("link", name="Start", exact=True).click()
+    page.locator(".welcome .file").first.wait_for()
+
+
 def test_any_file_is_opened_where_it_belongs(page: Page, studio: Studio, tmp_path: Path) -> None:
     field, problem, other = tmp_path / "plot.json", tmp_path / "steer.json", tmp_path / "x.json"
     field.write_text(json.dumps(REGION))

@@ -630,7 +630,9 @@ def test_what_is_wrong_stands_at_its_field_and_nothing_moves(page: Page, studio:
 
 
 @pytest.mark.forms(0)
-def test_help_is_one_line_without_words_of_the_command_line(page: Page, studio: Studio) -> None:
+def test_captions_are_whole_and_without_words_of_the_command_line(
+    page: Page, studio: Studio
+) -> None:
     for place in ("vessels", "steering", "search"):
         studio.open(page, place)
         room = page.locator(".place:visible")
@@ -641,11 +643,14 @@ def test_help_is_one_line_without_words_of_the_command_line(page: Page, studio: 
         assert set(found) == {"spread_m"} & {
             "spread_m" * (place == "search")
         }  # a property of a GeoJSON file
-        heights = room.locator(".help.short:visible").evaluate_all(
-            "all => all.map((one) => one.offsetHeight)"
+        # captions are whole, in two lines at most
+        room.locator("details.section").evaluate_all("all => all.forEach((one) => one.open = true)")
+        captions = room.locator(".help.short:visible").evaluate_all(
+            "all => all.map((one) => [one.offsetHeight, one.scrollWidth - one.clientWidth])"
         )
-        assert heights
-        assert max(heights) < 24
+        assert len(captions) > 12
+        assert max(high for high, _ in captions) < 40
+        assert max(wide for _, wide in captions) == 0
     start = page.locator(".place:visible [data-field=launch]")
     start.get_by_role("button", name="Explanation").click()
     start.get_by_text("along which robots start at equal distances").wait_for()

@@ -250,8 +250,8 @@ class SearchProblem(Problem):
     stay_inside: bool = option(
         False,
         help=(
-            "Paths between the region and launch or landing points outside it enter and leave the"
-            " region at the nearest place, and stay inside the region otherwise."
+            "Paths to and from points outside the region cross its edge at the nearest place, and"
+            " stay inside the region otherwise: those of launch and landing points."
         ),
     )
     delays: tuple[float, ...] | None = option(

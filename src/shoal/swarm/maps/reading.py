@@ -254,8 +254,8 @@ class MapOptions(Problem):
     label: int | None = option(
         None,
         help=(
-            "For grey pictures, pictures with a palette, tables, arrays and volumes: number (label)"
-            " of all free cells."
+            "Number (label) of all free cells. For grey pictures, pictures with a palette, tables,"
+            " arrays and volumes."
         ),
     )
     channel: int | str | None = option(

@@ -522,7 +522,7 @@ export function vessels({ remember }) {
       runs.word,
       runs.bar,
       runs.stop,
-      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"),
+      el("button.second.copies", { type: "button", onclick: guarded(copies) }, "As Python …"),
       runs.go,
     ),
   );

@@ -1,6 +1,7 @@
 /* The first page: examples to begin with, and a place for any file. */
-import { ask, uploadTogether } from "../shared/api.js";
+import { ask, on, state, uploadTogether } from "../shared/api.js";
 import { acceptDrops, el, filePicker, guarded } from "../shared/page.js";
+import { NO_MAPS } from "./vessels/chooser.js";
 
 const EXAMPLES = [
   [
@@ -22,6 +23,19 @@ const EXAMPLES = [
   ],
   ["race", "A race", "Move a swarm with the arrow keys, against a policy."],
 ];
+
+const MOST_SHOWN = 6;
+/** What of the folder a page opens, in words. */
+const KINDS = {
+  episode: "episode",
+  missions: "missions",
+  store: "sweep with its results",
+  sweep: "sweep",
+  problem: "JSON",
+  region: "region",
+  workspace: "workspace",
+  map: "map",
+};
 
 /** Go to a place with what it opens. */
 const go = ({ place, given }) => {
@@ -60,6 +74,36 @@ export function welcome({ remember }) {
     ),
   );
 
+  const recent = el("ul.recent", { "aria-label": "Files of the folder" }),
+    ofFolder = el("section", { hidden: true }, el("h3", {}, "In this folder"), recent);
+  /** The newest files of the folder that a page opens. */
+  function list() {
+    const found = state.files
+      .filter((file) => KINDS[file.kind] && !(file.kind === "map" && NO_MAPS.test(file.name)))
+      .sort((a, b) => b.time - a.time)
+      .slice(0, MOST_SHOWN);
+    ofFolder.hidden = !found.length;
+    recent.replaceChildren(
+      ...found.map((file) =>
+        el(
+          "li",
+          {},
+          el(
+            "button.file",
+            {
+              type: "button",
+              onclick: guarded(async () => go(await ask("open", { file: file.name }))),
+            },
+            el("b", {}, file.name),
+            el("span", {}, KINDS[file.kind]),
+          ),
+        ),
+      ),
+    );
+  }
+  on("files", list);
+  list();
+
   const bring = async (files) => go(await ask("open", { file: await uploadTogether(files) }));
   const picker = filePicker(bring, { multiple: true });
   const drop = el(
@@ -88,6 +132,8 @@ export function welcome({ remember }) {
     ),
     drop,
     picker,
+    ofFolder,
+    el("h3", {}, "Examples"),
     el("ul.gallery", { "aria-label": "Examples" }, cards),
   );
   acceptDrops(element, bring);

@@ -27,16 +27,36 @@ export function sayUnknown(schema, problem) {
     );
 }
 
-const SHORT = 46; // characters: what stands in one line under a field
+const LINE = 46; // characters of one line under a field
+const ROOM = 90; // and of two: what a caption may have
 
-/** The row of a field: its label, its control, one line of help, more of it behind an i, and what
+/** The caption of a field: the first sentence of its description, up to a break that fits in two
+ *  lines. What comes after a colon, a semicolon or a bracket explains; after a comma it goes on. */
+export function captionOf(description) {
+  if (description.length <= LINE) return description;
+  const [sentence] = description.match(/^.*?(?<!\.)[.;](?=\s|$)/) ?? [description],
+    whole = sentence.replace(/;$/, "");
+  if (whole.length <= ROOM) return whole;
+  const breaks = (mark) => [...whole.matchAll(mark)].map(({ index }) => index);
+  const colons = breaks(/: /g),
+    // 'With “prior”: ...' says when, and not what
+    what = /^(For|With|Under|In place of)\b/.test(whole) ? colons.slice(1) : colons,
+    named = [...what, ...breaks(/ \(|; /g)].sort((a, b) => a - b),
+    lists = what[0] < 20; // 'Policy: auto, best, ...'
+  const end = named.find((at) => at >= 20 && at <= ROOM),
+    comma = breaks(/, /g).findLast((at) => at >= 30 && at < ROOM - (lists ? 12 : 0));
+  if (end !== undefined && !(lists && whole[end + 1] === "(")) return whole.slice(0, end);
+  return comma === undefined ? whole : whole.slice(0, comma) + (lists ? ", …" : "");
+}
+
+/** The row of a field: its label, its control, a caption, more help behind an i, and what
  *  is wrong with its value. `label` is what is said about it elsewhere, too. */
 export function fieldRow(name, label, control, description, { unit = "", inline = false } = {}) {
   const { id, element } = control,
     input = element.id === id ? element : element.querySelector(`#${id}`);
-  const long = description.length > SHORT,
-    [first] = (long && description.match(/^.*?[.;](?=\s|$)/)) || [description];
-  const help = el("p.help.short", { id: `${id}-help` }, first.replace(/;$/, "")),
+  const caption = captionOf(description),
+    long = caption !== description;
+  const help = el("p.help.short", { id: `${id}-help` }, caption),
     more = el("p.help", { id: `${id}-more`, hidden: true }, description),
     fault = el("p.fault", { id: `${id}-fault`, hidden: true });
   const info = el(

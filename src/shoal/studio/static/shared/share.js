@@ -212,7 +212,7 @@ export const exports = (episode, { fresh = true } = {}) =>
           "aria-label": "Figure for print",
           onclick: () => openPrint(episode),
         },
-        "Print …",
+        "For print …",
       ),
       el(
         "button.chip",
@@ -222,7 +222,7 @@ export const exports = (episode, { fresh = true } = {}) =>
           "aria-label": "Film for a talk",
           onclick: () => openFilm(episode),
         },
-        "Film …",
+        "For a talk …",
       ),
       el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
       el(

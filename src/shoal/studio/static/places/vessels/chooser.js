@@ -5,7 +5,7 @@ import { el, filePicker, guarded, olderFiles } from "../../shared/page.js";
 
 const BY_NAME =
   "A generated map, such as vessels:1000:7. Its kind comes first, then its size and, if it is random, its number.";
-const NO_MAPS = /^papers\/|-figure(-\d+)?\.png$/;
+export const NO_MAPS = /^papers\/|-figure(-\d+)?\.png$/;
 
 const CANVAS = "canvas";
 

@@ -19,7 +19,7 @@ export function running({ store, problem, open, below }) {
     result = el("div.result", {});
   const bar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Run");
-  const stop = el("button.second", { type: "button", hidden: true }, "Stop");
+  const stop = el("button.second.stop", { type: "button", hidden: true }, "Stop");
   const empty = el("p.empty", {}, PRESS);
   let turns = 0; // of what is on the stage
   let shown = null; // the episode on the stage: its file and its sentence
@@ -87,7 +87,7 @@ export function running({ store, problem, open, below }) {
       waiting.forEach(take);
       waiting = [];
     };
-    go.disabled = go.hidden = true;
+    go.disabled = true;
     stop.hidden = bar.hidden = false;
     empty.textContent = BEGINS;
     await run(
@@ -129,7 +129,7 @@ export function running({ store, problem, open, below }) {
   }
 
   function finish() {
-    go.disabled = go.hidden = false;
+    go.disabled = false;
     empty.textContent = PRESS;
     stop.hidden = bar.hidden = true;
     word.textContent = "";
