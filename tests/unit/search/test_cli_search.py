@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shoal.cli import run
+from shoal.cli.search.missions import approach_text
 
 FIELDS = [
     "status",
@@ -409,3 +410,9 @@ def test_what_rounding_leaves_between_footprints_was_seen():
         ).uncovered_m2
         > 0.09
     )
+
+
+def test_the_place_of_the_nearest_approach_keeps_its_digits():
+    near = {"robots": [1, 2], "x": 467_012.25, "y": 5_247_003.5, "horizontal_m": 12.0}
+    near |= {"vertical_m": 0.0, "time_s": 3.0, "sorties": [1, 1]}
+    assert "(467012.25, 5247003.5) m" in approach_text(near, 10.0, 5.0)

@@ -266,6 +266,18 @@ def test_a_region_divides_into_convex_cells():
     assert found.gap is not None
 
 
+def test_a_translation_in_a_prism_keeps_its_plan():
+    """The shortest plan of the search has no hold, and is shorter only by the tolerance."""
+    box = prism(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]), 0.8)
+    start = np.array([(0.3, 0.6, 0.5), (0.7, 0.4, 0.2)])
+    goal = start + np.array([0.01, 0.012, 0.005])
+    goal[1, 0] -= 0.001  # which only a wall could change
+    plan = run(SteeringProblem(box, start, goal, tolerance=0.01, time=0.5))
+    found = certify(plan, seconds=1)
+    assert found.episode.status == "solved"
+    assert found.lower_bound <= found.episode.length <= plan.length
+
+
 def test_a_plan_in_a_prism_is_proven_optimal():
     rng = np.random.default_rng(2)
     start, goal = rng.uniform(0.05, 0.6, (2, 2, 3))

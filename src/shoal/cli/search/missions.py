@@ -190,7 +190,7 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
         return f"no two vehicles in flight are nearer than {vertical:g} m in height"
     one, other = near["robots"]
     place = (
-        f"({near['x']:.6g}, {near['y']:.6g}) m"
+        f"({near['x']:.10g}, {near['y']:.10g}) m"
         if "latitude" not in near
         else f"{near['latitude']:.6f}, {near['longitude']:.6f}"
     )

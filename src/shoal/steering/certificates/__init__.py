@@ -393,8 +393,6 @@ def _shorten(
 
     walls = len(episode.problem.place.vertices)
     holds = [item for item in tree.best.pattern if isinstance(item, Hold)]
-    if not holds:  # a translation, which is shorter only by the tolerance of the goals
-        return episode
     return plan_with_holds(
         episode, order, [(hold.arc.first % walls, hold.particle) for hold in holds]
     )
@@ -409,6 +407,8 @@ def plan_with_holds(
     from shoal.steering.planners.chains import Chain, refine_chain
     from shoal.steering.planners.task import plan_chain
 
+    if not holds:  # a translation, which is shorter only by the tolerance of the goals
+        return episode
     task = _task(episode, order, episode.seed)
     plans = []
     for initial_moves, query in task.departures():
