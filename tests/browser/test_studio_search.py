@@ -704,7 +704,7 @@ def test_the_plan_that_is_shown_is_written_and_simulated(page: Page, studio: Stu
     planned(page).get_by_text(f"searched in {lasting(alone.plan.planned_seconds)}").wait_for()
     tab(page, "Missions")
     page.get_by_role("button", name="Write missions").click()
-    page.locator(".note.bad", has_text="Switch on “Plan for missions” first").wait_for()
+    page.locator(".note", has_text="Switch on “Plan for missions” first").wait_for()
 
 
 @pytest.mark.forms(0)
@@ -726,7 +726,71 @@ def test_an_episode_that_is_changed_has_the_settings_that_it_had(
     planned(page).get_by_text(f"searched in {lasting(five.plan.planned_seconds)}").wait_for()
     tab(page, "Missions")
     page.get_by_role("button", name="Write missions").click()
-    page.locator(".note.bad", has_text="Choose a vehicle first").wait_for()
+    page.locator(".note", has_text="Choose a vehicle first").wait_for()
     page.locator("[data-field=preset] select").select_option("multirotor")
     page.get_by_role("button", name="Write missions").click()
     page.locator(".missionMap img").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_an_outline_is_finished_by_a_double_click_and_outlives_other_tools(
+    page: Page, studio: Studio
+) -> None:
+    studio.open(page, "search")
+    planned(page).wait_for()
+    begun = drawn(page)
+    box = page.locator(".plane").bounding_box()
+    assert box is not None
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+    def draft(corners: int) -> None:
+        expect(page.locator("circle.corner.draft")).to_have_count(corners)
+
+    page.get_by_role("button", name="Region", exact=True).click()
+    page.mouse.click(*at(0.3, 0.3))
+    assert drawn(page)["parts"] == []  # the example makes room, with its launch point
+    assert page.locator("[data-field=launch] input").input_value() == ""
+    assert page.locator(".warning").is_hidden()
+    page.mouse.dblclick(*at(0.6, 0.3))
+    page.locator(".guide.refuses", has_text="at least three corners").wait_for()
+    draft(2)  # and no corner twice
+    # another tool sets its point, and the outline is there still
+    page.get_by_role("button", name="Launch").click()
+    page.locator(".guide", has_text="An outline is still open").wait_for()
+    page.mouse.click(*at(0.4, 0.4))
+    page.get_by_role("button", name="Launch point 1").wait_for()
+    page.get_by_role("button", name="No-go").click()
+    page.mouse.click(*at(0.5, 0.5))
+    page.locator(".guide.refuses", has_text="An outline is still open").wait_for()
+    draft(2)
+    page.get_by_role("button", name="Region", exact=True).click()
+    page.mouse.click(*at(0.6, 0.6))
+    page.mouse.click(*at(0.7, 0.4))
+    page.get_by_role("button", name="Close", exact=True).click()  # the pointer moves on the way
+    page.locator(".guide .hint:visible", has_text="last side would cross").wait_for()
+    page.keyboard.press("Control+z")
+    draft(3)
+    page.mouse.dblclick(*at(0.3, 0.6))
+    planned(page).wait_for()
+    assert [len(part) for part in drawn(page)["parts"]] == [4]
+    # a region that overlaps another one is added to it
+    before = planned(page).inner_text()
+    page.get_by_role("button", name="Region", exact=True).click()
+    for corner in ((0.3, 0.1), (0.55, 0.1), (0.55, 0.5)):
+        page.mouse.click(*at(*corner))
+    page.mouse.dblclick(*at(0.3, 0.5))
+    until(page, f"!document.querySelector('.facts').textContent.includes({before!r})")
+    planned(page).wait_for()
+    assert page.locator(".warning").is_hidden()
+    assert len(drawn(page)["parts"]) == 2
+    for _ in range(5):
+        page.keyboard.press("Control+z")
+    assert drawn(page) == begun
+    planned(page).wait_for()
+    page.get_by_role("button", name="Draw a region", exact=True).click()
+    page.get_by_role("button", name="Simulate", exact=True).last.click()
+    note = page.locator(".note", has_text="Draw a region first")
+    note.wait_for()
+    assert page.locator(".note.bad").count() == 0

@@ -7,6 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
+import shapely
 
 import shoal
 from shoal.cli import run as run_command
@@ -77,6 +78,23 @@ def test_a_drawn_region_is_planned_as_its_file_is(folder, frame):
         SearchProblem(name, robots=3, footprint=10, vehicle="multirotor", angle=0), seed=2
     )
     assert drawn["makespan"] == expected.metrics["planned"]
+
+
+@pytest.mark.parametrize("frame", [None, [8.5, 47.4]])
+def test_a_part_in_another_part_is_searched_too(folder, frame):
+    """It is drawn with the tool of regions, and zones have one of their own."""
+    over = [[20, -10], [90, -10], [90, 20], [20, 20]]  # more than half of it is in the other part
+    asked = about(frame, footprint="20")
+    asked["drawing"] |= {"parts": [*PARTS, over], "zones": []}
+    drawn = search.plan(folder, asked)
+    assert drawn["problem"] is None
+    together = shapely.union(shapely.Polygon(PARTS[0]), shapely.Polygon(over))
+    assert drawn["area"] == pytest.approx(together.area, abs=0.5)
+    name = search.draw(folder, asked)["file"]
+    assert open_region(name).area_m2 == pytest.approx(drawn["area"])
+    # who says that inner polygons are holes is taken at his word
+    asked["problem"]["inner"] = "no-go"
+    assert search.plan(folder, asked)["zones"] == 1
 
 
 def test_zones_are_drawn_over_a_region_that_is_there(folder):

@@ -220,7 +220,7 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Write a drawn region to a new file. Return the name of the new region file."""
-    drawing = drawing_of(about.get("drawing"))
+    drawing = drawing_of(about.get("drawing"), unite=about["problem"].get("inner") is None)
     if drawing is None:
         raise InvalidInputError("drawing: expected a region or zones, got nothing")
     drawing.placed(placed_problem(folder, about))  # reports invalid drawings immediately
@@ -360,8 +360,12 @@ def frame_of(data: Any) -> LocalFrame | None:
     return LocalFrame(*data)
 
 
-def drawing_of(data: Any) -> Drawing | None:
-    """Return the drawing that the data of a page describe, or None for an empty drawing."""
+def drawing_of(data: Any, *, unite: bool = True) -> Drawing | None:
+    """Return the drawing that the data of a page describe, or None for an empty drawing.
+
+    With ``unite``, polygons of which one lies in another are one polygon: all are drawn to be
+    searched.
+    """
     if data is None:
         return None
     if not isinstance(data, dict):
@@ -385,9 +389,33 @@ def drawing_of(data: Any) -> Drawing | None:
         rings[name] = tuple(
             one if frame is None else np.round(frame.to_degrees(one), DIGITS) for one in points
         )
-    return (
-        Drawing(rings["parts"], rings["zones"], frame) if rings["parts"] or rings["zones"] else None
-    )
+    if not rings["parts"] and not rings["zones"]:
+        return None
+    parts, holes = _united(rings["parts"]) if unite else (rings["parts"], ())
+    return Drawing(parts, (*rings["zones"], *holes), frame)
+
+
+def _united(parts: tuple[Points, ...]) -> tuple[tuple[Points, ...], tuple[Points, ...]]:
+    """Return the outlines and the holes of polygons together, if one of them lies mostly in another
+    one, and otherwise the polygons as they are.
+    """
+    import shapely
+
+    if any(len(part) < 3 for part in parts):
+        return parts, ()
+    polygons = shapely.polygons([shapely.linearrings(part) for part in parts])
+    if len(parts) < 2 or not shapely.is_valid(polygons).all():
+        return parts, ()  # the checks of a region say what is wrong
+    first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
+    smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
+    shared = shapely.area(shapely.intersection(polygons[first], polygons[second]))
+    if not ((first != second) & (shared > smaller / 2)).any():
+        return parts, ()
+    rings = [
+        [np.round(shapely.get_coordinates(ring)[:-1], DIGITS) for ring in shapely.get_rings(part)]
+        for part in shapely.get_parts(shapely.union_all(polygons))
+    ]
+    return tuple(shell for shell, *_ in rings), tuple(hole for _, *own in rings for hole in own)
 
 
 def drawing_in(region: SearchRegion) -> dict[str, Any]:
@@ -410,7 +438,8 @@ def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
     """Return the search problem that a page describes. If the user has drawn a region, the problem
     contains the drawn region.
     """
-    drawing = drawing_of(about.get("drawing"))
+    # a page that says what inner polygons mean is taken at its word
+    drawing = drawing_of(about.get("drawing"), unite=about["problem"].get("inner") is None)
     given = about["problem"] | (
         {"region": "drawing"} if drawing is not None and drawing.parts else {}
     )

@@ -121,6 +121,7 @@ export function search({ remember }) {
   );
   const drawing = new Drawing(canvas, {
     changed: drawn,
+    begins: (kind) => kind === "parts" && untouched() && clear(),
     launched: (point) => launch.add(point),
     store,
   });
@@ -196,6 +197,18 @@ export function search({ remember }) {
       ["parts", "zones"].some(
         (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind]),
       ));
+
+  /** Whether the drawing is the one that the page begins with. */
+  const untouched = () => !region && !drawing.empty && !own();
+
+  /** An empty canvas, without the launch points that the page begins with. */
+  function clear() {
+    drawing.load({ frame: frame() });
+    if (form.values().launch === BEGIN.problem.launch) form.row("launch").write(undefined);
+    plan = fleet = null;
+    planned.is(null);
+    show();
+  }
 
   /** Note what is set: one step to take back, and the address. */
   function keep(gesture = null) {
@@ -293,7 +306,11 @@ export function search({ remember }) {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
-        complain("Draw a region, drop a file, or enter the name of a region.");
+        complain(
+          drawing.tool === "look"
+            ? "Draw a region, drop a file, or enter the name of a region."
+            : null,
+        );
       } else {
         const found = await ask("plan", asked);
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
@@ -516,10 +533,8 @@ export function search({ remember }) {
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
   async function begin() {
     if (!(await mayGo("An empty canvas"))) return;
-    const kept = frame();
-    region = plan = null;
-    drawing.load({ frame: kept });
-    form.row("launch").write(undefined);
+    region = null;
+    clear();
     choice.show();
     stages.pick("plan");
     drawing.pick("parts");
@@ -536,6 +551,7 @@ export function search({ remember }) {
 
   const simulate = simulation({
     ready,
+    lacking,
     question,
     fields,
     set,
@@ -609,7 +625,10 @@ export function search({ remember }) {
         "button.second",
         {
           type: "button",
-          onclick: guarded(async () => showCopies(await ready(), seed, missions.value())),
+          onclick: guarded(async () => {
+            if (lacking()) say(lacking());
+            else showCopies(await ready(), seed, missions.value());
+          }),
         },
         "As Python …",
       ),

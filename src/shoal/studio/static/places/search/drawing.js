@@ -32,9 +32,12 @@ const SHAPE_HINTS = {
   rectangle: "Drag from one corner to the opposite one.",
   circle: "Drag from the middle to the rim.",
 };
+const DRAWS = new Set([LOOK, PART, ZONE]); // tools that give way to an outline that is open again
 const WORDS = { parts: "Region", zones: "No-go zone" };
+const OPEN = "An outline is still open: finish it with Close, or drop it with Escape.";
 const SHAPES = { corners: null, rectangle, circle };
 const NEAR = 10; // pixels within which a corner snaps
+const SAME = 5; // pixels within which a corner is the last one again, as in a double click
 const LEVER = 44; // pixels from the middle of a shape to what turns it
 const MOST_HANDLES = 300;
 const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
@@ -43,12 +46,13 @@ const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")
 
 export class Drawing {
   /** `changed()` is called when something was drawn, with `drawnOnly` while a hand still draws it
-   *  and with `corner` for an outline
-   *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
-  constructor(canvas, { changed, launched, store }) {
+   *  and with `corner` for an outline that is not closed yet; `begins(kind)` before the first corner
+   *  of an outline; `launched(point)` when the tool of launch points is used. */
+  constructor(canvas, { changed, launched, begins, store }) {
     this.canvas = canvas;
     this.changed = changed;
     this.launched = launched;
+    this.begins = begins;
     this.tool = LOOK;
     this.shape = "corners";
     this.held = "";
@@ -70,7 +74,7 @@ export class Drawing {
     const { frame = null, parts = [], zones = [], draft = null } = structuredClone(told ?? {});
     this.told = { frame, parts, zones };
     this.draft = draft;
-    if (draft && this.buttons) this.pick(draft.kind);
+    if (draft && this.buttons && DRAWS.has(this.tool)) this.pick(draft.kind);
   }
 
   get empty() {
@@ -104,12 +108,14 @@ export class Drawing {
     if (this.tool === LAUNCH) this.launched(rounded(point));
     if (this.tool === RULER) this.ruler.tap(point);
     if (this.tool !== PART && this.tool !== ZONE) return;
-    if (SHAPES[this.shape]) return;
+    if (this.draft && this.draft.kind !== this.tool) return this.refuse(OPEN);
+    if (SHAPES[this.shape] && !this.draft) return;
+    if (!this.draft) this.begins?.(this.tool);
     this.draft ??= { kind: this.tool, points: [] };
-    const first = this.draft.points[0],
-      near = 12 / this.canvas.scale;
-    if (this.draft.points.length > 2 && Math.hypot(point[0] - first[0], point[1] - first[1]) < near)
-      this.close();
+    const { points } = this.draft,
+      within = (corner, pixels) => corner && distance(point, corner) < pixels / this.canvas.scale;
+    if (points.length > 2 && within(points[0], 12)) this.close();
+    else if (within(points.at(-1), SAME)) return;
     else if (crosses(this.draft.points, point)) this.refuse(CROSSES);
     else {
       this.draft.points.push(rounded(this.snap(point)));
@@ -121,7 +127,7 @@ export class Drawing {
   drag(from, back) {
     if (this.tool === SELECT) return this.selection.drag(from, back);
     const make = SHAPES[this.shape];
-    if (!make || (this.tool !== PART && this.tool !== ZONE)) return null;
+    if (this.draft || !make || (this.tool !== PART && this.tool !== ZONE)) return null;
     const kind = this.tool,
       start = this.snap(from);
     let ring = null;
@@ -143,6 +149,7 @@ export class Drawing {
         this.sketching = false;
         this.sketched.remove();
         if (!ring || area(ring) < (4 / this.canvas.scale) ** 2) return this.measure("");
+        this.begins?.(kind);
         this.told[kind].push(ring);
         this.pick(LOOK);
         return this.changed({ closed: true });
@@ -175,7 +182,7 @@ export class Drawing {
       this.measure(this.ruler.ends.length === 1 ? this.ruler.text : "");
       return;
     }
-    if (!points.length || !point) return;
+    if (!points.length || !point || this.tool !== this.draft.kind) return;
     const next = this.snap(point),
       last = points.at(-1),
       ring = [...points, next];
@@ -200,15 +207,13 @@ export class Drawing {
 
   /** Close the outline: to take it back is one step, however many corners it has. */
   close() {
-    const { kind, points } = this.draft ?? { points: [] };
-    if (points.length > 2 && crosses(points, points[0], { closes: true })) {
-      this.refuse(CROSSES_CLOSED);
-      return;
-    }
-    if (points.length > 2) this.told[kind].push(points);
+    const { kind, points } = this.draft;
+    if (points.length < 3) return this.refuse("An outline has at least three corners.");
+    if (crosses(points, points[0], { closes: true })) return this.refuse(CROSSES_CLOSED);
+    this.told[kind].push(points);
     this.draft = null;
     this.pick(LOOK);
-    this.changed(points.length > 2 ? { closed: true } : { corner: true });
+    return this.changed({ closed: true });
   }
 
   drop() {
@@ -217,8 +222,8 @@ export class Drawing {
     this.changed({ corner: true });
   }
 
+  /** Take another tool; an outline that is open stays, and goes on with its own tool. */
   pick(tool) {
-    if (this.draft && tool !== this.draft.kind) this.draft = null;
     this.tool = tool;
     if (tool !== RULER) this.ruler.clear();
     if (tool !== SELECT) this.selection.keys = new Set();
@@ -249,7 +254,7 @@ export class Drawing {
     this.hint.textContent =
       this.tool === PART || this.tool === ZONE
         ? draft.length > 2
-          ? "To close the outline, click its first corner or Close."
+          ? "To finish, click the first corner, double-click, or press Enter or Close."
           : SHAPES[this.shape]
             ? SHAPE_HINTS[this.shape]
             : "Click the corners of the outline, one after another."
@@ -258,6 +263,7 @@ export class Drawing {
             [SELECT]: this.selection.hint,
             [RULER]: this.ruler.hint,
           }[this.tool] ?? "");
+    if (draft.length && this.tool !== this.draft.kind) this.hint.textContent = OPEN;
     if (!this.hint.textContent && this.points.length > MOST_HANDLES)
       this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
@@ -504,7 +510,7 @@ export class Drawing {
       shapes,
     );
     this.canvas.element.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" && this.draft) this.close();
+      if (event.key === "Enter" && this.draft && event.target === this.canvas.plane) this.close();
       else if (event.key === "Escape" && this.draft) this.drop();
       else if (event.key === "Escape" && this.ruler.ends.length) {
         this.ruler.clear();
@@ -523,7 +529,7 @@ export class Drawing {
       }
     });
     this.canvas.plane.addEventListener("dblclick", () => {
-      if (this.draft) this.close();
+      if (this.draft?.kind === this.tool) this.close();
     });
     this.numbers = byNumbers(this);
     // on the canvas, whose size must not change under the hand

@@ -1,7 +1,16 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { fileAddress, run, state } from "../../shared/api.js";
 import { fieldRow, makeForm } from "../../shared/form.js";
-import { dataTable, el, guarded, number, precise, progressText, told } from "../../shared/page.js";
+import {
+  dataTable,
+  el,
+  guarded,
+  number,
+  precise,
+  progressText,
+  say,
+  told,
+} from "../../shared/page.js";
 import { failure } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 import { heightProfile } from "./profile.js";
@@ -83,7 +92,7 @@ export function missionsPanel({ ready, current, lacking, changed, store }) {
 
   async function start() {
     const why = lacking();
-    if (why) throw new Error(why);
+    if (why) return say(why);
     const of = current(),
       { seed, missions } = JSON.parse(of),
       problem = await ready();
@@ -116,6 +125,7 @@ export function missionsPanel({ ready, current, lacking, changed, store }) {
       free();
       throw error;
     });
+    return undefined;
   }
 
   function show({ file, map, missions, check, command, profiles = [] }) {

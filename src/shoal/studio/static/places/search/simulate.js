@@ -26,11 +26,12 @@ export const lasting = (seconds) => {
 };
 
 /** `question()` is what is simulated: the problem with its drawing, missions and seed; `ready()`
- *  gives the problem as it is run, with the drawing in a file;
+ *  gives the problem as it is run, with the drawing in a file, and `lacking()` says what there must
+ *  be before;
  *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it
  *  is shown, and `said()` what is said
  *  to be wrong already. */
-export function simulation({ ready, question, fields, set, open, visible, said, store }) {
+export function simulation({ ready, lacking, question, fields, set, open, visible, said, store }) {
   const frame = new PlayerFrame("search", { title: "The player of the search" });
   const loss = el("input", {
       type: "range",
@@ -193,6 +194,7 @@ export function simulation({ ready, question, fields, set, open, visible, said, 
   });
 
   async function play() {
+    if (lacking()) return say(lacking());
     const of = JSON.stringify(question()),
       { seed, missions } = JSON.parse(of),
       problem = await ready();
