@@ -74,6 +74,18 @@ def test_a_particle_that_stays_needs_no_path(unit, start, goal, least):
         assert found.lower_bound <= found.episode.length + 1e-12
 
 
+def test_a_bound_of_nothing_needs_no_proof():
+    """If goals are nearer than the tolerance, multipliers prove a little less than 0."""
+    place = region([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)])
+    start = [(3.0, 1.7315788553558673), (2.0, 3.0)]
+    goal = [(2.75075847285828, 2.276882060253171), (2.184149362801606, 2.428333365199679)]
+    found = certify(run(SteeringProblem(place, start, goal, tolerance=0.6, time=0.5)), seconds=1)
+    assert found.lower_bound == 0
+    proof = json.loads(json.dumps(found.proof))
+    assert check_certificate(proof)
+    assert not check_certificate(proof | {"lower_bound": 1e-6})
+
+
 def _first_leaf(proof):
     return next(node for node in proof["trees"][0]["proof"]["ways"][0]["proof"] if "norms" in node)
 
