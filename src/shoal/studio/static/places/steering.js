@@ -136,7 +136,7 @@ export function steering({ remember }) {
     plans = {};
     drawPlans();
     drawRoom();
-    room.dataset.aged = ""; // until the workspace of these settings is there
+    if (!corners) room.dataset.aged = ""; // until the workspace of these settings is there
     loadRoom();
   }
 
@@ -612,6 +612,7 @@ export function steering({ remember }) {
   async function beginSketch() {
     if (!(await mayGo("A new outline"))) return;
     corners = [];
+    delete room.dataset.aged; // a hand may draw before the last workspace is there
     complain(null);
     showVeil();
     showChoice();
