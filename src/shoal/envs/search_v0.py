@@ -252,12 +252,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         gymnasium.error.ResetNeeded
             If the method is called before a reset, or with actions when no agents are left.
         gymnasium.error.InvalidAction
-            If the action of an agent is invalid or missing.
+            If the action of an agent is invalid or missing, or if no agent has such a name.
         """
         if self._world is not None and not self.agents and actions == {}:
             return {}, {}, {}, {}, {}
         check_running(bool(self.agents))
         assert self._world is not None
+        if isinstance(actions, dict) and (unknown := actions.keys() - self._numbers.keys()):
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected names from {self.possible_agents[0]} to"
+                f" {self.possible_agents[-1]}, got {shortened(min(unknown, key=str))}"
+            )
         world, agents, time = self._world, self.agents, self.steps * self._length
         for agent in agents:
             number, choice = self._numbers[agent], self._checked(agent, actions)

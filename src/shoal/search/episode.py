@@ -122,15 +122,21 @@ class SearchEpisode(Episode):
     @property
     def reason(self) -> str:
         """One sentence that explains the status of the episode."""
-        cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
+        goal, further, count = self.scenario.goal, self._further_looks, self.problem.multiplicity
+        cells, looks = (goal & ~further).bit_count(), (goal & further).bit_count()
         if self.trace.covered_at == inf:
-            unsearched = int(np.isinf(search_times(self.scenario, self.trace.robots)).sum())
+            late = np.isinf(search_times(self.scenario, self.trace.robots))
+            missing = array_to_bits(late)
+            unsearched, unseen = (missing & ~further).bit_count(), (missing & further).bit_count()
             often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
-            return f"{unsearched} of {cells} cells that robots can reach were {often}"
+            again = f"{unseen} of {looks} further looks at cells were not taken" if unseen else ""
+            text = f"{unsearched} of {cells} cells that robots can reach were {often}"
+            return again if again and not unsearched else ", and ".join(filter(None, [text, again]))
         by = "" if count == 1 else f" by {count} robots"
+        again = f", with {looks} further looks at some of them," if looks else ""
         back = ", and every vehicle that works was back," if self.plan.flies else ""
         text = (
-            f"all {cells} cells that robots can reach were searched{by}{back} after"
+            f"all {cells} cells that robots can reach were searched{by}{again}{back} after"
             f" {duration_text(self.makespan or 0.0)}"
         )
         if self._as_planned:
@@ -260,7 +266,7 @@ class SearchEpisode(Episode):
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
-            "cells": plan.grid.n_cells,
+            "cells": self.n_cells,
             "makespan": self.makespan,
             "share": (
                 None
@@ -494,7 +500,24 @@ class SearchEpisode(Episode):
     @property
     def unreachable(self) -> int:
         """Number of free cells that no robot could reach."""
-        return len(self.plan.tour_cost) - (self.scenario.blocked | self.scenario.goal).bit_count()
+        every = (1 << len(self.plan.tour_cost)) - 1
+        blocked, goal = self.scenario.blocked, self.scenario.goal
+        return (every & ~(blocked | goal | self._further_looks)).bit_count()
+
+    @cached_property
+    def _further_looks(self) -> int:
+        """The places on the tour that are second looks at other cells, as bits."""
+        if len(layers_of(self.plan.grid)) == 1:
+            return 0
+        layers = self.plan.tour.cells[:, 0]
+        return array_to_bits(~np.isin(layers, self._whole_layers))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the region, in all layers. A cell at which robots look again counts
+        once.
+        """
+        return len(self.plan.tour_cost) - self._further_looks.bit_count()
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal search`` prints."""
@@ -504,7 +527,8 @@ class SearchEpisode(Episode):
             "reason": self.reason,
             "region": {
                 "name": grid.region.name,
-                "cells": grid.n_cells,
+                "cells": self.n_cells,
+                "further_looks": grid.n_cells - self.n_cells,
                 "area_m2": grid.region.area_m2,
                 "margin_m": grid.region.margin,
                 "unseen_m2": grid.region.unseen_m2,

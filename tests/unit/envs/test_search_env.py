@@ -229,6 +229,10 @@ def test_wrong_steps():
             gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"
         ):
             env.step(actions)
+    with pytest.raises(
+        gymnasium.error.InvalidAction, match="names from robot_1 to robot_4, got 'robot_5'"
+    ):
+        env.step(everyone | {"robot_5": 0})
     assert all(env.step(everyone)[3].values()), "truncated by max_cycles"
     assert env.step({}) == ({}, {}, {}, {}, {})
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from math import exp
 
@@ -621,6 +622,27 @@ def test_the_widest_cells_over_a_place_are_searched_again():
     assert high.size > low.size
     assert further
     assert all(layer.whole is high for layer in further)
+
+
+def test_a_cell_that_is_searched_again_counts_once(tmp_path):
+    file, _ = corner(tmp_path)
+    episode = run(SearchProblem(**SQUARE, prior=[file], detection=0.6, at_most=1.5))
+    cells, looks = len(np.unique(episode._same_cells)), len(episode.plan.tour_cost)
+    assert cells < looks
+    report = episode.report()
+    assert report["region"]["cells"] == episode.n_cells == cells
+    assert report["region"]["further_looks"] == looks - cells
+    assert episode.reason.startswith(
+        f"all {cells} cells that robots can reach were searched, with {looks - cells} further looks"
+    )
+    assert episode.unreachable == 0
+    faults = [f"crash:{robot}@9" for robot in range(1, SQUARE["robots"] + 1)]
+    problem = SearchProblem(**SQUARE, prior=[file], detection=0.6, at_most=1.5, faults=faults)
+    assert re.fullmatch(
+        rf"\d+ of {cells} cells that robots can reach were never searched, and \d+ of"
+        rf" {looks - cells} further looks at cells were not taken",
+        run(problem).reason,
+    )
 
 
 def test_missions_contain_second_looks(tmp_path):
