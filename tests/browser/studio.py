@@ -57,6 +57,22 @@ class Studio:
         page.wait_for_selector("body[data-ready]")
 
 
+def on_plane(
+    page: Page, shown: tuple[float, float], *points: tuple[float, float]
+) -> list[tuple[float, float]]:
+    """Pixels of points in metres on the canvas of a search, which shows so many metres around (0,
+    0) whole.
+    """
+    page.locator(".plane").scroll_into_view_if_needed()
+    box = page.locator(".plane").bounding_box()
+    assert box is not None
+    left, top, right, bottom = 36, 40, 62, 50  # pixels around what is shown
+    wide, high = box["width"] - left - right, box["height"] - top - bottom
+    scale = min(wide / shown[0], high / shown[1])
+    middle = box["x"] + left + wide / 2, box["y"] + top + high / 2
+    return [(middle[0] + x * scale, middle[1] - y * scale) for x, y in points]
+
+
 def wear(page: Page, theme: Literal["light", "dark"], width: int, height: int) -> None:
     """Show a page in one of the four forms."""
     page.set_viewport_size({"width": width, "height": height})

@@ -16,7 +16,7 @@ import pytest
 import shapely
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
-from tests.browser.studio import Studio, run_and_load, tab, written_by
+from tests.browser.studio import Studio, on_plane, run_and_load, tab, written_by
 from tests.browser.waiting import settle, until
 
 import shoal
@@ -118,34 +118,17 @@ def test_a_region_is_named_and_simulated_by_keys_alone(page: Page, studio: Studi
     assert episode.trace.covered_at == expected.trace.covered_at
 
 
-def spot(
-    page: Page, point: tuple[float, float], scale: float, middle: tuple[float, float]
-) -> tuple[float, float]:
-    box = page.locator(".plane").bounding_box()
-    assert box is not None
-    return (
-        box["x"] + box["width"] / 2 + (point[0] - middle[0]) * scale,
-        box["y"] + box["height"] / 2 - (point[1] - middle[1]) * scale,
-    )
-
-
 @pytest.mark.forms(0, 3)
 def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio) -> None:
     opened(page, studio)
     page.get_by_role("button", name="Draw a region", exact=True).click()
-    points = [(-90, -60), (90, -60), (90, 60), (-90, 60)]
-    middle, scale = (0.0, 0.0), None
-    page.locator(".plane").scroll_into_view_if_needed()
-    box = page.locator(".plane").bounding_box()
-    assert box is not None
-    # an empty canvas shows 500 by 300 m
-    scale = min((box["width"] - 72) / 500, (box["height"] - 72) / 300)
+    shown = 500.0, 300.0  # an empty canvas
 
-    def click(some: list[tuple[float, float]]) -> None:
-        for point in some:
-            page.mouse.click(*spot(page, point, scale, middle))
+    def click(*points: tuple[float, float]) -> None:
+        for spot in on_plane(page, shown, *points):
+            page.mouse.click(*spot)
 
-    click(points)
+    click((-90, -60), (90, -60), (90, 60), (-90, 60))
     # what closes it is beside the canvas: a corner may be anywhere on it
     closing = page.get_by_role("button", name="Close", exact=True)
     assert closing.evaluate("button => !button.closest('.metric')")
@@ -153,11 +136,11 @@ def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio
     closing.click()
     planned(page).wait_for()
     page.locator(".zooms").get_by_role("button", name="Show all of it").click()
-    scale = min((box["width"] - 72) / 180, (box["height"] - 72) / 120)
+    shown = 180.0, 120.0
     page.get_by_role("button", name="No-go").click()
-    click([(-20, -20), (20, -20), (20, 15), (-20, -20)])
+    click((-20, -20), (20, -20), (20, 15), (-20, -20))
     page.get_by_role("button", name="Launch").click()
-    click([(-60, 30)])
+    click((-60, 30))
     page.get_by_role("button", name="Launch point 1").wait_for()
     planned(page).get_by_text("searched in").wait_for()
     episode = run_and_load(page, studio, "Simulate")
@@ -687,7 +670,7 @@ def test_the_plan_that_is_shown_is_written_and_simulated(page: Page, studio: Stu
     assert whole in ends
     tab(page, "Missions")
     page.get_by_role("button", name="Write missions").click()
-    page.locator(".missionMap img").wait_for()
+    until(page, "document.querySelector('.missionMap img')?.naturalWidth > 100")
     with zipfile.ZipFile(next(studio.folder.glob("*.missions.zip"))) as archive:
         written = json.loads(archive.read("studio.json"))["written"]
     sorties = written["missions"]["starts"]
@@ -729,7 +712,7 @@ def test_an_episode_that_is_changed_has_the_settings_that_it_had(
     page.locator(".note", has_text="Choose a vehicle first").wait_for()
     page.locator("[data-field=preset] select").select_option("multirotor")
     page.get_by_role("button", name="Write missions").click()
-    page.locator(".missionMap img").wait_for()
+    until(page, "document.querySelector('.missionMap img')?.naturalWidth > 100")
 
 
 @pytest.mark.forms(0)
@@ -778,9 +761,9 @@ def test_an_outline_is_finished_by_a_double_click_and_outlives_other_tools(
     # a region that overlaps another one is added to it
     before = planned(page).inner_text()
     page.get_by_role("button", name="Region", exact=True).click()
-    for corner in ((0.3, 0.1), (0.55, 0.1), (0.55, 0.5)):
+    for corner in ((0.6, 0.3), (0.96, 0.3), (0.96, 0.6)):
         page.mouse.click(*at(*corner))
-    page.mouse.dblclick(*at(0.3, 0.5))
+    page.mouse.dblclick(*at(0.6, 0.6))
     until(page, f"!document.querySelector('.facts').textContent.includes({before!r})")
     planned(page).wait_for()
     assert page.locator(".warning").is_hidden()
@@ -794,3 +777,65 @@ def test_an_outline_is_finished_by_a_double_click_and_outlives_other_tools(
     note = page.locator(".note", has_text="Draw a region first")
     note.wait_for()
     assert page.locator(".note.bad").count() == 0
+
+
+@pytest.mark.forms(0, 1)
+def test_nothing_on_the_canvas_covers_the_region_or_its_words(page: Page, studio: Studio) -> None:
+    circle = [[-60 + 12 * np.cos(k * np.pi / 24), 12 * np.sin(k * np.pi / 24)] for k in range(48)]
+    field = [[-150, -100], [150, -100], [150, 100], [-150, 100]]
+    studio.open(
+        page,
+        "search",
+        {
+            "problem": FAST | {"footprint": "20"},
+            "drawing": {"frame": [8.5, 47.4], "parts": [field], "zones": [circle]},
+        },
+    )
+    planned(page).wait_for()
+    boxes = """(names) => [...document.querySelectorAll(names)].map((one) => {
+        const box = one.getBoundingClientRect();
+        return [box.left, box.top, box.right, box.bottom];
+    })"""
+
+    def apart(ours: str, theirs: str) -> bool:
+        return not any(
+            a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3] and a != b
+            for a in page.evaluate(boxes, ours)
+            for b in page.evaluate(boxes, theirs)
+        )
+
+    settle(page)
+    region = "[data-mark^=parts0-]:not([data-mark*='+']):not([data-mark$=all]) .corner"
+    assert page.locator(region).count() == 4
+    assert apart(region, ".zooms, .scalebar path")
+    assert apart(".plane text:not(.head text)", ".plane .words text, .scalebar text")
+    # the words of the graticule lie over the region, and not under it
+    assert page.evaluate(
+        "!!(document.querySelector('.plane .words').compareDocumentPosition("
+        "document.querySelector('.plane .part')) & Node.DOCUMENT_POSITION_PRECEDING)"
+    )
+    # a circle is no necklace of corners, until its cross is chosen
+    assert page.locator("[data-mark^=zones0-] .corner").count() == 0
+    page.get_by_role("button", name="No-go zone 1, all of it").focus()
+    page.get_by_role("button", name="No-go zone 1, corner 1.").wait_for()
+    assert page.locator(".marks").inner_text().split("\n") == [
+        "start",
+        "nearest approach",
+        "margin",
+    ]
+    tab(page, "Missions")
+    page.get_by_role("button", name="Write missions").click()
+    until(page, "document.querySelector('.missionMap img')?.naturalWidth > 100")
+    name = page.locator(".search-place .source").text_content()
+    assert page.get_by_label("A file in the folder").input_value() == name
+
+
+@pytest.mark.forms(0)
+def test_no_robot_dies_after_the_end_of_the_search(page: Page, studio: Studio) -> None:
+    opened(page, studio)
+    run_and_load(page, studio, "Simulate")
+    inside = player(page)
+    inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(shoalPlayer.length)")
+    page.get_by_role("button", name="Robot 1 dies now").click()
+    page.locator(".note", has_text="The search is over").wait_for()
+    assert page.locator(".faults .chip").count() == 0

@@ -42,7 +42,7 @@ def test_an_example_runs_by_a_click(page: Page, studio: Studio, form: Form) -> N
     assert page.title().startswith("Start")
     page.get_by_role("button", name="Dying robots").click()
     page.locator(".panel:not([hidden]) .exports").wait_for()
-    page.get_by_text("complete: all").wait_for()
+    page.get_by_text("complete: all 841 cells").wait_for()
     page.get_by_role("link", name="Start", exact=True).click()
     page.get_by_role("button", name="A race").click()
     page.wait_for_selector(".pad:not([hidden])")

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
-from tests.browser.studio import Studio, run_and_load, tab
+from tests.browser.studio import Studio, on_plane, run_and_load, tab
 from tests.browser.waiting import until
 
 import shoal
@@ -54,14 +54,8 @@ def add_zone(page: Page) -> None:
 
 def click_at(page: Page, *points: tuple[float, float]) -> None:
     """Click on the canvas of an opened drawing, which shows FIELD whole."""
-    page.locator(".plane").scroll_into_view_if_needed()
-    box = page.locator(".plane").bounding_box()
-    assert box is not None
-    scale = min((box["width"] - 72) / 180, (box["height"] - 72) / 120)
-    for x, y in points:
-        page.mouse.click(
-            box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
-        )
+    for x, y in on_plane(page, (180, 120), *points):
+        page.mouse.click(x, y)
 
 
 @pytest.mark.forms(0)

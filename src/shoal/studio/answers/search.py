@@ -56,9 +56,8 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     made, problem = found.plan, found.problem
     answer |= _region(made.grid.region, canvas)
     allocation = made.allocation
-    tour = _Path(_tour(made), made.altitudes)
     robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
-    corners = len(tour.corners) + sum(len(path.corners) for _, path in robots)
+    corners = sum(len(path.corners) for _, path in robots)
     drawn = corners <= MOST_DRAWN
     return answer | {
         "problem": None,
@@ -83,7 +82,6 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "makespan": made.planned_seconds,
         "bound": made.least_seconds,
         "drawn": drawn,
-        "closed": tour.pieces(canvas) if drawn else [],
         "robots": [
             robot_answer | {"way": path.pieces(canvas) if drawn else []}
             for robot_answer, path in robots
@@ -131,11 +129,6 @@ def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
         "no_go": polygons(region.no_go),
         "free": polygons(region.free) if region.margin else [],
     }
-
-
-def _tour(plan: SearchPlan) -> Points:
-    cells = plan.tour.cells
-    return plan.paths.route(np.concatenate([cells, cells[:1]])).points
 
 
 class _Path:
@@ -401,10 +394,10 @@ def _united(parts: tuple[Points, ...]) -> tuple[tuple[Points, ...], tuple[Points
     """
     import shapely
 
-    if any(len(part) < 3 for part in parts):
+    if len(parts) < 2 or any(len(part) < 3 for part in parts):
         return parts, ()
     polygons = shapely.polygons([shapely.linearrings(part) for part in parts])
-    if len(parts) < 2 or not shapely.is_valid(polygons).all():
+    if not shapely.is_valid(polygons).all():
         return parts, ()  # the checks of a region say what is wrong
     first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
     smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))

@@ -88,6 +88,14 @@ const BEGIN = {
   },
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i;
+const mark = (words, ...shapes) =>
+  el("span", {}, svg("svg", { viewBox: "-8 -8 16 16" }, shapes), words);
+const KEYS = {
+  launch: () => mark("launch point", svg("path", { class: "home", d: "M0 -6L6 5H-6Z" })),
+  start: () => mark("start", svg("rect", { class: "spot", x: -4, y: -4, width: 8, height: 8 })),
+  near: () => mark("nearest approach", svg("circle", { class: "near", r: 6 })),
+  margin: () => mark("margin", svg("path", { class: "margin", d: "M-8 0H8" })),
+};
 const closed = (polygons) =>
   polygons
     .flat()
@@ -139,10 +147,11 @@ export function search({ remember }) {
   });
   const land = svg("g", { class: "region" }),
     ways = new Ways(() => show());
-  canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
+  canvas.world.append(land, drawing.layer, ways.ways);
   const warning = el("p.warning", { role: "status", hidden: true }),
     source = el("b.source", {}),
     facts = el("p.facts", {}),
+    key = el("p.marks", { "aria-hidden": true }),
     where = el("p.soft.where", {});
   const list = fleetList((k) => {
     chosen = k;
@@ -254,6 +263,12 @@ export function search({ remember }) {
     redo();
   }
 
+  /** The file of the region: the one that it was taken from, or that its drawing was written to. */
+  const fileNow = () => {
+    if (!drawing.told.parts.length) return region;
+    return written?.text === JSON.stringify(drawing.told) ? written.file : null;
+  };
+
   /** The problem with what was drawn written as a file, once. */
   async function ready() {
     const given = fields(),
@@ -268,7 +283,7 @@ export function search({ remember }) {
       ({ file } = await ask("draw", { problem: given, drawing: JSON.parse(text) }));
       written = { text, file };
       await loadFiles();
-      if (text === JSON.stringify(drawing.told)) source.textContent = file;
+      show();
     }
     return JSON.parse(text).parts.length
       ? { ...given, region: file }
@@ -356,11 +371,8 @@ export function search({ remember }) {
     ways.show(plan, chosen);
     drawMarks(drawing.show());
     list.show(robots, fleet?.starts ?? [], chosen);
-    source.textContent = own
-      ? written?.text === JSON.stringify(drawing.told)
-        ? written.file
-        : "drawn"
-      : (region ?? "");
+    source.textContent = fileNow() ?? (own ? "drawn" : "");
+    choice.mark();
     const words = plan?.cells
       ? [
           plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
@@ -446,7 +458,14 @@ export function search({ remember }) {
           },
         ]
       : [];
-    canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
+    const marks = Object.entries({
+      launch: points.length,
+      start: places.length,
+      near: meeting.length,
+      margin: plan?.free?.length,
+    });
+    key.replaceChildren(...marks.flatMap(([name, there]) => (there ? KEYS[name]() : [])));
+    canvas.setMarks([...meeting, ...places, ...corners, ...heads, ...home]);
     canvas.draw();
   }
 
@@ -545,7 +564,14 @@ export function search({ remember }) {
     canvas.element.scrollIntoView({ block: "nearest" }); // on a phone, it is above the settings
     redo();
   }
-  const choice = chooser({ choose, bring, blank: begin, loosen, region: () => region });
+  const choice = chooser({
+    choose,
+    bring,
+    blank: begin,
+    loosen,
+    region: () => region,
+    file: fileNow,
+  });
 
   // ---- the stages ----
 
@@ -582,7 +608,7 @@ export function search({ remember }) {
         "Plan",
         el("div.stageHead", {}, drawing.toolbar, ways.element),
         canvas.element,
-        el("div.underStage", {}, source, facts, where),
+        el("div.underStage", {}, source, key, facts, where),
         list.element,
       ],
       ["simulate", "Simulate", ...simulate.children],

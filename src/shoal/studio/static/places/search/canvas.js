@@ -4,9 +4,11 @@ import { ticksOf } from "../../shared/charts.js";
 import { hands, spotOf } from "../../shared/hands.js";
 import { el, svg, symbol } from "../../shared/page.js";
 
-const MARGIN = 36,
-  NEAREST = 400,
-  FARTHEST = 2e-4; // pixels; pixels a metre
+// pixels around all that is shown: below and to the right, there are the scale bar and buttons
+const ROOM = { left: 36, right: 62, top: 40, bottom: 50 };
+const NEAREST = 400,
+  FARTHEST = 2e-4; // pixels a metre
+const LABEL = { wide: 66, high: 12 }; // pixels of a word of the graticule
 const LINES = 7; // about how many lines of the graticule there are
 
 export class MetricCanvas {
@@ -27,6 +29,7 @@ export class MetricCanvas {
     this.drag = null; // what may take a drag for itself, as hands() has it
     this.under = svg("g", {});
     this.graticule = svg("g", { class: "graticule" });
+    this.degrees = svg("g", { class: "graticule words" });
     this.world = svg("g", {});
     this.above = svg("g", {});
     this.bar = svg("g", { class: "scalebar" });
@@ -36,6 +39,7 @@ export class MetricCanvas {
       this.under,
       this.graticule,
       this.world,
+      this.degrees,
       this.above,
       this.bar,
     );
@@ -100,8 +104,10 @@ export class MetricCanvas {
   fit() {
     const [left, low, right, high] = this.bounds ?? [-250, -150, 250, 150];
     this.moved = false;
-    this.middle = [(left + right) / 2, (low + high) / 2];
-    const room = this.size.map((side) => Math.max(40, side - 2 * MARGIN));
+    const [wide, tall] = this.size,
+      room = [wide - ROOM.left - ROOM.right, tall - ROOM.top - ROOM.bottom].map((side) =>
+        Math.max(40, side),
+      );
     this.scale = Math.max(
       FARTHEST,
       Math.min(
@@ -109,6 +115,10 @@ export class MetricCanvas {
         Math.min(room[0] / Math.max(right - left, 1), room[1] / Math.max(high - low, 1)),
       ),
     );
+    this.middle = [
+      (left + right) / 2 - (ROOM.left - ROOM.right) / 2 / this.scale,
+      (low + high) / 2 + (ROOM.top - ROOM.bottom) / 2 / this.scale,
+    ];
     this.draw();
   }
 
@@ -186,7 +196,8 @@ export class MetricCanvas {
         ),
       );
     });
-    this.graticule.replaceChildren(...lines.flat());
+    this.graticule.replaceChildren(...lines.map(([path]) => path));
+    this.degrees.replaceChildren(...lines.map(([, words]) => words).filter(Boolean));
   }
 
   /** @param {number} axis @param {number} tick @param {number[]} ends @param {string} words */
@@ -199,10 +210,13 @@ export class MetricCanvas {
     const d = spots
       .map((spot, k) => `${k ? "L" : "M"}${spot.map((x) => x.toFixed(1)).join(" ")}`)
       .join("");
-    const inside = axis
+    const [x, y] = axis
       ? [6, spots.find(([right]) => right > 4)?.[1] - 4]
       : [spots.find(([, down]) => down < 40)?.[0] + 4, 14];
-    return [svg("path", { d }), svg("text", { x: inside[0] || -99, y: inside[1] || -99 }, words)];
+    // words of the left side make room for those at the top, and for the scale bar
+    const [width, height] = this.size,
+      free = axis ? y > 14 + LABEL.high && y < height - 46 : x > 0 && x + LABEL.wide < width;
+    return [svg("path", { d }), free ? svg("text", { x, y }, words) : null];
   }
 
   /** A bar of a round length, and the north where the canvas is on Earth. */

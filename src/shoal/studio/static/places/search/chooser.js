@@ -6,8 +6,9 @@ import { el, filePicker, guarded, olderFiles } from "../../shared/page.js";
 const FORMATS = "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV";
 
 /** `choose(name)` takes a region, `bring(files)` files of the user's, `blank()` begins a drawing
- *  and `loosen()` makes one of what a file holds; `region()` is the name of the region. */
-export function chooser({ choose, bring, blank, loosen, region }) {
+ *  and `loosen()` makes one of what a file holds; `region()` is the name of the region, and `file()`
+ *  that of the file that has it, also of a drawing. */
+export function chooser({ choose, bring, blank, loosen, region, file }) {
   const choices = el("select", {
     id: "searchFile",
     onchange: guarded(() => choices.value && choose(choices.value)),
@@ -45,7 +46,13 @@ export function chooser({ choose, bring, blank, loosen, region }) {
       ...found.map((file) => el("option", { value: file.name }, file.name)),
       ...olderFiles(leftOut("region")),
     );
-    choices.value = found.some((file) => file.name === region()) ? region() : "";
+    mark();
+  }
+
+  /** The file of the region is the one that is chosen. */
+  function mark() {
+    const name = file() ?? "";
+    choices.value = [...choices.options].some(({ value }) => value === name) ? name : "";
   }
   on("files", list);
   list();
@@ -53,6 +60,7 @@ export function chooser({ choose, bring, blank, loosen, region }) {
   return {
     row,
     show,
+    mark,
     element: el(
       "section.chooser",
       { "aria-label": "Region" },

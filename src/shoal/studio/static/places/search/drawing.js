@@ -40,6 +40,8 @@ const NEAR = 10; // pixels within which a corner snaps
 const SAME = 5; // pixels within which a corner is the last one again, as in a double click
 const LEVER = 44; // pixels from the middle of a shape to what turns it
 const MOST_HANDLES = 300;
+const MANY = 24, // corners of an outline that may be too many to be shown
+  CROWD = 24; // pixels between two of them
 const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
 const rounded = (point) => point.map((x) => Math.round(x * 1000) / 1000);
 const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("") + "Z";
@@ -278,7 +280,9 @@ export class Drawing {
       this.points.length <= MOST_HANDLES
         ? [PART, ZONE].flatMap((kind) =>
             this.told[kind].flatMap((ring, k) => [
-              ...(this.tool === SELECT ? [] : this.cornersOf(kind, ring, k)),
+              ...(this.tool === SELECT || this.crowded(`${kind}${k}`, ring)
+                ? []
+                : this.cornersOf(kind, ring, k)),
               ...this.wholeOf(kind, ring, k),
             ]),
           )
@@ -352,6 +356,13 @@ export class Drawing {
     if (this.held === key) return;
     this.held = key;
     this.changed({ drawnOnly: true });
+  }
+
+  /** Whether corners would hide the outline, as those of a circle: the cross in its middle shows
+   *  them. */
+  crowded(key, ring) {
+    const apart = (perimeter(ring) * this.canvas.scale) / ring.length;
+    return ring.length >= MANY && apart < CROWD && this.held !== key;
   }
 
   cornersOf(kind, ring, k) {

@@ -143,6 +143,8 @@ export function simulation({ ready, lacking, question, fields, set, open, visibl
     const player = frame.player,
       at = Math.round(1000 * player.time) / 1000;
     if (player.doing[k] === "dead") return say(`Robot ${k + 1} is dead already.`);
+    if (player.time >= player.length)
+      return say("The search is over: go back to the moment at which the robot dies.");
     const playing = player.playing;
     player.pause();
     set({ faults: [...crashes(), `crash:${k + 1}@${at}`] });

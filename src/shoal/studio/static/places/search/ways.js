@@ -1,4 +1,5 @@
 /* The ways of robots on the canvas; of several layers one is shown at a time, or all. */
+import { distance } from "../../shared/geometry.js";
 import { el, number, svg } from "../../shared/page.js";
 
 const line = (points) => points.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("");
@@ -21,7 +22,6 @@ export class Ways {
       el("label", { htmlFor: "searchLayer" }, "Ways of the layer"),
       this.choice,
     );
-    this.tour = svg("g", { class: "tour" });
     this.ways = svg("g", { class: "ways" });
   }
 
@@ -32,13 +32,6 @@ export class Ways {
 
   show(plan, chosen) {
     this.list(plan?.layers ?? []);
-    this.tour.replaceChildren(
-      svg("path", {
-        d: this.pieces(plan?.closed ?? [])
-          .map((piece) => line(piece.points))
-          .join(""),
-      }),
-    );
     this.ways.replaceChildren(
       ...(plan?.robots ?? []).map((robot, k) =>
         svg("path", {
@@ -62,15 +55,18 @@ export class Ways {
     this.element.hidden = layers.length < 2;
   }
 
-  /** A point on a robot's way for its number; null where it is in other layers. */
+  /** The middle of the longest leg of a robot's way, for its number: corners are elsewhere. Null
+   *  where it is in other layers. */
   head(robot) {
-    const longest = this.pieces(robot.way).reduce(
-      (most, piece) => (piece.points.length > (most?.points.length ?? 0) ? piece : most),
-      null,
-    )?.points;
-    if (!longest) return null;
-    const k = longest.length >> 1,
-      [from, to] = [longest[k - 1], longest[k]];
-    return [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2];
+    let middle = null,
+      longest = 0;
+    for (const { points } of this.pieces(robot.way))
+      for (let k = 1; k < points.length; k += 1) {
+        const length = distance(points[k - 1], points[k]);
+        if (length <= longest) continue;
+        longest = length;
+        middle = points[k].map((x, axis) => (x + points[k - 1][axis]) / 2);
+      }
+    return middle;
   }
 }
