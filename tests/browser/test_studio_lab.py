@@ -266,12 +266,15 @@ def test_a_sweep_of_the_command_is_found_and_exported(
 @pytest.mark.parametrize(
     ("ends", "said"),
     [
-        ([(2, 4)] * 4, "are, against closest-frontier, higher at all 4 points."),
+        (
+            [(2, 4)] * 4,
+            "greedy-classify against closest-frontier: mean moves are higher at all 4 points (with 95 %",
+        ),
         (
             [(2, 4), (-4, -2), (-1, 1), (1, 3)],
-            "lower at 1 and higher at 2, and not clearly different at 1 (of 4 points).",
+            "are lower at 1 of 4 points, higher at 2 and not clearly different at 1 (with 95 %",
         ),
-        ([(-1, 1)] * 4, "closest-frontier do not differ clearly at any of 4 points."),
+        ([(-1, 1)] * 4, "closest-frontier: mean moves do not differ clearly at any of 4 points."),
     ],
 )
 def test_many_comparisons_are_one_sentence(

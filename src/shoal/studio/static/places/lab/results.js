@@ -327,14 +327,20 @@ export function results({ shown, change }) {
           more = group.filter((one) => one.comparison.difference.low > 0).length;
         const names = [group[0].second, group[0].first].map((one) => valued(compared, one)),
           all = group.length;
-        if (!less && !more)
-          return `Mean ${what} of ${names.join(" and ")} do not differ clearly at any of ${all} points.`;
-        const at = (count, word) =>
-          !count ? [] : [`${word} at ${count === all ? `all ${all} points` : count}`];
-        const where = [...at(less, "lower"), ...at(more, "higher")].join(" and ");
-        const rest = less + more < all ? `, and not clearly different at ${all - less - more}` : "";
-        const of = Math.max(less, more) < all ? ` (of ${all} points)` : "";
-        return `With 95 % confidence, mean ${what} for ${names[0]} ${are}, against ${names[1]}, ${where}${rest}${of}.`;
+        const pair = `${names.join(" against ")}: mean ${what}`;
+        if (!less && !more) return `${pair} do not differ clearly at any of ${all} points.`;
+        const parts = [
+          [less, "lower"],
+          [more, "higher"],
+          [all - less - more, "not clearly different"],
+        ].filter(([count]) => count);
+        const where = parts.map(([count, word], i) =>
+          count === all
+            ? `${word} at all ${all} points`
+            : `${word} at ${count}${i ? "" : ` of ${all} points`}`,
+        );
+        const last = where.pop();
+        return `${pair} ${are} ${[where.join(", "), last].filter(Boolean).join(" and ")} (with 95 % confidence).`;
       })
       .concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : [])
       .join(" ");
