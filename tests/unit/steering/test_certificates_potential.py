@@ -11,7 +11,7 @@ from shoal.steering import SteeringProblem, certify, check_certificate, regular_
 from shoal.steering.certificates.check_potential import (
     DEGREE,
     WrongPotentialError,
-    _check_positive,
+    check_positive,
     ellipses,
     monomials,
 )
@@ -120,10 +120,10 @@ def test_a_damaged_potential_is_refused(certificate, damage):
 
 
 def test_a_matrix_with_a_negative_eigenvalue_is_refused():
-    _check_positive([[2, 1], [1, 2]])
+    check_positive([[2, 1], [1, 2]])
     for wrong in ([[1, 2], [2, 1]], [[0]], [[1, 1], [1, 1]], [[3, 0, 0], [0, 1, 2], [0, 2, 3]]):
         with pytest.raises(WrongPotentialError):
-            _check_positive(wrong)
+            check_positive(wrong)
 
 
 def test_ellipses_hold_all_states_of_short_plans():
