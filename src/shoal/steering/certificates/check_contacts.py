@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 from shoal.steering.certificates.check_potential import (
     BITS,
-    DEGREE,
     Polynomial,
     WrongPotentialError,
     changed_by,
     check_positive,
+    degree_of,
     ellipse,
     excess,
     whole,
@@ -226,9 +226,11 @@ def at_contact(powers: Sequence[int], particle: int, other: Sequence[Any]) -> di
     }
 
 
-def degree_of_squares(number: int) -> int:
-    """Return the degree of the squares that are multiplied with a polynomial of a sector."""
-    return (DEGREE + 1) // 2 - bool(number)
+def degree_of_squares(degree: int, number: int) -> int:
+    """Return the degree of the squares that are multiplied with a polynomial of a sector, for a
+    potential of some degree.
+    """
+    return (degree + 1) // 2 - bool(number)
 
 
 def contact_values(contacts: Contacts, proof: Mapping[str, Any]) -> Iterator[Fraction]:
@@ -301,7 +303,7 @@ def _end(
     x, y = (Fraction(whole(z), 1 << BITS) for z in given["direction"])
     if x * x + y * y > 1:
         raise WrongPotentialError("a direction is longer than 1")
-    sign = -1 if end else 1
+    sign, degree = -1 if end else 1, degree_of(potential)
     place, other = contacts.place(end, sector.particle), contacts.to_other(end, sector.particle)
     total: Flat = {(1, 0): sign * x, (0, 1): sign * y, (0, 0): -sign * dot((x, y), place)}
     for powers, z in potential.items():
@@ -313,7 +315,7 @@ def _end(
     if len(squares) != len(factors):
         raise WrongPotentialError("an end has another number of squares")
     for number, (numbers, factor) in enumerate(zip(squares, factors, strict=True)):
-        basis = flat_monomials(degree_of_squares(number))
+        basis = flat_monomials(degree_of_squares(degree, number))
         if len(numbers) != len(basis) * (len(basis) + 1) // 2:
             raise WrongPotentialError("a matrix of squares has another size")
         entries = iter(whole(z) for z in numbers)
@@ -328,7 +330,7 @@ def _end(
         check_positive(matrix)
         _subtract(total, square, factor)
     if not contacts.ring:
-        powers_of = flat_monomials(DEGREE - 1)
+        powers_of = flat_monomials(degree - 1)
         multipliers = [Fraction(whole(z), 1 << BITS) for z in given["zero"]]
         _subtract(total, dict(zip(powers_of, multipliers, strict=True)), positive[0])
     return total.pop((0, 0)) - sum(map(abs, total.values()))

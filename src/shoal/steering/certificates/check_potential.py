@@ -6,16 +6,16 @@ of a circle around all walls, so that all coordinates are between -1 and 1, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 from itertools import product
 from math import ceil, floor, isfinite, isqrt
 from typing import Any
 
 DEGREE = 5  # of a potential
+DEGREES = (3, DEGREE)  # of one between contacts
 BITS = 36  # of a number of the proof
 _FINE = 40  # bits of the coefficients of an ellipse
-_HALF = DEGREE // 2  # degree of the squares
 
 Monomial = tuple[int, int, int, int]
 """Exponents of the coordinates of the first, then the second particle."""
@@ -166,6 +166,14 @@ def potential_value(
     return max(fall - changed_by(potential, tolerance), Fraction(0)) / (1 + rest)
 
 
+def degree_of(numbers: Collection[Any]) -> int:
+    """Return the degree of a potential with some coefficients."""
+    for degree in DEGREES:
+        if len(numbers) == len(monomials(degree)) - 1:
+            return degree
+    raise WrongPotentialError("a potential has another number of coefficients")
+
+
 def changed_by(potential: Mapping[Monomial, int], distance: Fraction) -> Fraction:
     """Return how much a potential changes at most if each coordinate moves by ``distance``."""
     return sum(
@@ -180,11 +188,11 @@ def excess(
     """Return a potential, times 2**36, and how much it falls at most beyond the length of an input,
     relative, at the states in the disk where some polynomials, times 2**40, are at least 0.
     """
-    basis = monomials(DEGREE)[1:]
     numbers = [whole(x) for x in proof["potential"]]
+    basis, half = monomials(degree_of(numbers))[1:], degree_of(numbers) // 2
     cases = proof["cases"]
-    if len(numbers) != len(basis) or len(cases) != 3:
-        raise WrongPotentialError("a potential has another number of coefficients or cases")
+    if len(cases) != 3:
+        raise WrongPotentialError("a potential has another number of cases")
     potential = dict(zip(basis, numbers, strict=True))
     slopes = [_derivative(potential, axis) for axis in range(4)]
     rest = 0
@@ -200,8 +208,8 @@ def excess(
         else:
             held, other = number - 1, 2 - number
             positive = [inside_disk(other)]
-            factors = [*positive, *around]
-            hold = _sums_of_squares(case["holds"], 1, (_HALF * 2 - 1) // 2, factors)[0, 0]
+            factors = [*positive, *around] if half > 1 else []
+            hold = _sums_of_squares(case["holds"], 1, half - 1, factors)[0, 0]
             if ring:
                 positive += [inside_disk(held), on_wall(held, ring)]
             else:
@@ -222,11 +230,11 @@ def excess(
             (0, 1): dict(slope[1]),
             (1, 1): _sum(one, {key: -x for key, x in slope[0].items()}),
         }
-        squares = _sums_of_squares(case["squares"], 2, _HALF, [*positive, *around])
+        squares = _sums_of_squares(case["squares"], 2, half, [*positive, *around])
         for entry, part in squares.items():
             rests[entry] = _sum(rests[entry], {power: -x for power, x in part.items()})
         if zero is not None:
-            powers = monomials(2 * _HALF - 2)
+            powers = monomials(2 * half - 2)
             for entry, multipliers in zip(rests, case["zero"], strict=True):
                 for power, x in zip(powers, multipliers, strict=True):
                     taken = {times(power, key): -whole(x) * y for key, y in zero.items()}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.check_contacts import Contacts, Sector, split
+from shoal.steering.certificates.check_potential import DEGREES
 from shoal.steering.certificates.potential import contact_potential
 
 _WIDEST = 0.9  # angle of a sector for which a potential is tried
@@ -24,6 +25,7 @@ class _Part:
     pair: tuple[Sector, Sector]
     least: float
     own: float = 0.0
+    degree: int = 0  # of the potential that was tried last
     proof: dict[str, Any] | None = None
     cut: tuple[str, list[float]] | None = None
     children: list[_Part] | None = None
@@ -59,6 +61,7 @@ class ContactSearch:
         roots = self.contacts.roots() if self.possible else []
         self.roots = [_Part(pair, 0.0) for pair in roots]
         for part in self.roots:
+            self._try(part, DEGREES[0])
             self._push(part)
 
     @property
@@ -69,28 +72,37 @@ class ContactSearch:
         return min(self._heap[0][0], self.limit) if self._heap else self.limit
 
     def step(self) -> None:
-        """Divide the part with the least bound, and find potentials of its halves."""
+        """Find a potential of a higher degree for the part with the least bound, or divide it."""
         part = heapq.heappop(self._heap)[-1]
         widths = [_width(sector) for sector in part.pair]
+        if max(widths) <= _WIDEST and part.degree < DEGREES[-1]:
+            self._try(part, DEGREES[-1])
+            self._push(part)
+            return
         end = int(widths[1] > widths[0])
         part.cut = ("first", "last")[end], _middle(part.pair[end])
         part.children = [
             _Part(pair, part.least) for pair in split(part.pair, part.cut[0], part.cut[1])
         ]
         for child in part.children:
+            self._try(child, DEGREES[0])
             self._push(child)
 
-    def _push(self, part: _Part) -> None:
+    def _try(self, part: _Part, degree: int) -> None:
         around = self.contacts.region(*part.pair)
         if around is None:
             part.least = part.own = inf
             return
-        if max(map(_width, part.pair)) <= _WIDEST:
-            self.tried += 1
-            part.own, part.proof = contact_potential(self.contacts, part.pair, around)
-            part.least = max(part.least, part.own)
-        self._made += 1
-        heapq.heappush(self._heap, (part.least, self._made, part))
+        self.tried += 1
+        value, proof = contact_potential(self.contacts, part.pair, around, degree)
+        if value > part.own:
+            part.own, part.proof = value, proof
+        part.degree, part.least = degree, max(part.least, value)
+
+    def _push(self, part: _Part) -> None:
+        if part.least < inf:
+            self._made += 1
+            heapq.heappush(self._heap, (part.least, self._made, part))
 
     def proof(self, enough: float) -> dict[str, Any]:
         """Return the proof that no plan is shorter than ``enough``, as JSON."""

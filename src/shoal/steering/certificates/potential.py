@@ -40,16 +40,11 @@ _STEP = 2.0**-36  # numbers of the proof are multiples of this
 _MARGIN = (
     2.0**-26
 )  # added to the diagonals of matrices, so that the rounded ones stay positive definite
-_HALF = DEGREE // 2
 _ACCURACY = 1e-5  # of the solver
 _AXES: list[Monomial] = [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
 _ENTRIES = [(0, 0), (0, 1), (1, 1)]  # of a matrix of two rows
-_POWERS = monomials(2 * _HALF)
-_PLACE = {powers: number for number, powers in enumerate(_POWERS)}
-_BASIS = monomials(DEGREE)[1:]
-_FACTORS = monomials(2)  # of the polynomials that are at least 0
-_FLAT = flat_monomials(DEGREE + 1)
-_FLAT_PLACE = {powers: number for number, powers in enumerate(_FLAT)}
+_PLACE = {powers: number for number, powers in enumerate(monomials(DEGREE - 1))}
+_FLAT_PLACE = {powers: number for number, powers in enumerate(flat_monomials(DEGREE + 1))}
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -61,9 +56,12 @@ def _off_diagonal(i: int, j: int, *, alike: bool) -> float:
 
 
 @cache
-def _squares(degree: int, size: int, moved: tuple[Monomial, ...]) -> tuple[int, Ints, Ints, Floats]:
+def _squares(
+    degree: int, size: int, moved: tuple[Monomial, ...], height: int
+) -> tuple[int, Ints, Ints, Floats]:
     """Return the size of a matrix of squares of polynomials, and for each of its entries and each
     monomial in ``moved``, with which it is multiplied: the entry, the row of the program and a share.
+    The entries of a matrix of polynomials have ``height`` rows each.
     """
     basis = [(power, part) for power in monomials(degree) for part in range(size)]
     entries, rows, shares = [], [], []
@@ -75,17 +73,17 @@ def _squares(degree: int, size: int, moved: tuple[Monomial, ...]) -> tuple[int, 
             product = times(power, other)
             for by in moved:
                 entries.append(number)
-                rows.append(entry * len(_POWERS) + _PLACE[times(product, by)])
+                rows.append(entry * height + _PLACE[times(product, by)])
                 shares.append(share)
             number += 1
     return len(basis), np.array(entries), np.array(rows), np.array(shares)
 
 
 @cache
-def _slope(axes: tuple[int, ...]) -> tuple[Ints, Ints, Floats]:
+def _slope(degree: int, axes: tuple[int, ...]) -> tuple[Ints, Ints, Floats]:
     """Return rows, columns and values of the sum of derivatives of a potential along axes."""
     rows, columns, values = [], [], []
-    for column, powers in enumerate(_BASIS):
+    for column, powers in enumerate(monomials(degree)[1:]):
         for axis in axes:
             if powers[axis]:
                 less = list(powers)
@@ -106,10 +104,16 @@ class _Program:
     positive : sequence of mapping
         Quadratic polynomials that are at least 0 at all states.
     ring : Fraction
+    degree : int
     """
 
-    def __init__(self, positive: Sequence[Mapping[Monomial, float]], ring: Fraction) -> None:
-        self.count = len(_BASIS)
+    def __init__(
+        self, positive: Sequence[Mapping[Monomial, float]], ring: Fraction, degree: int
+    ) -> None:
+        self.degree, self._half = degree, degree // 2
+        self._entry = len(monomials(degree - 1))  # rows of an entry of a matrix of polynomials
+        self.basis = monomials(degree)[1:]
+        self.count = len(self.basis)
         self.costs: dict[int, float] = {}
         self.matrices: list[tuple[int, int]] = []  # first variable and size
         self.norms: list[tuple[int, int]] = []  # pairs of variables with a norm of at most 1
@@ -122,23 +126,23 @@ class _Program:
         disks = [_scaled(inside_disk(k)) for k in (0, 1)]
         rings = [_scaled(on_wall(k, ring)) for k in (0, 1)]
         self.cases: list[dict[str, Any]] = []
-        self._add_case([_slope((0, 2)), _slope((1, 3))], 1.0, disks, None)
+        self._add_case([_slope(degree, (0, 2)), _slope(degree, (1, 3))], 1.0, disks, None)
         for held, other in ((0, 1), (1, 0)):
-            slopes = [_slope((2 * other + axis,)) for axis in (0, 1)]
+            slopes = [_slope(degree, (2 * other + axis,)) for axis in (0, 1)]
             begin = self.height
             if ring:
                 self._add_case(slopes, -1.0, [disks[other], disks[held], rings[held]], None)
             else:
                 self._add_case(slopes, -1.0, [disks[other]], disks[held])
             holds = []
-            for number, factor in enumerate([{ONE: 1.0}, disks[other], *self.around]):
-                degree = (2 * _HALF - 1) // 2 - bool(number)
+            factors = [disks[other], *self.around] if self._half > 1 else []
+            for number, factor in enumerate([{ONE: 1.0}, *factors]):
                 holds.append(len(self.matrices))
                 shifts = [(_AXES[2 * held], 0, -1.0), (_AXES[2 * held], 2, 1.0)]
                 shifts.append((_AXES[2 * held + 1], 1, -1.0))
                 lost = turn(ring) * 2.0**-40
                 shifts += [(ONE, 0, lost), (ONE, 2, lost)] if lost else []
-                self._put_squares(begin, degree, 1, factor, shifts)
+                self._put_squares(begin, self._half - 1 - bool(number), 1, factor, shifts)
             self.cases[-1]["holds"] = holds
 
     def add(self, number: int) -> int:
@@ -176,11 +180,11 @@ class _Program:
         first = None
         for shift, entry, sign in shifts:
             moved = tuple(times(power, shift) for power in factor)
-            count, entries, rows, shares = _squares(degree, size, moved)
+            count, entries, rows, shares = _squares(degree, size, moved, self._entry)
             if first is None:
                 first = self.matrix(count)
             weights = sign * np.tile(list(factor.values()), len(shares) // len(factor)) * shares
-            self.put(begin + entry * len(_POWERS) + rows, first + entries, weights)
+            self.put(begin + entry * self._entry + rows, first + entries, weights)
 
     def _add_case(
         self,
@@ -190,17 +194,17 @@ class _Program:
         zero: Mapping[Monomial, float] | None,
     ) -> None:
         """Add that a slope times a sign is at most 1."""
-        high = len(_POWERS)
+        high = self._entry
         constants = np.zeros(3 * high)
         constants[[0, 2 * high]] = 1.0
         begin = self.equal(constants)
         squares = []
         for number, factor in enumerate([{ONE: 1.0}, *positive, *self.around]):
             squares.append(len(self.matrices))
-            self._put_squares(begin, _HALF - bool(number), 2, factor)
+            self._put_squares(begin, self._half - bool(number), 2, factor)
         multipliers = []
         for entry in range(3) if zero is not None else ():
-            powers = monomials(2 * _HALF - 2)
+            powers = monomials(2 * self._half - 2)
             first = self.add(len(powers))
             multipliers.append(range(first, first + len(powers)))
             for one_of, x in (zero or {}).items():
@@ -266,7 +270,7 @@ class _Program:
     def proof(self, x: Floats, matrices: list[list[float]]) -> dict[str, Any]:
         """Return the potential and its matrices as JSON."""
         return {
-            "potential": _rounded(x[: len(_BASIS)]),
+            "potential": _rounded(x[: len(self.basis)]),
             "cases": [
                 {
                     "squares": [matrices[k] for k in case["squares"]],
@@ -302,8 +306,8 @@ def find_potential(
     around = ellipses(first, last, most + 3 * near)
     if around is None:
         return 0.0, None
-    program = _Program([_scaled(one) for one in around], width)
-    powers = np.array(_BASIS)
+    program = _Program([_scaled(one) for one in around], width, DEGREE)
+    powers = np.array(program.basis)
     fall = np.prod(goal.ravel() ** powers, axis=1) - np.prod(start.ravel() ** powers, axis=1)
     program.costs = dict(enumerate(fall.tolist()))
     found = program.solve()
@@ -328,6 +332,7 @@ class _ContactProgram(_Program):
         What `Contacts.region` returns, scaled.
     most : float
         A bound that is enough.
+    degree : int
     """
 
     def __init__(
@@ -336,8 +341,9 @@ class _ContactProgram(_Program):
         pair: tuple[Sector, Sector],
         around: Sequence[Mapping[Monomial, float]],
         most: float,
+        degree: int,
     ) -> None:
-        super().__init__(around, contacts.ring)
+        super().__init__(around, contacts.ring, degree)
         least = self.add(2)
         self.costs = {least: -1.0, least + 1: -1.0}
         self.ends: list[dict[str, Any]] = []
@@ -348,7 +354,7 @@ class _ContactProgram(_Program):
         self.put([row] * 3, [least, least + 1, spare], [1.0] * 3)
 
     def _add_end(self, contacts: Contacts, end: int, sector: Sector, least: int) -> None:
-        begin = self.equal(np.zeros(len(_FLAT)))
+        begin = self.equal(np.zeros(len(flat_monomials(self.degree + 1))))
         sign = -1.0 if end else 1.0
         normal = self.add(2)
         self.norms.append((normal, normal + 1))
@@ -359,7 +365,7 @@ class _ContactProgram(_Program):
         for axis, key in enumerate([(1, 0), (0, 1)]):
             at = begin + _FLAT_PLACE[key]
             self.put([at, begin], [normal + axis] * 2, [-sign, sign * place[axis]])
-        for column, powers in enumerate(_BASIS):
+        for column, powers in enumerate(self.basis):
             terms = at_contact(powers, sector.particle, other)
             rows = [begin + _FLAT_PLACE[key] for key in terms]
             self.put(rows, [column] * len(rows), -sign * np.array(list(terms.values())))
@@ -368,7 +374,7 @@ class _ContactProgram(_Program):
         for number, factor in enumerate(
             [{(0, 0): 1.0}, *positive[0 if contacts.ring else 1 :]]
         ):
-            basis = flat_monomials(degree_of_squares(number))
+            basis = flat_monomials(degree_of_squares(self.degree, number))
             squares.append(len(self.matrices))
             first = self.matrix(len(basis))
             rows, columns, values = [], [], []
@@ -382,7 +388,7 @@ class _ContactProgram(_Program):
             self.put(rows, columns, values)
         zero = range(0)
         if not contacts.ring:
-            multipliers = flat_monomials(DEGREE - 1)
+            multipliers = flat_monomials(self.degree - 1)
             begin_zero = self.add(len(multipliers))
             zero = range(begin_zero, self.count)
             for (e, f), x in positive[0].items():
@@ -411,13 +417,16 @@ def _real(polynomial: Flat) -> dict[tuple[int, int], float]:
 
 
 def contact_potential(
-    contacts: Contacts, pair: tuple[Sector, Sector], around: Sequence[Mapping[Monomial, int]]
+    contacts: Contacts,
+    pair: tuple[Sector, Sector],
+    around: Sequence[Mapping[Monomial, int]],
+    degree: int,
 ) -> tuple[float, dict[str, Any] | None]:
     """Return the bound of a potential for the plans with their first and last contacts in two sectors,
     in units of the radius, with its proof; 0 and None if there is none.
     """
     most = 1.01 * float(contacts.limit)
-    program = _ContactProgram(contacts, pair, [_scaled(one) for one in around], most)
+    program = _ContactProgram(contacts, pair, [_scaled(one) for one in around], most, degree)
     found = program.solve()
     if found is None:
         return 0.0, None
