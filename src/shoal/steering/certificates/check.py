@@ -15,7 +15,12 @@ from math import floor, isfinite, isqrt, lcm
 from typing import Any, NamedTuple
 
 from shoal.steering.certificates.check_contacts import Contacts, contact_values
-from shoal.steering.certificates.check_potential import WrongPotentialError, potential_value
+from shoal.steering.certificates.check_potential import (
+    BITS,
+    WrongPotentialError,
+    potential_value,
+    whole,
+)
 
 STEP = 2**36  # multipliers are multiples of 1 / STEP
 Pair = tuple[int, int]
@@ -923,7 +928,7 @@ def _potentials(task: _Task, proof: Mapping[str, Any]) -> Iterator[Fraction]:
     most = Fraction(task.limit, radius)
     try:
         if "parts" in proof:
-            most = min(most, Fraction(proof["limit"]))
+            most = min(most, Fraction(whole(proof["limit"]), 1 << BITS))
             values = contact_values(Contacts(start, goal, near, most, ring), proof)
         else:
             values = iter([potential_value(start, goal, near, most, ring, proof)])

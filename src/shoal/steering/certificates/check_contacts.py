@@ -117,9 +117,7 @@ class Contacts:
                 back = -x / size * far, -y / size * far
                 side = -y / size, x / size
                 first = side[0] + back[0], side[1] + back[1]
-                sectors[end].append(
-                    Sector(particle, first, (back[0] - side[0], back[1] - side[1]))
-                )
+                sectors[end].append(Sector(particle, first, (back[0] - side[0], back[1] - side[1])))
         return [(first, last) for first in sectors[0] for last in sectors[1]]
 
     def least(self, sector: Sector, vector: Point) -> Fraction:
@@ -175,12 +173,12 @@ class Contacts:
             paths.append(max(root(dot(way, way)) - wide, Fraction(0)))
         paths.append(self._moved)
         found = []
-        states = [(*pair[0], *pair[1]) for pair in known]
+        before, after = ([*pair[0], *pair[1]] for pair in known)
         for number, path in enumerate(paths):
             most = min(left, 2 * left - sum(paths) + path)
             if most <= path:
                 return None
-            one = ellipse(*states, number, most + (slack if number == 2 else wide))
+            one = ellipse(before, after, number, most + (slack if number == 2 else wide))
             if one is None:
                 return None
             found.append(one)
@@ -197,7 +195,13 @@ class Contacts:
             lines.append({(1, 0): -sign * y, (0, 1): sign * x})
         x, y = self.to_other(end, sector.particle)
         far = (1 + (3 * self.near if end else 0)) ** 2
-        lens = {zero: far - x * x - y * y, (1, 0): -2 * x, (0, 1): -2 * y, (2, 0): -one, (0, 2): -one}
+        lens = {
+            zero: far - x * x - y * y,
+            (1, 0): -2 * x,
+            (0, 1): -2 * y,
+            (2, 0): -one,
+            (0, 2): -one,
+        }
         found = [disk, *lines, flat_product(*lines), lens]
         if self.ring:
             found.append({zero: self.ring - 1, (2, 0): one, (0, 2): one})
@@ -213,7 +217,9 @@ def flat_product(u: Flat, v: Flat) -> Flat:
     return total
 
 
-def at_contact(powers: Sequence[int], particle: int, other: Sequence[Any]) -> dict[tuple[int, int], Any]:
+def at_contact(
+    powers: Sequence[int], particle: int, other: Sequence[Any]
+) -> dict[tuple[int, int], Any]:
     """Return the value of a monomial where one particle is at c, and the other one at c + ``other``."""
     own, its = powers[2 * particle :][:2], powers[2 - 2 * particle :][:2]
     return {
@@ -268,8 +274,8 @@ def split(
     if side not in ("first", "last"):
         raise WrongPotentialError(f"no side is {side!r}")
     sector = pair[side == "last"]
-    x, y = direction
-    middle = Fraction(x), Fraction(y)
+    x, y = (Fraction(whole(z), 1 << BITS) for z in direction)
+    middle = x, y
     if not (cross(sector.first, middle) > 0 and cross(middle, sector.last) > 0):
         raise WrongPotentialError("a direction is not in its sector")
     halves = [sector._replace(last=middle), sector._replace(first=middle)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from fractions import Fraction
-from math import atan2, cos, inf, pi, sin
+from math import atan2, cos, floor, inf, pi, sin
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.certificates.check_contacts import Contacts, Sector, split
-from shoal.steering.certificates.check_potential import DEGREES
+from shoal.steering.certificates.check_potential import BITS, DEGREES
 from shoal.steering.certificates.potential import contact_potential
 
 _WIDEST = 0.9  # angle of a sector for which a potential is tried
@@ -51,9 +51,9 @@ class ContactSearch:
         ring: float,
     ) -> None:
         first, last = ([Fraction(x) for x in point.ravel().tolist()] for point in (start, goal))
-        sizes = [Fraction(x) for x in (tolerance, limit, ring)]
+        self.limit = floor(limit * 2**BITS) / 2**BITS
+        sizes = [Fraction(x) for x in (tolerance, self.limit, ring)]
         self.contacts = Contacts(first, last, *sizes)
-        self.limit = limit
         self.possible = self.contacts.possible
         self._heap: list[tuple[float, int, _Part]] = []
         self._made = 0
@@ -130,4 +130,4 @@ def _width(sector: Sector) -> float:
 
 def _middle(sector: Sector) -> list[float]:
     middle = sum(_angles(sector)) / 2
-    return [cos(middle), sin(middle)]
+    return [round(x * 2**BITS) / 2**BITS for x in (cos(middle), sin(middle))]

@@ -25,6 +25,7 @@ from shoal.steering.certificates.check_potential import (
     DEGREE,
     ONE,
     Monomial,
+    Polynomial,
     WrongPotentialError,
     ellipses,
     inside_disk,
@@ -243,11 +244,11 @@ class _Program:
             height += 3
         costs = np.zeros(self.count)
         costs[list(self.costs)] = list(self.costs.values())
-        entries = (np.concatenate(self._rows), np.concatenate(self._columns))
+        places = (np.concatenate(self._rows), np.concatenate(self._columns))
         solution = clarabel.DefaultSolver(
             csc_matrix((self.count, self.count)),
             costs,
-            csc_matrix((np.concatenate(self._values), entries), (height, self.count)),
+            csc_matrix((np.concatenate(self._values), places), (height, self.count)),
             constants,
             cones,
             settings,
@@ -371,9 +372,7 @@ class _ContactProgram(_Program):
             self.put(rows, [column] * len(rows), -sign * np.array(list(terms.values())))
         positive = [_real(one) for one in contacts.positive(end, sector)]
         squares = []
-        for number, factor in enumerate(
-            [{(0, 0): 1.0}, *positive[0 if contacts.ring else 1 :]]
-        ):
+        for number, factor in enumerate([{(0, 0): 1.0}, *positive[0 if contacts.ring else 1 :]]):
             basis = flat_monomials(degree_of_squares(self.degree, number))
             squares.append(len(self.matrices))
             first = self.matrix(len(basis))
@@ -419,7 +418,7 @@ def _real(polynomial: Flat) -> dict[tuple[int, int], float]:
 def contact_potential(
     contacts: Contacts,
     pair: tuple[Sector, Sector],
-    around: Sequence[Mapping[Monomial, int]],
+    around: Sequence[Polynomial],
     degree: int,
 ) -> tuple[float, dict[str, Any] | None]:
     """Return the bound of a potential for the plans with their first and last contacts in two sectors,

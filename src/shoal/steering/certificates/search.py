@@ -29,7 +29,7 @@ _USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
 _PIECES = 256  # of the least distance in the law of growth
 _EASY = 400  # divisions that are enough for easy problems; a potential takes the time of as many
-_STALLED = 0.89  # a gap that is still so large, relative, after twice as many divisions
+_STALLED = 0.86, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
 _TARGETS = (1.05, 1.01, 1.001)  # how much shorter than the plan are those that potentials exclude
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
@@ -311,7 +311,8 @@ class Search:
         doubled = self._steps >= _EASY and (self._steps // _EASY).bit_count() == 1
         if self.relaxation.walls.runs and doubled and self._steps % _EASY == 0:
             gap = self.upper / max(self.growth, self._trees[0].lower, 1e-9) - 1
-            self._stalled = gap > _STALLED * self._before and self._next_contacts()
+            stalled = gap > _STALLED[gap < _TARGETS[0] - 1] * self._before
+            self._stalled = stalled and self._next_contacts()
             self._before = gap
 
     def _length(self, bound: float) -> float:
