@@ -51,7 +51,7 @@ class ContactSearch:
         ring: float,
     ) -> None:
         first, last = ([Fraction(x) for x in point.ravel().tolist()] for point in (start, goal))
-        self.limit = floor(limit * 2**BITS) / 2**BITS
+        self.limit: float = floor(limit * 2.0**BITS) / 2.0**BITS
         sizes = [Fraction(x) for x in (tolerance, self.limit, ring)]
         self.contacts = Contacts(first, last, *sizes)
         self.possible = self.contacts.possible
