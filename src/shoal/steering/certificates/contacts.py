@@ -15,7 +15,7 @@ from shoal.steering.certificates.check_contacts import Contacts, Sector, split
 from shoal.steering.certificates.check_potential import BITS, DEGREES
 from shoal.steering.certificates.potential import contact_potential
 
-_WIDEST = 0.9  # angle of a sector for which a potential is tried
+_WIDEST = 1.4  # angle of a sector for which a potential of the higher degree is tried
 
 
 @dataclass(frozen=False, eq=False)
