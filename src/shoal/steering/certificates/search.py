@@ -304,6 +304,8 @@ class Search:
         self._steps += 1
         if self.relaxation.walls.runs and self._steps == _EASY:
             self._potentials.append(potential_bound(self.relaxation))
+            if self._potentials[0][0] > max(self.growth, self._trees[0].lower):
+                self._stalled = self._next_contacts()
         number = min(range(len(self._trees)), key=lambda k: self._spent[k])
         begun = clock()
         self._trees[number].step()
