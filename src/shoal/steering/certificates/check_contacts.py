@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from math import comb, floor, isqrt
+from math import comb, floor, isqrt, lcm
 from typing import Any, NamedTuple
 
 from shoal.steering.certificates.check_potential import (
@@ -218,15 +218,18 @@ def flat_product(u: Flat, v: Flat) -> Flat:
 
 
 def at_contact(
-    powers: Sequence[int], particle: int, other: Sequence[Any]
+    powers: Sequence[int], particle: int, other: Sequence[Any], unit: int = 1
 ) -> dict[tuple[int, int], Any]:
-    """Return the value of a monomial where one particle is at c, and the other one at c + ``other``."""
+    """Return the value of a monomial where one particle is at c, and the other one at c + ``other`` /
+    ``unit``, times the power of the unit with the degree in the coordinates of the other one.
+    """
     own, its = powers[2 * particle :][:2], powers[2 - 2 * particle :][:2]
     return {
         (own[0] + i, own[1] + j): comb(its[0], i)
         * other[0] ** (its[0] - i)
         * comb(its[1], j)
         * other[1] ** (its[1] - j)
+        * unit ** (i + j)
         for i in range(its[0] + 1)
         for j in range(its[1] + 1)
     }
@@ -311,10 +314,17 @@ def _end(
         raise WrongPotentialError("a direction is longer than 1")
     sign, degree = -1 if end else 1, degree_of(potential)
     place, other = contacts.place(end, sector.particle), contacts.to_other(end, sector.particle)
-    total: Flat = {(1, 0): sign * x, (0, 1): sign * y, (0, 0): -sign * dot((x, y), place)}
+    # with whole numbers, this is much faster
+    unit = lcm(other[0].denominator, other[1].denominator)
+    ways = [int(z * unit) for z in other]
+    sums: dict[tuple[int, int], int] = {}
     for powers, z in potential.items():
-        for key, factor in at_contact(powers, sector.particle, other).items():
-            total[key] = total.get(key, Fraction(0)) + sign * factor * Fraction(z, 1 << BITS)
+        rest = sign * z * unit ** (degree - sum(powers[2 - 2 * sector.particle :][:2]))
+        for key, factor in at_contact(powers, sector.particle, ways, unit).items():
+            sums[key] = sums.get(key, 0) + factor * rest
+    total: Flat = {key: Fraction(z, unit**degree << BITS) for key, z in sums.items()}
+    for key, size in {(1, 0): x, (0, 1): y, (0, 0): -dot((x, y), place)}.items():
+        total[key] = total.get(key, Fraction(0)) + sign * size
     positive = contacts.positive(end, sector)
     squares = given["squares"]
     factors: list[Flat] = [{(0, 0): Fraction(1)}, *positive[0 if contacts.ring else 1 :]]
