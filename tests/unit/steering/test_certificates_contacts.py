@@ -149,7 +149,7 @@ def test_no_plan_is_shorter_than_the_bound_for_where_it_ends():
 @pytest.fixture(scope="module", params=["disk", "regular:60"])
 def certificate(request):
     patch = pytest.MonkeyPatch()
-    patch.setattr(search, "_EASY", 8)
+    patch.setattr(search, "_DOUBLED", 8)
     patch.setattr(search, "_STALLED", (-1.0, -1.0))
     patch.setattr(search, "potential_bound", lambda relaxation: (0.0, None))
     seed = {"disk": 570671312, "regular:60": 536368455}[request.param]

@@ -28,7 +28,11 @@ from shoal.steering.certificates.relaxation import (
 _USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
 _PIECES = 256  # of the least distance in the law of growth
-_EASY = 400  # divisions that are enough for easy problems; a potential takes the time of as many
+_EASY = 250  # divisions that are enough for easy problems; a potential takes the time of as many
+_BETTER = 0.9  # gap of a potential that is much smaller than that of the patterns, relative
+_DOUBLED = (
+    400  # divisions after which, and after twice as many again and again, the gap is compared
+)
 _STALLED = 0.86, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
 _TARGETS = (1.05, 1.01, 1.001)  # how much shorter than the plan are those that potentials exclude
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
@@ -304,18 +308,25 @@ class Search:
         self._steps += 1
         if self.relaxation.walls.runs and self._steps == _EASY:
             self._potentials.append(potential_bound(self.relaxation))
-            if self._potentials[0][0] > max(self.growth, self._trees[0].lower):
+            if self._gap(self._potentials[0][0]) < _BETTER * self._gap_of_patterns:
                 self._stalled = self._next_contacts()
         number = min(range(len(self._trees)), key=lambda k: self._spent[k])
         begun = clock()
         self._trees[number].step()
         self._spent[number] += clock() - begun
-        doubled = self._steps >= _EASY and (self._steps // _EASY).bit_count() == 1
-        if self.relaxation.walls.runs and doubled and self._steps % _EASY == 0:
-            gap = self.upper / max(self.growth, self._trees[0].lower, 1e-9) - 1
+        times, rest = divmod(self._steps, _DOUBLED)
+        if self.relaxation.walls.runs and not rest and times.bit_count() == 1:
+            gap = self._gap_of_patterns
             stalled = gap > _STALLED[gap < _TARGETS[0] - 1] * self._before
             self._stalled = stalled and self._next_contacts()
             self._before = gap
+
+    def _gap(self, bound: float) -> float:
+        return self.upper / max(bound, 1e-9) - 1
+
+    @property
+    def _gap_of_patterns(self) -> float:
+        return self._gap(max(self.growth, self._trees[0].lower))
 
     def _length(self, bound: float) -> float:
         """Return a length in units of the radius as one of the programs."""
