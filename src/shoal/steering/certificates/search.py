@@ -34,7 +34,7 @@ _DOUBLED = (
     400  # divisions after which, and after twice as many again and again, the gap is compared
 )
 _STALLED = 0.86, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
-_TARGETS = (1.05, 1.01, 1.001)  # how much shorter than the plan are those that potentials exclude
+_TARGETS = 1.0499, 1.0099, 1.00099  # lengths of plans, in units of those that potentials exclude
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
