@@ -270,7 +270,7 @@ class Search:
         self._contacts: ContactSearch | None = None
         self._steps = 0
         self._before = inf  # the gap after half of the steps
-        self._stalled = False
+        self._stalled = self._compared = False
 
     @property
     def lower(self) -> float:
@@ -318,7 +318,7 @@ class Search:
         if self.relaxation.walls.runs and not rest and times.bit_count() == 1:
             gap = self._gap_of_patterns
             stalled = gap > _STALLED[gap < _TARGETS[0] - 1] * self._before
-            self._stalled = stalled and self._next_contacts()
+            self._stalled = stalled and (self._contacts is not None or self._next_contacts())
             self._before = gap
 
     def _gap(self, bound: float) -> float:
@@ -340,6 +340,10 @@ class Search:
         if contacts.lower >= contacts.limit:
             self._potentials.append((self._length(contacts.limit), contacts.proof(contacts.limit)))
             self._stalled = self._next_contacts()
+        elif contacts.tried >= _FAIR and not self._compared:
+            self._compared = True
+            gap = self._gap(self._length(contacts.lower))
+            self._stalled = gap < _WORSE * self._gap_of_patterns
 
     def _next_contacts(self) -> bool:
         """Begin to exclude plans longer than those excluded so far; return whether there are any."""
