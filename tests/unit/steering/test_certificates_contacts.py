@@ -14,7 +14,7 @@ from shoal.steering.certificates.check_contacts import (
     Contacts,
     Sector,
     contact_values,
-    cross,
+    cross_product,
     flat_monomials,
 )
 from shoal.steering.certificates.check_potential import WrongPotentialError, monomials
@@ -88,7 +88,9 @@ def _contacts(states, limit):
 
 def _is_in(sector, particle, point):
     x = Fraction(float(point[0])), Fraction(float(point[1]))
-    return sector.particle == particle and cross(sector.first, x) >= 0 <= cross(x, sector.last)
+    return sector.particle == particle and cross_product(sector.first, x) >= 0 <= cross_product(
+        x, sector.last
+    )
 
 
 def test_the_first_and_the_last_contact_are_in_a_pair_of_sectors_whose_region_has_the_states():

@@ -43,7 +43,7 @@ def dot(u: Point, v: Point) -> Fraction:
     return u[0] * v[0] + u[1] * v[1]
 
 
-def cross(u: Point, v: Point) -> Fraction:
+def cross_product(u: Point, v: Point) -> Fraction:
     """Return the cross product."""
     return u[0] * v[1] - u[1] * v[0]
 
@@ -123,7 +123,7 @@ class Contacts:
     def least(self, sector: Sector, vector: Point) -> Fraction:
         """Return a lower bound on the dot product of a vector and a contact."""
         size = root(dot(vector, vector), up=True)
-        if cross(sector.first, vector) <= 0 <= cross(sector.last, vector):
+        if cross_product(sector.first, vector) <= 0 <= cross_product(sector.last, vector):
             return -size  # the opposite direction is in the sector
         values = []
         for direction in sector[1:]:
@@ -279,7 +279,7 @@ def split(
     sector = pair[side == "last"]
     x, y = (Fraction(whole(z), 1 << BITS) for z in direction)
     middle = x, y
-    if not (cross(sector.first, middle) > 0 and cross(middle, sector.last) > 0):
+    if not (cross_product(sector.first, middle) > 0 and cross_product(middle, sector.last) > 0):
         raise WrongPotentialError("a direction is not in its sector")
     halves = [sector._replace(last=middle), sector._replace(first=middle)]
     return [(half, pair[1]) if side == "first" else (pair[0], half) for half in halves]
