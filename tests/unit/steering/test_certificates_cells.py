@@ -199,7 +199,7 @@ def test_wrong_certificates_are_refused(around, name):
 
 def test_the_checkers_use_nothing_of_the_search():
     folder = Path(certificates.__file__).parent
-    checkers = "check", "check_moves", "check_potential", "check_routes"
+    checkers = "check", "check_contacts", "check_moves", "check_potential", "check_routes"
     for name in (*checkers, "verdict"):
         tree = ast.parse((folder / f"{name}.py").read_text())
         used = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}

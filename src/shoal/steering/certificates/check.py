@@ -14,7 +14,13 @@ from itertools import pairwise
 from math import floor, isfinite, isqrt, lcm
 from typing import Any, NamedTuple
 
-from shoal.steering.certificates.check_potential import WrongPotentialError, potential_value
+from shoal.steering.certificates.check_contacts import Contacts, contact_values
+from shoal.steering.certificates.check_potential import (
+    BITS,
+    WrongPotentialError,
+    potential_value,
+    whole,
+)
 
 STEP = 2**36  # multipliers are multiples of 1 / STEP
 Pair = tuple[int, int]
@@ -907,8 +913,8 @@ def _times_angle(size: int, numerator: int, denominator: int) -> Pair:
     return size * low >> _BITS, _ratio(size * high, 1 << _BITS)
 
 
-def _potential(task: _Task, proof: Mapping[str, Any]) -> Fraction:
-    """Return the bound of a potential for a disk or a polygon, at most the limit."""
+def _potentials(task: _Task, proof: Mapping[str, Any]) -> Iterator[Fraction]:
+    """Yield the bounds of potentials for a disk or a polygon, each at most the limit."""
     walls, radius = task.walls, task.walls.far
     start, goal = (
         [
@@ -918,12 +924,19 @@ def _potential(task: _Task, proof: Mapping[str, Any]) -> Fraction:
         ]
         for points in (task.start, task.goal)
     )
-    sizes = Fraction(task.tolerance, radius), Fraction(task.limit, radius)
+    near, ring = Fraction(task.tolerance, radius), Fraction(walls.ring, radius**2)
+    most = Fraction(task.limit, radius)
     try:
-        value = potential_value(start, goal, *sizes, Fraction(walls.ring, radius**2), proof)
+        if "parts" in proof:
+            most = min(most, Fraction(whole(proof["limit"]), 1 << BITS))
+            values = contact_values(Contacts(start, goal, near, most, ring), proof)
+        else:
+            values = iter([potential_value(start, goal, near, most, ring, proof)])
+        for value in values:
+            yield min(value, most) * radius / task.whole * task.unit
     except WrongPotentialError as error:
         raise _WrongError(str(error)) from error
-    return min(value * radius, Fraction(task.limit)) / task.whole * task.unit
+    yield most * radius / task.whole * task.unit
 
 
 def _apart(ends: Sequence[Pair]) -> Pair:
@@ -958,7 +971,7 @@ def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
         yield _growth(task)
         return
     if isinstance(proof, Mapping):
-        yield _potential(task, proof)
+        yield from _potentials(task, proof)
         return
     for pattern, leaf in _leaves(task, proof):
         yield task.value(pattern, leaf)

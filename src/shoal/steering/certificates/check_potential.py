@@ -6,16 +6,16 @@ of a circle around all walls, so that all coordinates are between -1 and 1, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 from itertools import product
 from math import ceil, floor, isfinite, isqrt
 from typing import Any
 
 DEGREE = 5  # of a potential
-_BITS = 36  # of a number of the proof
+DEGREES = (3, DEGREE)  # of one between contacts
+BITS = 36  # of a number of the proof
 _FINE = 40  # bits of the coefficients of an ellipse
-_HALF = DEGREE // 2  # degree of the squares
 
 Monomial = tuple[int, int, int, int]
 """Exponents of the coordinates of the first, then the second particle."""
@@ -64,49 +64,70 @@ def turn(ring: Fraction) -> int:
     return isqrt(ceil(ring * (1 << 2 * _FINE))) + 1 if ring else 0
 
 
+_AXES_OF: list[tuple[dict[int, int], dict[int, int]]] = [
+    ({0: 1}, {1: 1}),
+    ({2: 1}, {3: 1}),
+    ({2: 1, 0: -1}, {3: 1, 1: -1}),
+]  # of the first particle, of the second one, and of the difference
+
+
 def ellipses(
     start: Sequence[Fraction], goal: Sequence[Fraction], limit: Fraction
 ) -> list[Polynomial] | None:
     """Return quadratic polynomials, times 2**40, that are at least 0 at all states of plans of at
     most the length ``limit``; None if the length is not above the least one.
 
-    Each particle, as well as the difference, moves along a path of at most this length. The points x
-    of a path from a to b of length l have |x - a| + |x - b| <= l, so 2 l |x - a| <= l² + |x - a|² -
-    |x - b|², which is linear in x. With both sides squared, this is a quadratic polynomial. It is
-    divided by l² (l² - |a - b|²), and rounded up by less than 2**-34.
+    Each particle, as well as the difference, moves along a path of at most this length.
     """
     found = []
-    for axes in ([{0: 1}, {1: 1}], [{2: 1}, {3: 1}], [{2: 1, 0: -1}, {3: 1, 1: -1}]):
-        a, b = (
-            [sum((sign * point[k] for k, sign in axis.items()), Fraction(0)) for axis in axes]
-            for point in (start, goal)
-        )
-        between = sum(((y - x) ** 2 for x, y in zip(a, b, strict=True)), Fraction(0))
-        scale = limit**2 * (limit**2 - between)
-        if scale <= 0:
+    for number in range(len(_AXES_OF)):
+        one = ellipse(start, goal, number, limit)
+        if one is None:
             return None
-        # linear: l² + |a|² - |b|² + 2 (b - a) . x
-        linear: dict[Monomial, Fraction] = {
-            ONE: limit**2 + sum(x * x for x in a) - sum(x * x for x in b)
-        }
-        square: dict[Monomial, Fraction] = {}
-
-        def put(target: dict[Monomial, Fraction], key: Monomial, number: Fraction) -> None:
-            target[key] = target.get(key, Fraction(0)) + number
-
-        for axis, x, y in zip(axes, a, b, strict=True):
-            part = {_AXES[k]: Fraction(sign) for k, sign in axis.items()}
-            for key, sign in part.items():
-                put(linear, key, 2 * (y - x) * sign)
-            part[ONE] = -x
-            for u, v in product(part.items(), repeat=2):
-                put(square, times(u[0], v[0]), -4 * limit**2 * u[1] * v[1])
-        for u, v in product(linear.items(), repeat=2):
-            put(square, times(u[0], v[0]), u[1] * v[1])
-        rounded = {key: floor(number / scale * (1 << _FINE)) for key, number in square.items()}
-        rounded[ONE] += 1 << (_FINE - 34)
-        found.append(rounded)
+        found.append(one)
     return found
+
+
+def ellipse(
+    start: Sequence[Fraction], goal: Sequence[Fraction], number: int, limit: Fraction
+) -> Polynomial | None:
+    """Return a quadratic polynomial, times 2**40, that is at least 0 on paths of at most the length
+    ``limit`` of a particle, or of the difference with ``number`` 2; None if there are none.
+
+    The points x of a path from a to b of length l have |x - a| + |x - b| <= l, so 2 l |x - a| <= l² +
+    |x - a|² - |x - b|², which is linear in x. With both sides squared, this is a quadratic polynomial.
+    It is divided by l² (l² - |a - b|²), and rounded up by less than 2**-34.
+    """
+    axes = _AXES_OF[number]
+    a, b = (
+        [sum((sign * point[k] for k, sign in axis.items()), Fraction(0)) for axis in axes]
+        for point in (start, goal)
+    )
+    between = sum(((y - x) ** 2 for x, y in zip(a, b, strict=True)), Fraction(0))
+    scale = limit**2 * (limit**2 - between)
+    if scale <= 0:
+        return None
+    # linear: l² + |a|² - |b|² + 2 (b - a) . x
+    linear: dict[Monomial, Fraction] = {
+        ONE: limit**2 + sum(x * x for x in a) - sum(x * x for x in b)
+    }
+    square: dict[Monomial, Fraction] = {}
+
+    def put(target: dict[Monomial, Fraction], key: Monomial, number: Fraction) -> None:
+        target[key] = target.get(key, Fraction(0)) + number
+
+    for axis, x, y in zip(axes, a, b, strict=True):
+        part = {_AXES[k]: Fraction(sign) for k, sign in axis.items()}
+        for key, sign in part.items():
+            put(linear, key, 2 * (y - x) * sign)
+        part[ONE] = -x
+        for u, v in product(part.items(), repeat=2):
+            put(square, times(u[0], v[0]), -4 * limit**2 * u[1] * v[1])
+    for u, v in product(linear.items(), repeat=2):
+        put(square, times(u[0], v[0]), u[1] * v[1])
+    rounded = {key: floor(x / scale * (1 << _FINE)) for key, x in square.items()}
+    rounded[ONE] += 1 << (_FINE - 34)
+    return rounded
 
 
 def potential_value(
@@ -139,16 +160,44 @@ def potential_value(
     around = ellipses(start, goal, limit + 3 * tolerance)
     if around is None:
         raise WrongPotentialError("the limit of a potential is not above the least length")
-    basis = monomials(DEGREE)[1:]
-    numbers = [_whole(x) for x in proof["potential"]]
+    potential, rest = excess(around, ring, proof)
+    # places within the tolerance of the goals
+    fall = (_at(potential, start) - _at(potential, goal)) / Fraction(1 << BITS)
+    return max(fall - changed_by(potential, tolerance), Fraction(0)) / (1 + rest)
+
+
+def degree_of(numbers: Collection[Any]) -> int:
+    """Return the degree of a potential with some coefficients."""
+    for degree in DEGREES:
+        if len(numbers) == len(monomials(degree)) - 1:
+            return degree
+    raise WrongPotentialError("a potential has another number of coefficients")
+
+
+def changed_by(potential: Mapping[Monomial, int], distance: Fraction) -> Fraction:
+    """Return how much a potential changes at most if each coordinate moves by ``distance``."""
+    return sum(
+        (abs(x) * ((1 + distance) ** sum(powers) - 1) for powers, x in potential.items()),
+        Fraction(0),
+    ) / (1 << BITS)
+
+
+def excess(
+    around: Sequence[Polynomial], ring: Fraction, proof: Mapping[str, Any]
+) -> tuple[Polynomial, Fraction]:
+    """Return a potential, times 2**36, and how much it falls at most beyond the length of an input,
+    relative, at the states in the disk where some polynomials, times 2**40, are at least 0.
+    """
+    numbers = [whole(x) for x in proof["potential"]]
+    basis, half = monomials(degree_of(numbers))[1:], degree_of(numbers) // 2
     cases = proof["cases"]
-    if len(numbers) != len(basis) or len(cases) != 3:
-        raise WrongPotentialError("a potential has another number of coefficients or cases")
+    if len(cases) != 3:
+        raise WrongPotentialError("a potential has another number of cases")
     potential = dict(zip(basis, numbers, strict=True))
     slopes = [_derivative(potential, axis) for axis in range(4)]
     rest = 0
     for number, case in enumerate(cases):
-        one = {ONE: 1 << (_BITS + _FINE)}
+        one = {ONE: 1 << (BITS + _FINE)}
         zero, rounded = None, 0
         if number == 0:
             slope = [
@@ -159,8 +208,8 @@ def potential_value(
         else:
             held, other = number - 1, 2 - number
             positive = [inside_disk(other)]
-            factors = [*positive, *around]
-            hold = _sums_of_squares(case["holds"], 1, (_HALF * 2 - 1) // 2, factors)[0, 0]
+            factors = [*positive, *around] if half > 1 else []
+            hold = _sums_of_squares(case["holds"], 1, half - 1, factors)[0, 0]
             if ring:
                 positive += [inside_disk(held), on_wall(held, ring)]
             else:
@@ -181,23 +230,18 @@ def potential_value(
             (0, 1): dict(slope[1]),
             (1, 1): _sum(one, {key: -x for key, x in slope[0].items()}),
         }
-        squares = _sums_of_squares(case["squares"], 2, _HALF, [*positive, *around])
+        squares = _sums_of_squares(case["squares"], 2, half, [*positive, *around])
         for entry, part in squares.items():
             rests[entry] = _sum(rests[entry], {power: -x for power, x in part.items()})
         if zero is not None:
-            powers = monomials(2 * _HALF - 2)
+            powers = monomials(2 * half - 2)
             for entry, multipliers in zip(rests, case["zero"], strict=True):
                 for power, x in zip(powers, multipliers, strict=True):
-                    taken = {times(power, key): -_whole(x) * y for key, y in zero.items()}
+                    taken = {times(power, key): -whole(x) * y for key, y in zero.items()}
                     rests[entry] = _sum(rests[entry], taken)
         sizes = {entry: sum(abs(x) for x in part.values()) for entry, part in rests.items()}
         rest = max(rest, max(sizes[0, 0], sizes[1, 1]) + sizes[0, 1] + rounded)
-    # places within the tolerance of the goals
-    change = sum(
-        abs(x) * ((1 + tolerance) ** sum(powers) - 1) for powers, x in potential.items()
-    ) / Fraction(1 << _BITS)
-    fall = (_at(potential, start) - _at(potential, goal)) / Fraction(1 << _BITS) - change
-    return max(fall, Fraction(0)) / (1 + Fraction(rest, 1 << (_BITS + _FINE)))
+    return potential, Fraction(rest, 1 << (BITS + _FINE))
 
 
 def _sums_of_squares(
@@ -222,7 +266,7 @@ def _sums_of_squares(
         count = len(basis)
         if len(numbers) != count * (count + 1) // 2:
             raise WrongPotentialError("a matrix of squares has another size")
-        entries = iter(_whole(x) for x in numbers)
+        entries = iter(whole(x) for x in numbers)
         matrix = [[0] * count for _ in range(count)]
         products: dict[tuple[int, int], Polynomial] = {key: {} for key in total}
         for j, (power, part) in enumerate(basis):
@@ -235,7 +279,7 @@ def _sums_of_squares(
                 target[place] = target.get(place, 0) + (
                     2 * x if part == other_part and i < j else x
                 )
-        _check_positive(matrix)
+        check_positive(matrix)
         for key, polynomial in products.items():
             target = total[key]
             for powers, x in polynomial.items():
@@ -245,7 +289,7 @@ def _sums_of_squares(
     return total
 
 
-def _check_positive(matrix: list[list[int]]) -> None:
+def check_positive(matrix: list[list[int]]) -> None:
     """Refuse a matrix that is not positive definite: a leading minor is not above 0."""
     rows, previous = [list(row) for row in matrix], 1
     for k in range(len(rows)):
@@ -288,7 +332,8 @@ def _at(polynomial: Polynomial, place: Sequence[Fraction]) -> Fraction:
     return total
 
 
-def _whole(number: float) -> int:
-    if not isfinite(number) or floor(number * 2**_BITS) != number * 2**_BITS:
+def whole(number: float) -> int:
+    """Return a number times 2**36; refuse one that is no multiple of 2**-36."""
+    if not isfinite(number) or floor(number * 2**BITS) != number * 2**BITS:
         raise WrongPotentialError(f"a number is no multiple of 2**-36: {number!r}")
-    return int(number * 2**_BITS)
+    return int(number * 2**BITS)

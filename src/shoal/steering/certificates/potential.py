@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import cache
 from math import sqrt
 from typing import Any
 
@@ -12,10 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import import_extra
+from shoal.steering.certificates.check_contacts import (
+    Contacts,
+    Flat,
+    Sector,
+    at_contact,
+    degree_of_squares,
+    flat_monomials,
+    part_value,
+)
 from shoal.steering.certificates.check_potential import (
     DEGREE,
     ONE,
     Monomial,
+    Polynomial,
     WrongPotentialError,
     ellipses,
     inside_disk,
@@ -31,154 +41,214 @@ _STEP = 2.0**-36  # numbers of the proof are multiples of this
 _MARGIN = (
     2.0**-26
 )  # added to the diagonals of matrices, so that the rounded ones stay positive definite
-_HALF = DEGREE // 2
+_ACCURACY = 1e-5  # of the solver
 _AXES: list[Monomial] = [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
+_ENTRIES = [(0, 0), (0, 1), (1, 1)]  # of a matrix of two rows
+_PLACE = {powers: number for number, powers in enumerate(monomials(DEGREE - 1))}
+_FLAT_PLACE = {powers: number for number, powers in enumerate(flat_monomials(DEGREE + 1))}
 
-# for each monomial, the coefficients of the variables
-_Linear = defaultdict[Monomial, defaultdict[int, float]]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 
-def _linear() -> _Linear:
-    return defaultdict(lambda: defaultdict(float))
+def _off_diagonal(i: int, j: int, *, alike: bool) -> float:
+    # the solver has entries off the diagonal times sqrt(2)
+    return 1.0 if i == j else (sqrt(2) if alike else 1 / sqrt(2))
+
+
+@cache
+def _squares(
+    degree: int, size: int, moved: tuple[Monomial, ...], height: int
+) -> tuple[int, Ints, Ints, Floats]:
+    """Return the size of a matrix of squares of polynomials, and for each of its entries and each
+    monomial in ``moved``, with which it is multiplied: the entry, the row of the program and a share.
+    The entries of a matrix of polynomials have ``height`` rows each.
+    """
+    basis = [(power, part) for power in monomials(degree) for part in range(size)]
+    entries, rows, shares = [], [], []
+    number = 0
+    for j, (power, part) in enumerate(basis):
+        for i, (other, other_part) in enumerate(basis[: j + 1]):
+            entry = _ENTRIES.index((min(part, other_part), max(part, other_part)))
+            share = _off_diagonal(i, j, alike=part == other_part)
+            product = times(power, other)
+            for by in moved:
+                entries.append(number)
+                rows.append(entry * height + _PLACE[times(product, by)])
+                shares.append(share)
+            number += 1
+    return len(basis), np.array(entries), np.array(rows), np.array(shares)
+
+
+@cache
+def _slope(degree: int, axes: tuple[int, ...]) -> tuple[Ints, Ints, Floats]:
+    """Return rows, columns and values of the sum of derivatives of a potential along axes."""
+    rows, columns, values = [], [], []
+    for column, powers in enumerate(monomials(degree)[1:]):
+        for axis in axes:
+            if powers[axis]:
+                less = list(powers)
+                less[axis] -= 1
+                rows.append(_PLACE[less[0], less[1], less[2], less[3]])
+                columns.append(column)
+                values.append(float(powers[axis]))
+    return np.array(rows), np.array(columns), np.array(values)
 
 
 class _Program:
-    """The semidefinite program of a potential, as `check_potential` states it."""
+    """A semidefinite program with a potential, as `check_potential` states it.
 
-    def __init__(self, positive: Sequence[Mapping[Monomial, float]], ring: Fraction) -> None:
-        self.count = 0
+    The first variables are the coefficients of the potential.
+
+    Parameters
+    ----------
+    positive : sequence of mapping
+        Quadratic polynomials that are at least 0 at all states.
+    ring : Fraction
+    degree : int
+    """
+
+    def __init__(
+        self, positive: Sequence[Mapping[Monomial, float]], ring: Fraction, degree: int
+    ) -> None:
+        self.degree, self._half = degree, degree // 2
+        self._entry = len(monomials(degree - 1))  # rows of an entry of a matrix of polynomials
+        self.basis = monomials(degree)[1:]
+        self.count = len(self.basis)
+        self.costs: dict[int, float] = {}
         self.matrices: list[tuple[int, int]] = []  # first variable and size
-        self.rows: list[dict[int, float]] = []
-        self.constants: list[float] = []
+        self.norms: list[tuple[int, int]] = []  # pairs of variables with a norm of at most 1
+        self.height = 0
+        self._rows: list[Ints] = []
+        self._columns: list[Ints] = []
+        self._values: list[Floats] = []
+        self._constants: list[Floats] = []
         self.around = list(positive)
-        self.basis = monomials(DEGREE)[1:]
-        self.potential = dict(zip(self.basis, self._add(len(self.basis)), strict=True))
         disks = [_scaled(inside_disk(k)) for k in (0, 1)]
         rings = [_scaled(on_wall(k, ring)) for k in (0, 1)]
         self.cases: list[dict[str, Any]] = []
-        one: _Linear = _linear()
-        self._add_case([self._slope((0, 2)), self._slope((1, 3))], one, disks, None, [])
+        self._add_case([_slope(degree, (0, 2)), _slope(degree, (1, 3))], 1.0, disks, None)
         for held, other in ((0, 1), (1, 0)):
-            hold: dict[tuple[int, int], _Linear] = {(0, 0): _linear()}
-            holds = self._add_squares(hold, 1, (2 * _HALF - 1) // 2, [disks[other]])
-            slopes = [self._slope((2 * other + axis,), -1.0) for axis in (0, 1)]
-            for axis in (0, 1):
-                for power, row in hold[0, 0].items():
-                    target = slopes[axis][times(power, _AXES[2 * held + axis])]
-                    for variable, x in row.items():
-                        target[variable] += x
-            lost = _linear()
-            for power, row in hold[0, 0].items():
-                for variable, x in row.items():
-                    lost[power][variable] = x * turn(ring) * 2.0**-40
+            slopes = [_slope(degree, (2 * other + axis,)) for axis in (0, 1)]
+            begin = self.height
             if ring:
-                self._add_case(slopes, lost, [disks[other], disks[held], rings[held]], None, holds)
+                self._add_case(slopes, -1.0, [disks[other], disks[held], rings[held]], None)
             else:
-                self._add_case(slopes, lost, [disks[other]], disks[held], holds)
+                self._add_case(slopes, -1.0, [disks[other]], disks[held])
+            holds = []
+            factors = [disks[other], *self.around] if self._half > 1 else []
+            for number, factor in enumerate([{ONE: 1.0}, *factors]):
+                holds.append(len(self.matrices))
+                shifts = [(_AXES[2 * held], 0, -1.0), (_AXES[2 * held], 2, 1.0)]
+                shifts.append((_AXES[2 * held + 1], 1, -1.0))
+                lost = turn(ring) * 2.0**-40
+                shifts += [(ONE, 0, lost), (ONE, 2, lost)] if lost else []
+                self._put_squares(begin, self._half - 1 - bool(number), 1, factor, shifts)
+            self.cases[-1]["holds"] = holds
 
-    def _add(self, number: int) -> range:
+    def add(self, number: int) -> int:
+        """Add variables and return the first one."""
         self.count += number
-        return range(self.count - number, self.count)
+        return self.count - number
 
-    def _slope(self, axes: Sequence[int], sign: float = 1.0) -> _Linear:
-        slope = _linear()
-        for powers, variable in self.potential.items():
-            for axis in axes:
-                if powers[axis]:
-                    less = list(powers)
-                    less[axis] -= 1
-                    slope[less[0], less[1], less[2], less[3]][variable] += sign * powers[axis]
-        return slope
+    def put(self, rows: Any, columns: Any, values: Any) -> None:
+        """Add entries of the matrix."""
+        self._rows.append(np.asarray(rows))
+        self._columns.append(np.asarray(columns))
+        self._values.append(np.asarray(values, np.float64))
 
-    def _add_squares(
+    def equal(self, constants: Floats) -> int:
+        """Add rows that are equal to constants, and return the first one."""
+        self._constants.append(constants)
+        self.height += len(constants)
+        return self.height - len(constants)
+
+    def matrix(self, size: int) -> int:
+        """Add a positive semidefinite matrix and return its first variable."""
+        first = self.add(size * (size + 1) // 2)
+        self.matrices.append((first, size))
+        return first
+
+    def _put_squares(
         self,
-        entries: dict[tuple[int, int], _Linear],
-        size: int,
+        begin: int,
         degree: int,
-        positive: Sequence[Mapping[Monomial, float]],
-    ) -> list[int]:
-        """Add matrices of squares to a matrix of polynomials; return the numbers of the matrices."""
-        numbers = []
-        for number, factor in enumerate([{ONE: 1.0}, *positive, *self.around]):
-            basis = [
-                (power, part) for power in monomials(degree - bool(number)) for part in range(size)
-            ]
-            variables = iter(self._add(len(basis) * (len(basis) + 1) // 2))
-            numbers.append(len(self.matrices))
-            for j, (power, part) in enumerate(basis):
-                for i, (other, other_part) in enumerate(basis[: j + 1]):
-                    variable = next(variables)
-                    if i == j == 0:
-                        self.matrices.append((variable, len(basis)))
-                    # the solver has entries off the diagonal times sqrt(2)
-                    share = 1.0 if i == j else (sqrt(2) if part == other_part else 1 / sqrt(2))
-                    target = entries[min(part, other_part), max(part, other_part)]
-                    for one_of, x in factor.items():
-                        target[times(times(power, other), one_of)][variable] += share * x
-        return numbers
+        size: int,
+        factor: Mapping[Monomial, float],
+        shifts: Sequence[tuple[Monomial, int, float]] = ((ONE, 0, 1.0),),
+    ) -> None:
+        """Add a matrix of squares times a polynomial, and times each shift to the rows of its entry."""
+        first = None
+        for shift, entry, sign in shifts:
+            moved = tuple(times(power, shift) for power in factor)
+            count, entries, rows, shares = _squares(degree, size, moved, self._entry)
+            if first is None:
+                first = self.matrix(count)
+            weights = sign * np.tile(list(factor.values()), len(shares) // len(factor)) * shares
+            self.put(begin + entry * self._entry + rows, first + entries, weights)
 
     def _add_case(
         self,
-        slope: Sequence[_Linear],
-        lost: _Linear,
+        slope: Sequence[tuple[Ints, Ints, Floats]],
+        sign: float,
         positive: Sequence[Mapping[Monomial, float]],
         zero: Mapping[Monomial, float] | None,
-        holds: list[int],
     ) -> None:
-        """Add that a slope is at most 1 - ``lost``."""
-        entries = {key: _linear() for key in ((0, 0), (0, 1), (1, 1))}
-        squares = self._add_squares(entries, 2, _HALF, positive)
+        """Add that a slope times a sign is at most 1."""
+        high = self._entry
+        constants = np.zeros(3 * high)
+        constants[[0, 2 * high]] = 1.0
+        begin = self.equal(constants)
+        squares = []
+        for number, factor in enumerate([{ONE: 1.0}, *positive, *self.around]):
+            squares.append(len(self.matrices))
+            self._put_squares(begin, self._half - bool(number), 2, factor)
         multipliers = []
-        for key in entries if zero is not None else ():
-            factors = monomials(2 * _HALF - 2)
-            multipliers.append(self._add(len(factors)))
-            for power, variable in zip(factors, multipliers[-1], strict=True):
-                for one_of, x in (zero or {}).items():
-                    entries[key][times(power, one_of)][variable] += x
-        self.cases.append({"squares": squares, "zero": multipliers, "holds": holds})
-        for key, part, sign in (
-            ((0, 0), slope[0], 1),
-            ((0, 1), slope[1], 1),
-            ((1, 1), slope[0], -1),
-        ):
-            less = lost if key[0] == key[1] else {}
-            for power in sorted(entries[key].keys() | part.keys() | less.keys()):
-                row = dict(entries[key].get(power, {}))
-                for variable, x in part.get(power, {}).items():
-                    row[variable] = row.get(variable, 0.0) - sign * x
-                for variable, x in less.get(power, {}).items():
-                    row[variable] = row.get(variable, 0.0) + x
-                self.rows.append(row)
-                self.constants.append(float(power == ONE and key[0] == key[1]))
+        for entry in range(3) if zero is not None else ():
+            powers = monomials(2 * self._half - 2)
+            first = self.add(len(powers))
+            multipliers.append(range(first, first + len(powers)))
+            for one_of, x in (zero or {}).items():
+                rows = [begin + entry * high + _PLACE[times(power, one_of)] for power in powers]
+                self.put(rows, multipliers[-1], np.full(len(powers), x))
+        for entry, part, turned in ((0, slope[0], 1), (1, slope[1], 1), (2, slope[0], -1)):
+            rows_of, columns, values = part
+            self.put(begin + entry * high + rows_of, columns, -sign * turned * values)
+        self.cases.append({"squares": squares, "zero": multipliers, "holds": []})
 
-    def solve(self, start: NDArray[np.float64], goal: NDArray[np.float64]) -> dict[str, Any] | None:
-        """Return the proof with the greatest fall, or None."""
+    def solve(self) -> tuple[Floats, list[list[float]]] | None:
+        """Return the variables and the positive definite matrices with the least cost, or None."""
         from scipy.sparse import csc_matrix
 
         clarabel = import_extra("clarabel", "certificates need Clarabel", extra="certify")
         settings = solver_settings(clarabel)
-        powers = np.array(self.basis)
-        costs = np.zeros(self.count)
-        costs[: len(powers)] = np.prod(goal**powers, axis=1) - np.prod(start**powers, axis=1)
-        height = len(self.rows)
-        rows = [k for k, row in enumerate(self.rows) for _ in row]
-        columns = [key for row in self.rows for key in row]
-        values = [x for row in self.rows for x in row.values()]
-        firsts, cones = [], [clarabel.ZeroConeT(height)]
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
+        settings.iterative_refinement_enable = False
+        height, firsts, cones = self.height, [], [clarabel.ZeroConeT(self.height)]
         for variable, size in self.matrices:
             firsts.append(height)
             entries = size * (size + 1) // 2
-            rows += range(height, height + entries)
-            columns += range(variable, variable + entries)
-            values += [-1.0] * entries
+            self.put(
+                range(height, height + entries),
+                range(variable, variable + entries),
+                np.full(entries, -1.0),
+            )
             height += entries
             cones.append(clarabel.PSDTriangleConeT(size))
-        constants = np.zeros(height)
-        constants[: len(self.constants)] = self.constants
+        constants = np.zeros(height + 3 * len(self.norms))
+        constants[: self.height] = np.concatenate(self._constants)
+        for pair in self.norms:
+            constants[height] = 1.0
+            self.put([height + 1, height + 2], pair, [-1.0, -1.0])
+            cones.append(clarabel.SecondOrderConeT(3))
+            height += 3
+        costs = np.zeros(self.count)
+        costs[list(self.costs)] = list(self.costs.values())
+        places = (np.concatenate(self._rows), np.concatenate(self._columns))
         solution = clarabel.DefaultSolver(
             csc_matrix((self.count, self.count)),
             costs,
-            csc_matrix((values, (rows, columns)), (height, self.count)),
+            csc_matrix((np.concatenate(self._values), places), (height, self.count)),
             constants,
             cones,
             settings,
@@ -196,8 +266,12 @@ class _Program:
             triangle[off] /= sqrt(2)
             triangle[diagonal] += _MARGIN
             matrices.append(_rounded(triangle))
+        return x, matrices
+
+    def proof(self, x: Floats, matrices: list[list[float]]) -> dict[str, Any]:
+        """Return the potential and its matrices as JSON."""
         return {
-            "potential": _rounded(x[: len(powers)]),
+            "potential": _rounded(x[: len(self.basis)]),
             "cases": [
                 {
                     "squares": [matrices[k] for k in case["squares"]],
@@ -213,7 +287,7 @@ def _scaled(polynomial: Mapping[Monomial, int]) -> dict[Monomial, float]:
     return {key: x * 2.0**-40 for key, x in polynomial.items()}
 
 
-def _rounded(numbers: NDArray[np.float64]) -> list[float]:
+def _rounded(numbers: Floats) -> list[float]:
     rounded: list[float] = (np.round(numbers / _STEP) * _STEP).tolist()
     return rounded
 
@@ -233,12 +307,131 @@ def find_potential(
     around = ellipses(first, last, most + 3 * near)
     if around is None:
         return 0.0, None
-    program = _Program([_scaled(one) for one in around], width)
-    proof = program.solve(start.ravel(), goal.ravel())
-    if proof is None:
+    program = _Program([_scaled(one) for one in around], width, DEGREE)
+    powers = np.array(program.basis)
+    fall = np.prod(goal.ravel() ** powers, axis=1) - np.prod(start.ravel() ** powers, axis=1)
+    program.costs = dict(enumerate(fall.tolist()))
+    found = program.solve()
+    if found is None:
         return 0.0, None
+    proof = program.proof(*found)
     try:
         value = potential_value(first, last, near, most, width, proof)
     except WrongPotentialError:  # the solver stopped early
         return 0.0, None
     return float(value), proof
+
+
+class _ContactProgram(_Program):
+    """The program of a potential between the first and the last contact, as `check_contacts` states it.
+
+    Parameters
+    ----------
+    contacts : Contacts
+    pair : tuple of Sector
+    around : sequence of mapping
+        What `Contacts.region` returns, scaled.
+    most : float
+        A bound that is enough.
+    degree : int
+    """
+
+    def __init__(
+        self,
+        contacts: Contacts,
+        pair: tuple[Sector, Sector],
+        around: Sequence[Mapping[Monomial, float]],
+        most: float,
+        degree: int,
+    ) -> None:
+        super().__init__(around, contacts.ring, degree)
+        least = self.add(2)
+        self.costs = {least: -1.0, least + 1: -1.0}
+        self.ends: list[dict[str, Any]] = []
+        for end, sector in enumerate(pair):
+            self._add_end(contacts, end, sector, least + end)
+        row = self.equal(np.array([most]))
+        spare = self.matrix(1)
+        self.put([row] * 3, [least, least + 1, spare], [1.0] * 3)
+
+    def _add_end(self, contacts: Contacts, end: int, sector: Sector, least: int) -> None:
+        begin = self.equal(np.zeros(len(flat_monomials(self.degree + 1))))
+        sign = -1.0 if end else 1.0
+        normal = self.add(2)
+        self.norms.append((normal, normal + 1))
+        place = [float(x) for x in contacts.place(end, sector.particle)]
+        other = [float(x) for x in contacts.to_other(end, sector.particle)]
+        # the squares - sign (n . (c - p) + V) + least = 0
+        self.put([begin], [least], [1.0])
+        for axis, key in enumerate([(1, 0), (0, 1)]):
+            at = begin + _FLAT_PLACE[key]
+            self.put([at, begin], [normal + axis] * 2, [-sign, sign * place[axis]])
+        for column, powers in enumerate(self.basis):
+            terms = at_contact(powers, sector.particle, other)
+            rows = [begin + _FLAT_PLACE[key] for key in terms]
+            self.put(rows, [column] * len(rows), -sign * np.array(list(terms.values())))
+        positive = [_real(one) for one in contacts.positive(end, sector)]
+        squares = []
+        for number, factor in enumerate([{(0, 0): 1.0}, *positive[0 if contacts.ring else 1 :]]):
+            basis = flat_monomials(degree_of_squares(self.degree, number))
+            squares.append(len(self.matrices))
+            first = self.matrix(len(basis))
+            rows, columns, values = [], [], []
+            for j, (a, b) in enumerate(basis):
+                for i, (c, d) in enumerate(basis[: j + 1]):
+                    for (e, f), x in factor.items():
+                        rows.append(begin + _FLAT_PLACE[a + c + e, b + d + f])
+                        columns.append(first)
+                        values.append(x * _off_diagonal(i, j, alike=True))
+                    first += 1
+            self.put(rows, columns, values)
+        zero = range(0)
+        if not contacts.ring:
+            multipliers = flat_monomials(self.degree - 1)
+            begin_zero = self.add(len(multipliers))
+            zero = range(begin_zero, self.count)
+            for (e, f), x in positive[0].items():
+                rows = [begin + _FLAT_PLACE[a + e, b + f] for a, b in multipliers]
+                self.put(rows, zero, [x] * len(rows))
+        self.ends.append({"normal": normal, "squares": squares, "zero": zero})
+
+    def proof(self, x: Floats, matrices: list[list[float]]) -> dict[str, Any]:
+        """Return the potential, its matrices and those of both ends as JSON."""
+        ends = []
+        for one in self.ends:
+            normal = x[one["normal"] :][:2]
+            normal = normal * min(1.0, (1 - 1e-9) / max(float(np.hypot(*normal)), 1e-9))
+            ends.append(
+                {
+                    "direction": _rounded(normal),
+                    "squares": [matrices[k] for k in one["squares"]],
+                    "zero": _rounded(x[one["zero"].start : one["zero"].stop]),
+                }
+            )
+        return super().proof(x, matrices) | {"ends": ends}
+
+
+def _real(polynomial: Flat) -> dict[tuple[int, int], float]:
+    return {key: float(x) for key, x in polynomial.items()}
+
+
+def contact_potential(
+    contacts: Contacts,
+    pair: tuple[Sector, Sector],
+    around: Sequence[Polynomial],
+    degree: int,
+) -> tuple[float, dict[str, Any] | None]:
+    """Return the bound of a potential for the plans with their first and last contacts in two sectors,
+    in units of the radius, with its proof; 0 and None if there is none.
+    """
+    most = 1.01 * float(contacts.limit)
+    program = _ContactProgram(contacts, pair, [_scaled(one) for one in around], most, degree)
+    found = program.solve()
+    if found is None:
+        return 0.0, None
+    proof = program.proof(*found)
+    try:
+        value = part_value(contacts, pair, around, proof)
+    except WrongPotentialError:  # the solver stopped early
+        return 0.0, None
+    return float(value) * (1 - 1e-12), proof

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from shoal.core.dataclass import dataclass
+from shoal.steering.certificates.contacts import ContactSearch
 from shoal.steering.certificates.relaxation import (
     Bound,
     Branching,
@@ -27,7 +28,15 @@ from shoal.steering.certificates.relaxation import (
 _USEFUL = 0.01  # least rise of a division by use, relative to the gap
 _HOLDS_FIRST = 4.0  # how much more the error of a hold counts than that of a gap
 _PIECES = 256  # of the least distance in the law of growth
-_EASY = 400  # divisions that are enough for easy problems; a potential takes the time of as many
+_EASY = 250  # divisions that are enough for easy problems; a potential takes the time of as many
+_BETTER = 0.9  # gap of a potential that is much smaller than that of the patterns, relative
+_DOUBLED = (
+    400  # divisions after which, and after twice as many again and again, the gap is compared
+)
+_FAIR = 36  # programs of potentials between contacts that show whether these are of use
+_WORSE = 1.25  # gap of those with which they are of none, relative to that of the patterns
+_STALLED = 0.86, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
+_TARGETS = 1.0499, 1.0099, 1.00099  # lengths of plans, in units of those that potentials exclude
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
 
@@ -248,8 +257,9 @@ def _count_near_holds(pattern: Pattern, place: int) -> int:
 class Search:
     """The searches for the bound of one assignment of goals to particles.
 
-    With few flat walls, these are two, each with half of the time; otherwise one, and a
-    potential comes in between, if the first patterns were not enough.
+    With few flat walls, these are two, each with half of the time. Otherwise there is one, and a
+    potential comes in between, if the first patterns were not enough. When more patterns
+    are of little use, potentials between the first and the last contact take their place.
     """
 
     def __init__(self, relaxation: Relaxation) -> None:
@@ -258,21 +268,28 @@ class Search:
         self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in variants]
         self._spent = [0.0] * len(variants)
         self.growth = growth_bound(relaxation)
-        self.potential = 0.0
-        self._potential_proof: Any = None
+        self._potentials: list[tuple[float, Any]] = []
+        self._contacts: ContactSearch | None = None
         self._steps = 0
+        self._before = inf  # the gap after half of the steps
+        self._stalled = self._compared = False
 
     @property
     def lower(self) -> float:
         """Lower bound on the length of all plans, at most the limit."""
-        return max(self.growth, self.potential, *(tree.lower for tree in self._trees))
+        contacts = self._length(self._contacts.lower) if self._contacts else 0.0
+        potentials = [bound for bound, _ in self._potentials]
+        return max(self.growth, contacts, *potentials, *(tree.lower for tree in self._trees))
 
     def proof(self, enough: float) -> Any:
         """Return a proof that no plan is shorter than ``enough``, as JSON."""
         if self.growth and self.growth >= enough:
             return "growth"
-        if self.potential and self.potential >= enough:
-            return self._potential_proof
+        for bound, proof in self._potentials:
+            if bound and bound >= enough:
+                return proof
+        if self._contacts and self._length(self._contacts.lower) >= enough:
+            return self._contacts.proof(self._contacts.lower)
         return max(self._trees, key=lambda tree: tree.lower).root.proof(enough)
 
     @property
@@ -286,14 +303,69 @@ class Search:
         return min(self._trees, key=lambda tree: tree.upper)
 
     def step(self, clock: Callable[[], float]) -> None:
-        """Go on with the tree that had less time."""
+        """Go on with the tree that had less time, or with potentials."""
+        if self._stalled:
+            self._step_contacts()
+            return
         self._steps += 1
         if self.relaxation.walls.runs and self._steps == _EASY:
-            self.potential, self._potential_proof = potential_bound(self.relaxation)
+            self._potentials.append(potential_bound(self.relaxation))
+            if self._gap(self._potentials[0][0]) < _BETTER * self._gap_of_patterns:
+                self._stalled = self._next_contacts()
         number = min(range(len(self._trees)), key=lambda k: self._spent[k])
         begun = clock()
         self._trees[number].step()
         self._spent[number] += clock() - begun
+        times, rest = divmod(self._steps, _DOUBLED)
+        if self.relaxation.walls.runs and not rest and times.bit_count() == 1:
+            gap = self._gap_of_patterns
+            stalled = gap > _STALLED[gap < _TARGETS[0] - 1] * self._before
+            self._stalled = stalled and (self._contacts is not None or self._next_contacts())
+            self._before = gap
+
+    def _gap(self, bound: float) -> float:
+        return self.upper / max(bound, 1e-9) - 1
+
+    @property
+    def _gap_of_patterns(self) -> float:
+        return self._gap(max(self.growth, self._trees[0].lower))
+
+    def _length(self, bound: float) -> float:
+        """Return a length in units of the radius as one of the programs."""
+        unit, _ = self.relaxation.walls.rings or (0.0, 0.0)
+        return min(bound * unit * (1 - 1e-12), self.relaxation.limit) * self.relaxation.scale
+
+    def _step_contacts(self) -> None:
+        contacts = self._contacts
+        assert contacts is not None
+        contacts.step()
+        if contacts.lower >= contacts.limit:
+            self._potentials.append((self._length(contacts.limit), contacts.proof(contacts.limit)))
+            self._stalled = self._next_contacts()
+        elif contacts.tried >= _FAIR and not self._compared:
+            self._compared = True
+            gap = self._gap(self._length(contacts.lower))
+            self._stalled = gap < _WORSE * self._gap_of_patterns
+
+    def _next_contacts(self) -> bool:
+        """Begin to exclude plans longer than those excluded so far; return whether there are any."""
+        walls, relaxation = self.relaxation.walls, self.relaxation
+        unit, ring = walls.rings or (0.0, 0.0)
+        self._contacts = None
+        for shorter in _TARGETS:
+            target = self.upper / shorter
+            if target > self.lower * (1 + 1e-9):
+                contacts = ContactSearch(
+                    (relaxation.start - walls.middle) / unit,
+                    (relaxation.goal - walls.middle) / unit,
+                    relaxation.tolerance / unit,
+                    target / relaxation.scale / unit,
+                    ring / unit**2,
+                )
+                if contacts.possible:
+                    self._contacts = contacts
+                break
+        return self._contacts is not None
 
 
 def potential_bound(relaxation: Relaxation) -> tuple[float, Any]:
