@@ -40,6 +40,8 @@ def small(name: str, trials: int = 4, **more: Any) -> dict[str, Any]:
 def run_from_the_form(page: Page, studio: Studio, sweep: dict[str, Any]) -> None:
     studio.open(page, "lab", {"tab": "new", "toml": as_toml(sweep)})
     page.locator(".drafting [role=status]", has_text="trials").wait_for()
+    file, text = page.locator(".drafting .file"), page.locator(".drafting .file textarea")
+    assert text.evaluate("one => one.clientWidth") > 0.8 * file.evaluate("one => one.clientWidth")
     page.get_by_role("button", name="Run the sweep").click()
     complete(page, sweep["name"])
 

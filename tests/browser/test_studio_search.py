@@ -252,7 +252,7 @@ def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None
     for spot in on_canvas(page, (0, 0), (60, 40)):  # two corners, to which it snaps
         page.mouse.click(spot[0] + 4, spot[1] - 4)
     assert drawn(page)["zones"] == ZONES
-    page.locator(".guide .hint", has_text="72.11 m at 56°").wait_for()
+    page.locator(".guide .hint", has_text="72.11 m, bearing 56°").wait_for()
     page.get_by_role("button", name="Ruler, end 2").press("Delete")
     page.locator(".guide .hint", has_text="Click where the distance begins").wait_for()
 
@@ -699,7 +699,7 @@ def test_an_episode_that_is_changed_has_the_settings_that_it_had(
     episode.save(studio.folder / "field.episode.json")
     studio.open(page, "lab", {"tab": "episodes", "episode": "field.episode.json"})
     page.get_by_role("button", name="Change and run again").click()
-    words = f"{episode.plan.tour.name} at 0°, {episode.plan.allocation.allocator}"
+    words = f"{episode.plan.tour.name} at 0° from east, {episode.plan.allocation.allocator}"
     planned(page).get_by_text(words).wait_for()
     planned(page).get_by_text(
         f"searched in {lasting(episode.plan.planned_seconds)}, without a vehicle"

@@ -77,7 +77,7 @@ def test_json_of_search(capsys):
         "angle_degrees": 0.0,
         "no_go_zones": 0,
     }
-    assert result["region"] == region | {"margin_m": 0.0, "unseen_m2": 0.0}
+    assert result["region"] == region | {"further_looks": 0, "margin_m": 0.0, "unseen_m2": 0.0}
     assert result["status"] == "complete"
     assert result["messages"]["lost"] > 0
     assert [route["status"] for route in result["routes"]] == [

@@ -79,6 +79,10 @@ def test_outlines_that_are_refused(vertices, wanted):
             "got (1.5, 0.5) at point 2, 0.5 outside",
         ),
         (
+            lambda: ContactWorld(SQUARE, radius=0.05).initial([(0.5, 0.5), (0.98, 0.5)]),
+            "expected points at least the particle radius of 0.05 from the walls, got 0.02 at point 2",
+        ),
+        (
             lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, np.nan)),
             "move: expected finite numbers",
         ),

@@ -134,6 +134,9 @@ def test_a_workspace_of_any_size_keeps_its_digits(folder, size):
     assert np.ptp(place["rings"][0], axis=0) == pytest.approx([size, size])
     sets = steering.reach(folder, {"problem": given | {"kind": "steering"}, "moves": 2})["sets"]
     assert np.ptp(sets[0]["rings"][0], axis=0).max() > 0.1 * size
+    for other in ({"particle_radius": 0.02 * size}, {"friction": 0.5}, {"gain": 0.1}):
+        problem = given | other | {"kind": "steering"}
+        assert steering.reach(folder, {"problem": problem, "moves": 2})["sets"] == []
 
 
 def test_an_answer_may_hold_half_of_a_pair_of_surrogates(folder):

@@ -236,8 +236,16 @@ class ContactWorld(SteeringWorld):
         """Return valid particle positions as float64, shape (n, dimensions), or raise
         InvalidInputError for invalid positions.
         """
-        state = super().check_state(points, what=what)
+        state: Points = self.workspace.check_inside(points, what=what)
         if self.radius:
+            near = ~self.free_space.contains(state)
+            if near.any():
+                index = int(np.argmax(near))
+                raise InvalidInputError(
+                    f"{what}: expected points at least the particle radius of {self.radius:g} from"
+                    f" the walls, got {float(self.workspace.depth(state[index])):.3g} at point"
+                    f" {index + 1}"
+                )
             away = (
                 np.linalg.norm(state[:, None] - state[None], axis=-1)
                 + np.eye(len(state)) * 4 * self.radius

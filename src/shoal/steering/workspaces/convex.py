@@ -227,7 +227,7 @@ class SteeringWorkspace(ABC):
             index = int(np.argmax(outside))
             raise InvalidInputError(
                 f"{what}: expected points inside the {self.kind}, got"
-                f" {tuple(array[index].tolist())} at point {index + 1},"
+                f" ({', '.join(f'{x:.6g}' for x in array[index].tolist())}) at point {index + 1},"
                 f" {-float(self.depth(array[index])):.3g} outside"
             )
         return array

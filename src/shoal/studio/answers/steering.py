@@ -63,14 +63,21 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the outline of the Δ configuration space, and the position differences that two, four,
-    ... moves reach.
+    ... moves reach; without outlines where these sets are not known: with obstacles, in space, of
+    other numbers of particles, and with friction, gain or a particle radius.
     """
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.figures import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder, part="steering").opened()
     place, start = problem.place, problem.endpoints(checked_seed(about))[0]
-    if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
+    plain = problem.friction == math.inf and not (problem.gain or problem.particle_radius)
+    if (
+        not isinstance(place, ConvexWorkspace)
+        or place.dimensions == 3
+        or len(start) != 2
+        or not plain
+    ):
         return {"sets": [], "rings": []}
     moves = check_integer(
         4 if about.get("moves") is None else about["moves"], what="moves", least=2, most=6

@@ -377,7 +377,7 @@ export function search({ remember }) {
       ? [
           plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`,
           `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
-          `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`,
+          `${plan.tour} at ${number(plan.angle, 3)}° from east, ${plan.allocation}`,
           `searched in ${lasting(plan.makespan)}${plan.vehicle ? "" : ", without a vehicle"}`,
           nearest(),
           plan.drawn ? "" : "the paths have too many corners to be drawn here",

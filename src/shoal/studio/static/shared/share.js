@@ -22,6 +22,9 @@ const FORMATS = [
   ["html", "Player page", "HTML"],
 ];
 
+/** What to do with the forms of a sweep. */
+export const HOW_OF_SWEEP = { ...HOW, file: "The command shoal sweep run takes this file." };
+
 /** The page of each part. */
 export const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
 
@@ -63,10 +66,10 @@ export const showCopiesOf = guarded(async (file) => {
 });
 
 /** Show something in its three forms: `about` says what it is, `more` are further buttons,
- *  `link` is its address. */
-export function showForms(copies, { more = [], about = "", link = location.href } = {}) {
+ *  `link` is its address, and `how` tells what to do with each form. */
+export function showForms(copies, { more = [], about = "", link = location.href, how = HOW } = {}) {
   const text = el("pre.code", { tabIndex: 0, "aria-label": "Text to copy" }),
-    how = el("p.help", {});
+    advice = el("p.help", {});
   let shown = "python";
   const choice = tabs(
     "Form of the copy",
@@ -74,9 +77,9 @@ export function showForms(copies, { more = [], about = "", link = location.href 
     (name) => {
       shown = name;
       text.textContent = copies[name];
-      how.textContent = [
+      advice.textContent = [
         about,
-        HOW[name],
+        how[name],
         name === "file" && copies.beside ? `With the file, add ${copies.beside}.` : "",
       ]
         .join(" ")
@@ -87,7 +90,7 @@ export function showForms(copies, { more = [], about = "", link = location.href 
   openSheet(
     "The same result elsewhere",
     choice.list,
-    el("div", { id: "panel-copies", role: "tabpanel" }, how, text),
+    el("div", { id: "panel-copies", role: "tabpanel" }, advice, text),
     el(
       "div.actions",
       {},

@@ -4,7 +4,7 @@ import { ask, newest, run } from "../../shared/api.js";
 import { Store, stepButtons } from "../../shared/store.js";
 import { NEED_OPTIONS, makeForm, parsed, seedIn } from "../../shared/form.js";
 import { el, guarded, number, told } from "../../shared/page.js";
-import { failure, showForms } from "../../shared/share.js";
+import { failure, HOW_OF_SWEEP, showForms } from "../../shared/share.js";
 
 /** A sweep of each kind to begin with: a question that its result answers. */
 const QUESTIONS = {
@@ -420,7 +420,7 @@ export function drafting({ shown, started }) {
           {
             type: "button",
             onclick: guarded(async () => {
-              if (answer?.copies) showForms(answer.copies);
+              if (answer?.copies) showForms(answer.copies, { how: HOW_OF_SWEEP });
             }),
           },
           "As Python …",

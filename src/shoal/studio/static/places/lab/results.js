@@ -3,7 +3,7 @@
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
-import { exportsOf, failure, placeOf, showForms } from "../../shared/share.js";
+import { exportsOf, failure, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [
   ["csv", "Table", "CSV"],
@@ -290,7 +290,7 @@ export function results({ shown, change }) {
           onclick: guarded(async () => {
             const { copies, error } = await ask("new-sweep", { toml: found.toml });
             if (error) throw new Error(error);
-            showForms(copies);
+            showForms(copies, { how: HOW_OF_SWEEP });
           }),
         },
         "As Python …",

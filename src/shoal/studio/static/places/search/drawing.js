@@ -193,7 +193,7 @@ export class Drawing {
     this.layer.append(this.sketched);
     this.measure(
       [
-        `side ${metres(distance(last, next))} at ${Math.round(bearing(last, next))}°`,
+        `side ${metres(distance(last, next))}, bearing ${Math.round(bearing(last, next))}°`,
         ring.length > 2 ? `around ${metres(perimeter(ring))}, area ${surface(area(ring))}` : "",
       ]
         .filter(Boolean)

@@ -21,7 +21,9 @@ export class Ruler {
 
   get text() {
     const [from, to = this.next] = this.ends;
-    return from && to ? `${metres(distance(from, to))} at ${Math.round(bearing(from, to))}°` : "";
+    return from && to
+      ? `${metres(distance(from, to))}, bearing ${Math.round(bearing(from, to))}°`
+      : "";
   }
 
   get hint() {
