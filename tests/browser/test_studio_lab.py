@@ -265,6 +265,7 @@ def test_a_sweep_of_the_command_is_found_and_exported(
     assert written_by(page, studio, "Figure as PNG").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.chromium("bodies of requests")
 @pytest.mark.parametrize(
     ("ends", "said"),
     [

@@ -715,6 +715,7 @@ def test_an_episode_that_is_changed_has_the_settings_that_it_had(
     until(page, "document.querySelector('.missionMap img')?.naturalWidth > 100")
 
 
+@pytest.mark.chromium("double clicks")
 @pytest.mark.forms(0)
 def test_an_outline_is_finished_by_a_double_click_and_outlives_other_tools(
     page: Page, studio: Studio
