@@ -26,7 +26,10 @@ IMAGES = Path(__file__).parent / "images"
 CARDS = Path(__file__).parents[1] / "src/shoal/studio/static/places/welcome"
 CARD = 480, 300  # pixels of the picture of an example
 PATIENCE = 180_000  # milliseconds: the machine may be busy
-COLOURS = 128  # of the pictures kept: what is on the pages has few
+COLOURS = 256  # of the pictures kept: what is on the pages has few
+METHOD = (
+    Image.Quantize.MAXCOVERAGE
+)  # the median cut mixes the colours of small things; means settle the wide ones
 
 
 def start(page: Page) -> None:
@@ -66,7 +69,7 @@ def make_card(page: Page, card: Locator) -> None:
         whole = ImageOps.crop(shot.convert("RGB"), border=12)  # without its round corners
     ground = whole.getpixel((0, whole.height // 2))
     picture = ImageOps.pad(whole, CARD, Image.Resampling.LANCZOS, color=ground)
-    picture.quantize(COLOURS).save(file, optimize=True)
+    picture.quantize(COLOURS, METHOD, kmeans=4).save(file, optimize=True)
 
 
 def player(page: Page) -> Frame:
@@ -252,7 +255,7 @@ def opened(browser: Browser, address: str, form: tuple[Any, int, int]) -> Page:
 
 def keep(page: Page, path: Path) -> None:
     page.screenshot(path=path)
-    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    Image.open(path).convert("RGB").quantize(COLOURS, METHOD, kmeans=4).save(path, optimize=True)
 
 
 if __name__ == "__main__":
