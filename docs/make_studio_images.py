@@ -27,9 +27,8 @@ CARDS = Path(__file__).parents[1] / "src/shoal/studio/static/places/welcome"
 CARD = 480, 300  # pixels of the picture of an example
 PATIENCE = 180_000  # milliseconds: the machine may be busy
 COLOURS = 256  # of the pictures kept: what is on the pages has few
-METHOD = (
-    Image.Quantize.MAXCOVERAGE
-)  # the median cut mixes the colours of small things; means settle the wide ones
+# The median cut mixes the colours of small things. Means settle those of wide ones.
+METHOD = Image.Quantize.MAXCOVERAGE
 
 
 def start(page: Page) -> None:

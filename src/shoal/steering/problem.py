@@ -459,7 +459,6 @@ class SteeringProblem(Problem):
                         " plane, got random"
                     )
             else:
-                workspace.check_inside(points, what=what)
                 world.check_state(points, what=what)
         if not isinstance(self.start, str) and not isinstance(self.goal, str):
             check_can_part(*self.endpoints(0), self.tolerance)
