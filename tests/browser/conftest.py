@@ -88,7 +88,7 @@ class Visitor:
         page.set_default_timeout(5000)
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("console", lambda message: self.messages.append(message.text))
-        page.on("pageerror", lambda error: self.messages.append(str(error)))
+        page.on("pageerror", lambda error: self.messages.append(error.stack or str(error)))
         return page
 
 
@@ -140,26 +140,31 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
 
 
 @pytest.fixture(scope="session")
-def studio_page(studio: Studio, chromium: Browser) -> Iterator[Page]:
+def console() -> list[str]:
+    """What the studio's page has written to its console: nothing."""
+    return []
+
+
+@pytest.fixture(scope="session")
+def studio_page(studio: Studio, chromium: Browser, console: list[str]) -> Iterator[Page]:
     """A page on it, which may ask nobody else and whose console must stay empty."""
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
     if not FIREFOX:  # which has no such permissions
         context.grant_permissions(["clipboard-read", "clipboard-write"])
     opened = context.new_page()
     opened.set_default_timeout(30_000)
-    said: list[str] = []
     opened.on(
-        "console", lambda message: "status of 422" in message.text or said.append(message.text)
+        "console", lambda message: "status of 422" in message.text or console.append(message.text)
     )  # a refusal is shown
-    opened.on("pageerror", lambda error: said.append(str(error)))
-    opened.on("dialog", lambda dialog: said.append(dialog.message))
+    opened.on("pageerror", lambda error: console.append(error.stack or str(error)))
+    opened.on("dialog", lambda dialog: console.append(dialog.message))
     asked: list[str] = []
     opened.on("request", lambda request: asked.append(request.url))
     opened.goto(studio.address)
     opened.wait_for_selector("body[data-ready]")
     yield opened
     context.close()
-    assert said == []
+    assert console == []
     assert [
         url for url in asked if not re.match(r"http://127\.0\.0\.1:\d+/|data:|blob:", url)
     ] == []
@@ -175,7 +180,7 @@ def form(request: pytest.FixtureRequest) -> Form:
 
 
 @pytest.fixture
-def page(studio_page: Page, studio: Studio, form: Form) -> Iterator[Page]:
+def page(studio_page: Page, studio: Studio, form: Form, console: list[str]) -> Iterator[Page]:
     """The page in one of the four forms; what a test writes into the folder is gone after it."""
     there = set(studio.folder.rglob("*"))
     wear(studio_page, *form)
@@ -186,3 +191,5 @@ def page(studio_page: Page, studio: Studio, form: Form) -> Iterator[Page]:
     yield studio_page
     for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
+    written, console[:] = console[:], []
+    assert written == []  # here, where the test that caused it is known

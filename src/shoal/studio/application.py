@@ -68,6 +68,21 @@ class JSONResponse(Response):
         return json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
 
 
+class _Listener:
+    """A connected browser: the messages that wait for it, and the jobs that it watches."""
+
+    def __init__(self) -> None:
+        self.messages: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self.watched: set[int] = set()
+
+    def hear(self, message: dict[str, Any]) -> None:
+        """Take a message, unless it is of a job that the browser does not watch yet: it gets the
+        pieces so far when it begins to watch.
+        """
+        if "of" not in message or message["of"] in self.watched:
+            self.messages.put_nowait(message)
+
+
 class Studio:
     """The web application of the studio for one folder.
 
@@ -78,7 +93,7 @@ class Studio:
 
     def __init__(self, root: Path) -> None:
         self.folder = Folder(root)
-        self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
+        self._listeners: set[_Listener] = set()
         self.queue = JobQueue(self.folder, self.tell)
         # quick, and slow
         self.previews = {
@@ -89,16 +104,16 @@ class Studio:
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message to all connected browsers."""
         for listener in list(self._listeners):
-            if listener.qsize() > WAITING:
+            if listener.messages.qsize() > WAITING:
                 self._listeners.discard(listener)
-                listener.put_nowait({"lost": True})
+                listener.hear({"lost": True})
             else:
-                listener.put_nowait(message)
+                listener.hear(message)
 
     async def close(self) -> None:
         """Stop all jobs and all processes of the studio."""
         for listener in self._listeners:
-            listener.put_nowait({"lost": True})
+            listener.hear({"lost": True})
         await asyncio.gather(
             *(preview.close() for preview in self.previews.values()), self.queue.close()
         )
@@ -294,15 +309,13 @@ class Studio:
         browser watches.
         """
         await socket.accept()
-        listener: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        watched: set[int] = set()
+        listener = _Listener()
         self._listeners.add(listener)
 
         async def send() -> None:
             while True:
-                message = await listener.get()
-                if "of" not in message or message["of"] in watched:
-                    await socket.send_text(json.dumps(message, allow_nan=False))
+                message = await listener.messages.get()
+                await socket.send_text(json.dumps(message, allow_nan=False))
                 if "lost" in message:
                     await socket.close()
                     return
@@ -311,13 +324,13 @@ class Studio:
         try:
             while True:
                 number = _watched(await socket.receive())
-                if number is not None:
-                    watched.add(number)
+                if number is not None and number not in listener.watched:
+                    listener.watched.add(number)
                     # The earlier pieces, and then the job's current state, with which a browser
-                    # has them all. No other message is sent between these lines.
+                    # has them all. No other message comes between these lines.
                     for piece in self.queue.pieces(number):
-                        listener.put_nowait({"piece": piece, "of": number})
-                    listener.put_nowait({"job": self.queue.describe(number), "of": number})
+                        listener.hear({"piece": piece, "of": number})
+                    listener.hear({"job": self.queue.describe(number), "of": number})
         except WebSocketDisconnect:
             pass
         except ShoalError:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import sqlite3
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from shoal.core.errors import InvalidInputError
+from shoal.studio.application import Studio
 from shoal.studio.folder import Folder
 from shoal.studio.jobs import ENDED, JobQueue, JobStore
 from shoal.studio.processes import Worker
@@ -159,3 +162,54 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
         len("".join(piece.get("commands", "") for piece in pieces))
         == good["result"]["report"]["moves"]
     )
+
+
+class SlowSocket:
+    """A browser that is not ready for messages yet."""
+
+    def __init__(self):
+        self.asked = asyncio.Queue()
+        self.ready = asyncio.Event()
+        self.got = []
+
+    async def accept(self):
+        pass
+
+    async def receive(self):
+        return await self.asked.get()
+
+    async def send_text(self, text):
+        await self.ready.wait()
+        self.got.append(json.loads(text))
+
+
+def test_pieces_that_come_before_a_browser_watches_are_told_once(tmp_path):
+    async def scenario():
+        studio, socket = Studio(tmp_path), SlowSocket()
+        live = asyncio.create_task(studio.live(socket))
+        await asyncio.sleep(0)
+        running = SimpleNamespace(job={"id": 7}, pieces=[], size=0)
+        studio.queue._running[7] = running
+        studio.tell({"files": True})  # which keeps the browser busy
+        await asyncio.sleep(0)
+        studio.queue._piece(running, {"begin": {}})
+        watch = {"type": "websocket.receive", "text": '{"watch": 7}'}
+        socket.asked.put_nowait(watch)
+        while not socket.asked.empty():
+            await asyncio.sleep(0)
+        studio.queue._piece(running, {"commands": "lu"})
+        socket.asked.put_nowait(watch)  # once more, which tells it nothing new
+        while not socket.asked.empty():
+            await asyncio.sleep(0)
+        studio.queue._piece(running, {"end": "complete"})
+        socket.ready.set()
+        del studio.queue._running[7]
+        socket.asked.put_nowait({"type": "websocket.disconnect"})
+        while len(socket.got) < 5:
+            await asyncio.sleep(0.01)
+        live.cancel()
+        await studio.close()
+        return [message["piece"] for message in socket.got if "piece" in message]
+
+    pieces = asyncio.run(asyncio.wait_for(scenario(), 60))
+    assert pieces == [{"begin": {}}, {"commands": "lu"}, {"end": "complete"}]
