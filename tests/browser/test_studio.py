@@ -109,8 +109,10 @@ def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:
     assert run_and_load(page, studio).start.tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
 
 
-def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": "line:4", "particles": 1}, "seed": 1})
+@pytest.mark.parametrize("limit", [{}, {"max_moves": 1}])
+def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio, limit: dict[str, int]) -> None:
+    problem = {"map": "line:4", "particles": 1} | limit
+    studio.open(page, "vessels", {"problem": problem, "seed": 1})
     start = shoal.run(SwarmProblem("line:4", particles=1), seed=1).start[0, 1]
     # the plan has ended before the studio hears that somebody watches it
     page.evaluate("""() => {
@@ -134,7 +136,13 @@ def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio) -> None:
     ] * 4:
         page.keyboard.press(key)
     page.wait_for_selector(".race .exports")
-    assert "Done in" in page.locator(".race .verdict").inner_text()
+    verdict = page.locator(".race .verdict").inner_text()
+    if limit:
+        assert verdict.endswith("did not finish: its run ended after 1 move. You win.")
+    else:
+        assert re.search(
+            r"Done in \d+ moves?; \S+ needed \d+\. (A draw|You win|The ghost wins)\.$", verdict
+        )
     kept = [shoal.load(path) for path in studio.folder.glob("line-4-manual*.npz")]
     assert [bool(episode) for episode in kept] == [True]
     assert kept[0].start.tolist() == [[0, start]]

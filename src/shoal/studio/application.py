@@ -328,8 +328,8 @@ class Studio:
                     listener.watched.add(number)
                     # The earlier pieces, and then the job's current state, with which a browser
                     # has them all. No other message comes between these lines.
-                    for piece in self.queue.pieces(number):
-                        listener.hear({"piece": piece, "of": number})
+                    for nth, piece in enumerate(self.queue.pieces(number)):
+                        listener.hear({"piece": piece, "nth": nth, "of": number})
                     listener.hear({"job": self.queue.describe(number), "of": number})
         except WebSocketDisconnect:
             pass

@@ -188,7 +188,7 @@ def test_pieces_that_come_before_a_browser_watches_are_told_once(tmp_path):
         studio, socket = Studio(tmp_path), SlowSocket()
         live = asyncio.create_task(studio.live(socket))
         await asyncio.sleep(0)
-        running = SimpleNamespace(job={"id": 7}, pieces=[], size=0)
+        running = SimpleNamespace(job={"id": 7}, pieces=[], size=0, said=0)
         studio.queue._running[7] = running
         studio.tell({"files": True})  # which keeps the browser busy
         await asyncio.sleep(0)
@@ -209,7 +209,7 @@ def test_pieces_that_come_before_a_browser_watches_are_told_once(tmp_path):
             await asyncio.sleep(0.01)
         live.cancel()
         await studio.close()
-        return [message["piece"] for message in socket.got if "piece" in message]
+        return [(one["nth"], one["piece"]) for one in socket.got if "piece" in one]
 
     pieces = asyncio.run(asyncio.wait_for(scenario(), 60))
-    assert pieces == [{"begin": {}}, {"commands": "lu"}, {"end": "complete"}]
+    assert pieces == [(0, {"begin": {}}), (1, {"commands": "lu"}), (2, {"end": "complete"})]

@@ -105,11 +105,7 @@ function connect() {
   socket = new WebSocket(`ws://${location.host}/live`);
   socket.addEventListener("open", () => {
     patience = 500;
-    for (const [number, watcher] of watchers) {
-      watcher.skip = watcher.seen; // after a break everything is told once more
-      watcher.came = 0;
-      socket.send(JSON.stringify({ watch: number }));
-    }
+    for (const number of watchers.keys()) socket.send(JSON.stringify({ watch: number }));
   });
   socket.addEventListener("message", (event) => hear(JSON.parse(event.data)));
   socket.addEventListener("close", () => {
@@ -133,9 +129,9 @@ function hear(message) {
   if (message.job?.id !== undefined) heardOf(message.job);
   if (message.files) loadFiles().catch(() => {});
   if (!watcher || !message.piece) return;
-  watcher.came = (watcher.came ?? 0) + 1;
-  if (watcher.came <= (watcher.skip ?? 0)) return;
-  watcher.seen = (watcher.seen ?? 0) + 1;
+  // after a break all pieces are told once more; what follows a lost one is of no use
+  if (message.nth !== (watcher.seen ?? 0)) return;
+  watcher.seen = message.nth + 1;
   watcher.piece?.(message.piece);
 }
 

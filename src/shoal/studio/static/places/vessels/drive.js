@@ -16,6 +16,8 @@ const PAD = [
   ["o", "out", "M12 10a2 2 0 1 0 .01 0z"],
 ];
 
+const moved = (count) => `${count} ${count === 1 ? "move" : "moves"}`;
+
 export function driving({ names, problem, seed, current, look, view, below }) {
   const frame = new PlayerFrame("swarm", {
     title: "Your swarm: drive it with the arrow keys",
@@ -64,7 +66,8 @@ export function driving({ names, problem, seed, current, look, view, below }) {
   }
   let drive = null,
     begun = null,
-    over = false,
+    rival = null, // the policy, and how its run ended: its status and moves
+    mineDone = false,
     races = 0;
 
   function bar(words) {
@@ -89,11 +92,17 @@ export function driving({ names, problem, seed, current, look, view, below }) {
     verdict.textContent = "";
     kept.replaceChildren();
     begun = drive = null;
-    over = false;
+    rival = { policy: given.policy };
+    mineDone = false;
     let pieces = [];
     const take = (piece) => {
       if (piece.commands !== undefined) drive.ghostMoves(piece.commands, piece.scans);
       show();
+    };
+    const ended = ({ status, moves }) => {
+      if (race !== races) return;
+      Object.assign(rival, { status, moves });
+      judge();
     };
     await run(
       "play",
@@ -126,25 +135,49 @@ export function driving({ names, problem, seed, current, look, view, below }) {
           } else if (pieces) pieces.push(piece);
           else take(piece);
         },
-        failed: (job) => told(new Error(failure(job))),
+        done: ({ report }) => ended(report),
+        failed: (job) => {
+          ended({ status: job.state, moves: drive?.ghostLength ?? 0 });
+          told(new Error(failure(job)));
+        },
       },
     );
+  }
+
+  /** Say who has won, as soon as both have ended. */
+  function judge() {
+    if (!mineDone) return;
+    const { length } = drive,
+      { policy, status, moves } = rival;
+    const other = !status
+      ? "has not ended yet."
+      : status !== "complete"
+        ? `did not finish: its run ended after ${moved(moves)}. You win.`
+        : `needed ${moves}. ${length === moves ? "A draw." : length < moves ? "You win." : "The ghost wins."}`;
+    verdict.textContent = `Done in ${moved(length)}; ${policy} ${other}`;
   }
 
   /** Both at the same move, that of yours. */
   function show() {
     if (!drive) return;
     const at = drive.length;
-    mine.set(drive.share(at), `, ${at} moves`);
+    mine.set(drive.share(at), `, ${moved(at)}`);
     theirs.set(drive.ghostShare(at), at > drive.ghostLength ? "" : ` at move ${at}`);
   }
 
   async function finish(given, started) {
-    if (over) return;
-    over = true;
-    const { letters, length, ghostLength } = drive;
-    verdict.textContent = `Done in ${length} moves; ${given.policy} needed ${ghostLength}. ${length <= ghostLength ? "You win." : "The ghost wins."}`;
-    const { policy, budget, time_per_move: time, scan_every: scans, ...rest } = given;
+    if (mineDone) return;
+    mineDone = true;
+    judge();
+    const { letters } = drive;
+    const {
+      policy,
+      budget,
+      max_moves: most,
+      time_per_move: time,
+      scan_every: scans,
+      ...rest
+    } = given; // what limits the policy is none of yours
     await run(
       "play",
       { problem: { ...rest, policy: `manual:${letters}` }, seed: started },

@@ -75,10 +75,13 @@ export function running({ store, problem, open, below }) {
     dates.is(at);
     let inside = null,
       opening = null,
+      whole = false, // whether the last piece has come
       waiting = [];
     const take = (piece) => {
       if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
-      if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
+      if (piece.end === undefined) return;
+      whole = true;
+      inside.shoalPlayer?.end(piece.end, piece.unreachable);
     };
     const begin = async (data) => {
       inside = await frame.open({ ...data, live: true, playing: true });
@@ -109,7 +112,7 @@ export function running({ store, problem, open, below }) {
           finish();
           await opening;
           if (!here()) return say(`The run is saved as ${file}`);
-          if (!opening) await frame.open((await ask("page", { file })).data);
+          if (!whole) await frame.open((await ask("page", { file })).data);
           return showResult(file, sentence, at);
         }),
         failed: (now) => {
