@@ -209,7 +209,10 @@ SEARCH = {"kind": "search", "region": "square:60", "robots": 2, "footprint": 10}
         (
             SEARCH,
             {"targets": [36, 37]},
-            "at targets = 37: targets: expected a number from 0 to 36, one per cell, got 37",
+            (
+                "at targets = 37: targets: expected a number from 0 to 36, one per cell without an"
+                " obstacle, got 37"
+            ),
         ),
         (
             SEARCH,

@@ -58,6 +58,14 @@ def test_places_are_one_for_all_one_each_or_along_a_line(tmp_path):
         [0, -5],
         [10, -5],
     ]
+    (tmp_path / "points.csv").write_text("robot,x,y\n2,10,-5\n1,0,-5\n")
+    assert places_of(str(tmp_path / "points.csv"), square, 2, what="launch").tolist() == [
+        [0, -5],
+        [10, -5],
+    ]
+    (tmp_path / "points.csv").write_text("robot,x,y\n2,10,-5\n2,0,-5\n")
+    with pytest.raises(InvalidInputError, match=r"line 2: expected the numbers 1 to 2 .* got '2'"):
+        places_of(str(tmp_path / "points.csv"), square, 2, what="launch")
     with pytest.raises(
         InvalidInputError, match="launch: expected one point for all, or 3, one per robot, got 2"
     ):

@@ -10,7 +10,7 @@ import shapely
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, UnknownNameError
-from shoal.search import LocalFrame, SearchEpisode, SearchProblem, region_of
+from shoal.search import LocalFrame, SearchEpisode, SearchProblem, plan_search, region_of
 from shoal.search.problem.network import (
     Battery,
     Crash,
@@ -22,6 +22,7 @@ from shoal.search.problem.network import (
     fault_text,
 )
 from shoal.search.run import run
+from shoal.search.simulation.scenario import scenario_of
 
 FIELD = {
     "type": "Polygon",
@@ -230,3 +231,15 @@ def test_a_damaged_trace_is_refused(tmp_path):
         path.write_text(json.dumps(data))
         with pytest.raises(InvalidInputError, match=r"episode\.json"):
             SearchEpisode.load(path)
+
+
+@pytest.mark.parametrize("prior", [None, ["ring:3,3:0.25=1,0.5=2,0.95=3"]])
+def test_no_random_target_stands_in_an_obstacle(prior):
+    problem = SearchProblem(
+        "square:6", footprint=1, robots=2, targets=10, obstacles=12, prior=prior
+    )
+    plan = plan_search(problem, seed=1)
+    for seed in range(20):
+        scenario = scenario_of(problem, plan, seed)
+        assert len(scenario.targets) == 10
+        assert not {*scenario.targets} & {*scenario.obstacles}

@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.flight_logs import LOGS, flight_lines
 from shoal.search.regions.formats.geodata import read_positions
 from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_lines
-from shoal.search.regions.formats.tables import read_vertices
+from shoal.search.regions.formats.tables import Vertex, read_vertices
 from shoal.search.regions.outline import (
     LARGEST_FILE,
     Points,
@@ -226,7 +226,7 @@ def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:
-        rows, degrees = read_vertices(path, what="table of searched")
+        rows, degrees, _ = read_vertices(path, what="table of searched")
         groups = groupby(rows, lambda row: row is not None)
         tables = [np.array([row[:2] for row in group if row]) for is_row, group in groups if is_row]
         return [_in_metres(table, region, path, degrees=degrees) for table in tables]
@@ -254,9 +254,25 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     if path.suffix.lower() in (".geojson", ".json"):
         positions, line, geographic = read_positions(path, what=f"file of {what}")
         return _in_metres(positions, region, path, degrees=geographic), line
-    rows, degrees = read_vertices(path, what=f"table of {what}")
-    points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
+    rows, degrees, labels = read_vertices(path, what=f"table of {what}")
+    vertices = [row for row in rows if row is not None]
+    if labels == "robot":
+        vertices = _by_robot(vertices, path)
+    points = np.array([vertex[:2] for vertex in vertices]).reshape(-1, 2)
     return _in_metres(points, region, path, degrees=degrees), False
+
+
+def _by_robot(vertices: list[Vertex], path: Path) -> list[Vertex]:
+    """Return the points of robots 1, 2, ... in the order of the robots."""
+    found = {vertex.label: vertex for vertex in vertices}
+    expected = [str(number) for number in range(1, len(vertices) + 1)]
+    for vertex in vertices:
+        if vertex.label not in expected or found[vertex.label] is not vertex:
+            raise InvalidInputError(
+                f"{path}: line {vertex.line}: expected the numbers 1 to {len(vertices)} in the"
+                f" column robot, each of them once, got {vertex.label!r}"
+            )
+    return [found[number] for number in expected]
 
 
 def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:

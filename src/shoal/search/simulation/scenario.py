@@ -217,18 +217,20 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         ),
     )
     cells = np.arange(len(plan.tour_cost))
+    obstacles = _cells_of(
+        plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]
+    )
+    clear = np.setdiff1d(cells, obstacles)  # robots look from these cells
     scenario = Scenario(
         brief,
         tuple(plan.starts.tolist()),
         tuple(plan.rates.tolist()),
         network=network_of(problem.network, loss=problem.loss),
         faults=problem.faults + _crashes(problem, plan, seed),
-        targets=_cells_of(plan, problem.targets, "targets", cells, [seed, 1]),
+        targets=_cells_of(plan, problem.targets, "targets", clear, [seed, 1]),
         detection=problem.chosen_detection,
         false_alarm=problem.false_alarm,
-        obstacles=_cells_of(
-            plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]
-        ),
+        obstacles=obstacles,
         widths=tuple(plan.widths.tolist()),
         signed=problem.key is not None,
         packet=problem.packet or 0,
@@ -268,12 +270,16 @@ def _cells_of(
         if columns:
             allowed = allowed[plan.tour.cells[allowed, 0] == 0]
         if value > len(allowed):
-            where = "one per cell" if what == "targets" else "no obstacle at the start of a robot"
+            where = (
+                "one per cell without an obstacle"
+                if what == "targets"
+                else "no obstacle at the start of a robot"
+            )
             raise InvalidInputError(
                 f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {value}"
             )
         if what == "targets" and isinstance(plan.ground, Ground):
-            return _targets_of(plan.ground, value, seed)
+            return _targets_of(plan.ground, value, allowed, seed)
         chosen = np.random.default_rng(seed).choice(allowed, size=value, replace=False)
         if not columns:
             return tuple(sorted(int(cell) for cell in chosen))
@@ -292,15 +298,22 @@ def _cells_of(
     return tuple(sorted(numbers - {-1}))
 
 
-def _targets_of(ground: Ground, count: int, seed: list[int]) -> tuple[int, ...]:
-    """Return the cells from which robots see so many random places of the ground."""
-    most = np.count_nonzero(ground.masses)
+def _targets_of(
+    ground: Ground, count: int, allowed: NDArray[np.int64], seed: list[int]
+) -> tuple[int, ...]:
+    """Return the cells from which robots see so many random places of the ground, each of which
+    they see from an allowed cell.
+    """
+    if count == 0:
+        return ()
+    masses = ground.masses * np.isin(ground.cells, allowed).any(axis=1)
+    most = np.count_nonzero(masses)
     if count > most:
         raise InvalidInputError(
-            f"targets: expected at most {most}, the places that may hold one by the prior, got"
-            f" {count}"
+            f"targets: expected at most {most}, the places that may hold one by the prior and are"
+            f" seen from a cell without an obstacle, got {count}"
         )
     rng = np.random.default_rng(seed)
-    pieces = rng.choice(len(ground.masses), size=count, replace=False, p=ground.masses)
+    pieces = rng.choice(len(ground.masses), size=count, replace=False, p=masses / masses.sum())
     cells = np.unique(ground.cells[pieces])
     return tuple(cells[cells >= 0].tolist())

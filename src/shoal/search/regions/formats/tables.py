@@ -39,19 +39,32 @@ _HEADINGS: dict[
     **dict.fromkeys(("longitude", "lon", "lng", "long", "x_deg"), (0, True)),
     **dict.fromkeys(("latitude", "lat", "y_deg"), (1, True)),
 }
-_LABELS = ("ring", "part", "polygon", "zone", "name")
+_LABELS = ("ring", "part", "polygon", "zone", "name", "robot")
 _WIDEST_IN_DEGREES = 2.0  # coordinates in degrees with a wider range cannot be a region
 
 
 class Vertex(NamedTuple):
     """A point in a CSV file: x and y, or longitude and latitude; its label, which names its
-    polygon; and its line number.
+    polygon or its robot; and its line number.
     """
 
     x: float
     y: float
     label: str | None
     line: int
+
+
+class Vertices(NamedTuple):
+    """The points in a CSV file.
+
+    ``rows`` has None in place of one or more blank lines between points. ``degrees`` says whether
+    the coordinates are in degrees, and is None if no heading names their unit. ``labels`` is the
+    heading of the column of labels, or an empty text.
+    """
+
+    rows: list[Vertex | None]
+    degrees: bool | None
+    labels: str
 
 
 def read_table(path: Path, reading: Reading) -> RegionOutlines:
@@ -64,7 +77,7 @@ def read_table(path: Path, reading: Reading) -> RegionOutlines:
         If a line of the file is invalid, or if the coordinates look like degrees but no heading
         names their unit.
     """
-    rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
+    rows, degrees, _ = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
     rings = _rings(rows, path)
     if not rings:
         raise InvalidInputError(f"{path}: expected vertices, one x,y a line, got none")
@@ -85,14 +98,8 @@ def read_table(path: Path, reading: Reading) -> RegionOutlines:
     )
 
 
-def read_vertices(
-    path: Path, *, what: str, columns: str = "two numbers, x,y"
-) -> tuple[list[Vertex | None], bool | None]:
-    """Return the points in a CSV file, and whether their coordinates are in degrees.
-
-    One or more blank lines between points give None instead
-    of a point. If no heading of the file names the unit of the coordinates, the second result
-    is None.
+def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> Vertices:
+    """Return the points in a CSV file.
 
     Parameters
     ----------
@@ -108,7 +115,7 @@ def read_vertices(
         If a line of the file is invalid. The error message names the line.
     """
     rows: list[Vertex | None] = []
-    order, label, degrees = [0, 1], 2, None
+    order, label, degrees, labels = [0, 1], 2, None, ""
     wide: int | None = None
     count = 0
     for number, line in enumerate(
@@ -131,6 +138,7 @@ def read_vertices(
             ) from None
         if wide is None and (named := _heading_columns(words)) is not None:
             order, label, degrees, wide = *named, len(words)
+            labels = words[label].lower() if label < wide else ""
             continue
         if len(words) not in (2, 3) if wide is None else len(words) != wide:
             raise InvalidInputError(
@@ -146,7 +154,7 @@ def read_vertices(
         rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
         count += 1
         check_count(count, MOST_CORNERS, where=str(path), what="points")
-    return rows, degrees
+    return Vertices(rows, degrees, labels)
 
 
 def _heading_columns(words: list[str]) -> tuple[list[int], int, bool | None] | None:
