@@ -73,8 +73,8 @@ RULES: dict[str, Rule] = {
     ),
     "take-off": Rule(
         "error",
-        "a flight has no take-off before its first waypoint or takes off to no height, or a rover"
-        " has a take-off",
+        "a flight has no take-off before its first waypoint or takes off to no height, takes off"
+        " again later, or a rover has a take-off",
     ),
     "armed-wait": Rule(
         "error",
@@ -87,13 +87,25 @@ RULES: dict[str, Rule] = {
         "the vehicle stays on its way: a holding time at a waypoint (16), or a wait (93, 112, 17, 18"
         " or 19) after the take-off; the check counts no such time",
     ),
+    "ends-early": Rule(
+        "error",
+        "a return (20) or a landing (21) before the last waypoint; the check flies all waypoints",
+    ),
     "autocontinue": Rule(
         "warning",
         "the vehicle stops and waits at an item, because the item does not continue automatically",
     ),
     "current": Rule("warning", "an item other than the first is marked as the current item"),
     "unknown-command": Rule(
-        "warning", "a command that a search does not need; the mission check ignores it"
+        "warning",
+        "a command that a search does not need and that leaves the path and the view as they are;"
+        " the mission check ignores it",
+    ),
+    "unchecked-command": Rule(
+        "error",
+        "a command that may move the vehicle, turn its camera or change its mode, such as a jump"
+        " (177), another kind of landing or a change of altitude; the check does not know what the"
+        " vehicle does there",
     ),
     "firmware": Rule(
         "error", "a mission for PX4 where a mission for ArduPilot is expected, or the reverse"

@@ -128,6 +128,16 @@ def drop(index):
     return items(change)
 
 
+def inserted(command):
+    """Add an item after the second waypoint, where that waypoint is."""
+
+    def change(rows):
+        rows.insert(4, rows[3] | {"command": command, "params": [0, 0, 0, *rows[3]["params"][3:]]})
+        numbered(rows)
+
+    return items(change)
+
+
 def lines(change):
     return text(lambda before: "\n".join(change(before.splitlines())) + "\n")
 
@@ -479,7 +489,23 @@ PLANTS = [
     ("autocontinue", ".waypoints", wpl(5, 11, "0"), "line 6", ()),
     ("current", ".waypoints", wpl(5, 1, "1"), "line 6", ()),
     ("current", ".waypoints", wpl(1, 1, "0"), "line 2", ()),
-    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=31)), "item 2", ()),
+    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=203)), "item 2", ()),
+    *(
+        (
+            "unchecked-command",
+            ".plan",
+            items(lambda rows, command=command: rows[1].update(command=command)),
+            "item 2",
+            (),
+        )
+        # loiters, landings and ends of a payload, a change of height, jumps, other modes, a home
+        # elsewhere, a view elsewhere, a fence turned off
+        for command in (30, 31, 85, 94, 113, 176, 177, 179, 186, 192, 195, 201, 207, 601, 999)
+    ),
+    ("unchecked-command", ".waypoints", wpl(2, 3, "177"), "line 3", ("take-off",)),
+    ("ends-early", ".plan", inserted(20), "item 5", ("frame",)),
+    ("ends-early", ".plan", inserted(21), "item 5", ()),
+    ("take-off", ".plan", inserted(22), "item 5", ()),
     ("stay", ".plan", items(lambda rows: rows[1].update(command=19)), "item 2", ()),
     (
         "stay",

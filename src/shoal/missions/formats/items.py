@@ -41,6 +41,9 @@ WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PASSED = (WAYPOINT, SPLINE)
 _PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
 _KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
+# relays and servos, marks for landings and jumps, settings of cameras, single images, videos,
+# grippers: the vehicle goes on along its path, and its camera looks where it looked
+_HARMLESS = {181, 182, 183, 184, 189, 200, 202, 203, 211, 530, 532, 600, 2000, 2001, 2500, 2501}
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
 # frames 6 and 5 equal 3 and 0 with integer coordinates
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}
@@ -221,13 +224,14 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             )
         elif item.command in _WAITS and item is not items[-1]:
             sheet.add("stay", item.place, f"expected no stay on the way, got {_stay(item)}")
-        elif item.command not in _KNOWN:
+        elif item.command not in _KNOWN | _WAITS.keys():
             commands = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
             sheet.add(
-                "unknown-command",
+                "unknown-command" if item.command in _HARMLESS else "unchecked-command",
                 item.place,
                 f"expected one of the commands {commands}, got {item.command}",
             )
+    _check_order(sheet, items)
     _check_camera(sheet, items)
     if items and items[-1].command not in (RETURN, LAND, HOLD):
         last = items[-1]
@@ -236,6 +240,28 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             last.place,
             f"expected a return (20) or a landing (21) at the end, got command {last.command}",
         )
+
+
+def _check_order(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Add diagnostics for a mission that ends before its last waypoint, or takes off again."""
+    passed = [number for number, item in enumerate(items) if item.command in _PASSED]
+    if not passed:
+        return
+    for item in items[: passed[-1]]:
+        if item.command in (RETURN, LAND):
+            what = "return" if item.command == RETURN else "landing"
+            sheet.add(
+                "ends-early",
+                item.place,
+                f"expected a {what} ({item.command}) only after the last waypoint, got one before",
+            )
+    for item in items[passed[0] :]:
+        if item.command == TAKE_OFF:
+            sheet.add(
+                "take-off",
+                item.place,
+                "expected a take-off (22) only before the first waypoint, got one after it",
+            )
 
 
 def _stay(item: Item) -> str:
