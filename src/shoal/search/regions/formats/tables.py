@@ -54,19 +54,6 @@ class Vertex(NamedTuple):
     line: int
 
 
-class Vertices(NamedTuple):
-    """The points in a CSV file.
-
-    ``rows`` has None in place of one or more blank lines between points. ``degrees`` says whether
-    the coordinates are in degrees, and is None if no heading names their unit. ``labels`` is the
-    heading of the column of labels, or an empty text.
-    """
-
-    rows: list[Vertex | None]
-    degrees: bool | None
-    labels: str
-
-
 def read_table(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in a CSV file, in degrees if the heading names longitude and latitude,
     and in metres otherwise.
@@ -98,8 +85,15 @@ def read_table(path: Path, reading: Reading) -> RegionOutlines:
     )
 
 
-def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> Vertices:
-    """Return the points in a CSV file.
+def read_vertices(
+    path: Path, *, what: str, columns: str = "two numbers, x,y"
+) -> tuple[list[Vertex | None], bool | None, str]:
+    """Return the points in a CSV file, whether their coordinates are in degrees, and the heading of
+    the column of labels.
+
+    One or more blank lines between points give None instead of a point. If no heading of the file
+    names the unit of the coordinates, the second result is None. Without a column of labels, the
+    third result is an empty text.
 
     Parameters
     ----------
@@ -154,7 +148,7 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
         rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
         count += 1
         check_count(count, MOST_CORNERS, where=str(path), what="points")
-    return Vertices(rows, degrees, labels)
+    return rows, degrees, labels
 
 
 def _heading_columns(words: list[str]) -> tuple[list[int], int, bool | None] | None:
