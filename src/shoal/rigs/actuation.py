@@ -17,7 +17,8 @@ of the current: sign(i) (c0 + c1 |i| + c2 i^2 + ...), and 0 without current.
 from __future__ import annotations
 
 import re
-from math import cos, hypot, pi, radians, sin
+from collections.abc import Mapping
+from math import copysign, cos, hypot, pi, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +41,11 @@ from shoal.rigs.physics import ANGLES
 
 LARGEST_FILE = 2**20  # bytes
 ROUNDING = 1e-9  # by which a value may exceed its limit
+SINGLE = 1e-6  # by which a value may do so in a packet, whose numbers may be of single precision
 WHOLE = 1e-6  # degrees by which a direction may differ from that of a custom command
 PER_TURN = 4  # packets for each turn of a field that the computer rotates, at least
 TIMES = ("number", "seconds", "milliseconds", "microseconds")
+SCALES = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6}
 FIELD = ("angle", "angle_rad", "magnitude", "bx", "by", "bz")
 ROTATION = ("frequency", "tilt", "tilt_rad", "axis", "axis_rad")
 COMPONENTS = ("bx", "by", "bz")
@@ -110,10 +113,13 @@ class Actuation:
         Raises
         ------
         InvalidInputError
-            Raised beyond a limit, or if the values do not fit the packet.
+            Raised beyond a limit, also if only the packet's rounding goes beyond it, or if the
+            values do not fit the packet.
         """
         with errors_at("device.pulse"):
-            packet: bytes = self.pulse.encode(self.values(angle, seconds, number=number, time=time))
+            values = self.values(angle, seconds, number=number, time=time)
+            self._check_rounded(values)
+            packet: bytes = self.pulse.encode(values)
             return packet
 
     def values(
@@ -135,13 +141,47 @@ class Actuation:
             )
         values = {
             "number": float(number),
-            "seconds": seconds,
-            "milliseconds": 1e3 * seconds,
-            "microseconds": 1e6 * seconds,
+            **{name: scale * seconds for name, scale in SCALES.items()},
         }
         return values | (
             self._custom(angle) if self.form.field is None else self._field(angle, time)
         )
+
+    def _check_rounded(self, values: Mapping[str, float]) -> None:
+        """Refuse values that their places in the packet round beyond a limit: what is sent counts."""
+        limits, form, coils = self.limits, self.form.field, self.form.coils
+        most: list[tuple[str, str, float | None]] = [
+            (name, "pulse", scale * limits.pulse) for name, scale in SCALES.items()
+        ]
+        if form is not None:
+            of_field = "current" if form.unit == "mA" else "field"
+            ceiling = getattr(limits, of_field)
+            if ceiling is not None:
+                most.append(("magnitude", of_field, ceiling))
+                parts = [self.pulse.rounded(name, values[name]) for name in COMPONENTS]
+                length = hypot(*(max(map(abs, part), default=0.0) for part in parts))
+                if length > ceiling * (1 + SINGLE):
+                    raise InvalidInputError(
+                        f"{', '.join(COMPONENTS)}: expected a field of at most {ceiling:g}"
+                        f" (limits.{of_field}) as the packet rounds it, got {length:g}"
+                    )
+        for name, polynomial in zip(coils.names if coils else (), self._polynomials, strict=True):
+            if polynomial is None:
+                most.append((name, "current", limits.current))
+            else:
+                most.append((name, "duty", limits.duty))
+                if limits.current is not None:
+                    current = copysign(limits.current, values[name])
+                    most.append((name, "current", abs(_duty(polynomial, current))))
+        for name, limit, ceiling in most:
+            if ceiling is None:
+                continue
+            for sent in self.pulse.rounded(name, values[name]):
+                if abs(sent) > max(abs(values[name]), ceiling) * (1 + SINGLE):
+                    raise InvalidInputError(
+                        f"{name}: expected at most {ceiling:g} (limits.{limit}) as the packet"
+                        f" rounds it, got {sent:g} for {values[name]:g}"
+                    )
 
     def _custom(self, angle: float) -> dict[str, float]:
         for letter, (at, _) in self.pulses.items():

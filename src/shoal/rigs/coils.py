@@ -7,6 +7,7 @@ when the program ends.
 from __future__ import annotations
 
 import atexit
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -131,7 +132,9 @@ class CoilActuator:
         self._all_late: list[tuple[float, float]] = []  # seconds, and those asked for
         self._number, self._most = 0, actuation.largest_number
         self._stopped = self._closed = False
-        self._ended, self._pause = -1e9, 0.0  # of the last pulse, and how long the coils must cool
+        # when the last pulse ended, and how long the coils must cool; another process may have
+        # ended its longest pulse just now
+        self._ended, self._pause = time.monotonic(), self._cooling(actuation.limits.pulse)
         self._writing, self._pusher = threading.Lock(), 0
         answers = [
             packet
@@ -238,9 +241,13 @@ class CoilActuator:
                 self.late = on if not self.actuation.device.timed and on > LATE * seconds else None
                 if self.late is not None:
                     self._all_late.append((on, seconds))
-                share = self.actuation.limits.duty_cycle
-                self._pause = 0.0 if share is None else self.last["on"] * (1 / share - 1)
+                self._pause = self._cooling(on)
         time.sleep(self.actuation.form.pulse.settle)
+
+    def _cooling(self, seconds: float) -> float:
+        """Return how long the coils must be off after a pulse of some seconds."""
+        share = self.actuation.limits.duty_cycle
+        return 0.0 if share is None else seconds * (1 / share - 1)
 
     @property
     def values(self) -> dict[str, float]:
@@ -350,7 +357,14 @@ class CoilActuator:
         if self._stopped:
             raise RigError(f"{self.name}: the coils have been stopped")
         limit = self.actuation.limits.temperature
-        if limit is not None and self.temperature is not None and self.temperature > limit:
+        if limit is None or self.temperature is None:
+            return
+        if not math.isfinite(self.temperature):  # as of a broken sensor
+            raise RigError(
+                f"{self.name}: expected a temperature of the coils in °C (limits.temperature), got"
+                f" {self.temperature:g}"
+            )
+        if self.temperature > limit:
             raise RigError(
                 f"{self.name}: expected coils of at most {limit:g} °C (limits.temperature), got"
                 f" {self.temperature:g}"

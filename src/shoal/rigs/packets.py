@@ -227,6 +227,16 @@ class Packet:
             ) from None
         return payload if self.form == "struct" else cobs_packet(payload, self.template.id)
 
+    def rounded(self, name: str, value: float) -> list[float]:
+        """Return a value as each place of its name carries it; a value that does not fit is left
+        out.
+        """
+        if self.form == "text":
+            return [_as_written(value, spec) for _, own, spec in self._parts if own == name]
+        places = zip(self.template.values or (), self._codes, strict=True)
+        sent = [_round_trip(value, code) for own, code in places if own == name]
+        return [float(one) for one in sent if isinstance(one, int | float)]
+
     def read(self, message: bytes, sent: Mapping[str, float]) -> dict[str, float] | None:
         """Return what an answer says, or None if the message is not this answer.
 
@@ -392,6 +402,15 @@ def _format_value(value: float, spec: str) -> str:
     value += 0.0  # -0.0 is 0
     whole = spec[-1:] in WHOLE if spec else value.is_integer()
     return format(round(value) if whole else value, spec)
+
+
+def _as_written(value: float, spec: str) -> float:
+    """Return a value as a text in a format says it."""
+    text = _format_value(value, spec)
+    try:
+        return float(text)
+    except ValueError:  # with percent signs, separators, or in another base
+        return float(round(value)) if spec[-1:] in WHOLE else value
 
 
 def _codes(form: str) -> str:

@@ -337,6 +337,39 @@ def test_pushes_beyond_a_limit_are_refused(tmp_path):
         actuation.packet(45.0, 0.06, number=1)
 
 
+PULSE = "device__pulse"
+DUTY = {"coils__polynomial": [0, 0.5], "limits": {"current": 99.2, "duty": 60}}
+
+
+@pytest.mark.parametrize(
+    ("base", "values", "words"),
+    [
+        (PULLER, {"pulse__seconds": 0.6, "limits": {"pulse": 0.6}, PULSE: {"text": "P {angle:.0f} {seconds:.0f}"}},
+         "seconds: expected at most 0.6 (limits.pulse) as the packet rounds it, got 1 for 0.6"),
+        (PULLER, {"limits": {"current": 99.6}, "field__magnitude": 99.6},
+         "right: expected at most 99.6 (limits.current) as the packet rounds it, got 100 for 99.6"),
+        (PULLER, {"field__magnitude": 99.2, **DUTY},
+         "right: expected at most 49.6 (limits.current) as the packet rounds it, got 50 for 49.6"),
+        (ROLLER, {"limits": {"field": 8.4}, "field__magnitude": 8.4,
+                  PULSE: {"struct": "<hbbb", "values": ["angle", "frequency", "milliseconds", "magnitude"]}}, ""),
+        (ROLLER, {"limits": {"field": 8.6}, "field__magnitude": 8.6,
+                  PULSE: {"struct": "<hbbb", "values": ["angle", "frequency", "milliseconds", "magnitude"]}},
+         "magnitude: expected at most 8.6 (limits.field) as the packet rounds it, got 9 for 8.6"),
+        (PULLER, {"field": {"magnitude": 7.6, "unit": "mT"}, "limits": {"field": 7.6},
+                  PULSE: {"text": "B {bx:.0f} {by:.0f}"}},
+         "bx, by, bz: expected a field of at most 7.6 (limits.field) as the packet rounds it, got 8"),
+    ],
+)  # fmt: skip
+def test_what_a_packet_rounds_beyond_a_limit_is_refused(tmp_path, base, values, words):
+    path = written(tmp_path, base, **values)
+    if not words:
+        read_actuation(path)
+        return
+    with pytest.raises(InvalidInputError) as error:
+        read_actuation(path)
+    assert words in str(error.value)
+
+
 # -------------------------------------------------------------------------------------------------
 # coils
 
@@ -495,14 +528,37 @@ def test_coils_that_are_too_hot_are_not_turned_on(tmp_path):
         actuator.close()
 
 
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_a_temperature_that_is_none_is_not_cold(tmp_path, value):
+    line = Terminal()
+
+    def answer(_controller, data):
+        return struct.pack("<Bf", 170, float(value)) * (len(data) // 3)
+
+    device = {
+        "packets": "struct",
+        "pulse": {"struct": "<Bh", "values": ["number", "angle"]},
+        "off": {"struct": "<Bh", "values": [0, 0]},
+        "off_reply": {"struct": "<Bf", "values": [170, "temperature"], "within": 1.0},
+    }
+    fields = {f"device__{name}": one for name, one in device.items()}
+    words = r"temperature of the coils in °C \(limits.temperature\), got -?(nan|inf)"
+    with Controller(line, answer):
+        actuator = coils(tmp_path, line, limits={"temperature": 70.0}, **fields)
+        with pytest.raises(RigError, match=words):
+            actuator.push(0.0, 0.02)
+        actuator.close()
+
+
 def test_the_next_pulse_waits_for_the_coils_to_cool(tmp_path):
     line = Terminal()
     with Controller(line, lines()):
-        actuator = coils(tmp_path, line, limits={"duty_cycle": 0.25})
         began = time.monotonic()
+        # before it, another process may have ended a pulse as long as the limit
+        actuator = coils(tmp_path, line, limits={"duty_cycle": 0.25, "pulse": 0.03})
         for _ in range(3):
             actuator.push(0.0, 0.02)
-        assert time.monotonic() - began >= 2 * 0.02 / 0.25
+        assert time.monotonic() - began >= 0.03 / 0.25 - 0.03 + 2 * 0.02 / 0.25
         actuator.close()
 
 
