@@ -114,6 +114,7 @@ class GuidedVehicle:
         self.vehicle: HeardVehicle | None = None
         self.position: NDArray[np.float64] | None = None
         self.battery: float | None = None
+        self._charge_known_at = -math.inf
         self.on_ground: bool | None = None
         self._position_at, self._fix_lost_at = -math.inf, math.inf
         self._leg: Leg | None = None
@@ -158,11 +159,11 @@ class GuidedVehicle:
             faults += self._become_station(values)
         faults += self._check_items()
         end = self.station.now() + self.task.limits.position_s
-        while self.position is None and self.station.now() < end:
+        while (self.position is None or self._uncharged) and self.station.now() < end:
             self.station.listen(self.station.now() + 0.1)
         if self.position is None:
             faults.append("expected a position (GLOBAL_POSITION_INT), got none")
-        if self.battery is not None and self.battery <= self.task.limits.battery:
+        if self._uncharged:
             faults.append(f"expected a battery above {self._reserve_text}, got {self._charge_text}")
         if not faults:
             self._take_over()
@@ -566,8 +567,10 @@ class GuidedVehicle:
                 self._fix_lost_at = math.inf
             else:
                 self._fix_lost_at = min(self._fix_lost_at, now)
-        elif name == "SYS_STATUS" and message.battery_remaining >= 0:
-            self.battery = message.battery_remaining / 100
+        elif name == "SYS_STATUS":
+            known = message.battery_remaining >= 0
+            self.battery = message.battery_remaining / 100 if known else None
+            self._charge_known_at = now if known else self._charge_known_at
         elif name == "EXTENDED_SYS_STATE" and message.landed_state:
             self.on_ground = message.landed_state == 1
 
@@ -582,6 +585,14 @@ class GuidedVehicle:
     @property
     def _charge_text(self) -> str:
         return "an unknown charge" if self.battery is None else f"{100 * self.battery:.0f} %"
+
+    @property
+    def _uncharged(self) -> bool:
+        """Whether the battery is known to be too low for a take-off, or not known at all where the
+        limits ask for some charge.
+        """
+        least = self.task.limits.battery
+        return least > 0 if self.battery is None else self.battery <= least
 
     @property
     def _reserve_text(self) -> str:
@@ -614,8 +625,11 @@ class GuidedVehicle:
             self._fail(f"take-off: not in the air after {now - self._turn:.0f} s{message}")
         if self.phase not in (CLIMB, FLIGHT):
             return
+        unknown = vehicle.heard_at - self._charge_known_at  # while it was heard
         low = self.battery is not None and self.battery <= limits.battery
-        if without > limits.position_s:
+        if limits.battery > 0 and unknown > limits.autopilot_s:
+            self._fail(f"battery: its charge has been unknown for {unknown:.0f} s")
+        elif without > limits.position_s:
             self._fail(f"position: none for {without:.0f} s")
         elif low:
             self._fail(
@@ -638,7 +652,10 @@ class GuidedVehicle:
             # The highest first: who climbs later stays below all who are up.
             others = len(self.task.scenario.starts) - self.number if self.takes_turns else 0
             self._turn = now + others * self.task.limits.apart_s
-        if self.battery is not None and self.battery <= self.task.limits.battery:
+        if self.battery is None and self._uncharged:
+            self._say_once("waits until the vehicle tells the charge of its battery")
+            return
+        if self._uncharged:
             self._fail(
                 f"battery: {self._charge_text} left before take-off, and {self._reserve_text} are"
                 " needed"

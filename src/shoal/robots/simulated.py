@@ -180,6 +180,8 @@ class SimulatedVehicle:
     silent, lost_position : bool
         Whether the vehicle says nothing any more, or has no position any more. Without a position,
         it refuses all modes but landing, and lands by itself after a while.
+    charge_unknown : bool
+        Whether the vehicle does not tell how much of its battery is left.
     track : list of tuple
         Time, position (three values), and whether it was in its guided mode, at each step of an
         armed vehicle and at its end.
@@ -204,6 +206,7 @@ class SimulatedVehicle:
     ) -> None:
         self.parameters = dict(parameters or {})
         self.silent = self.lost_position = False
+        self.charge_unknown = False
         self.system, self.kind = system, kind
         numbers = {name.lower(): number for number, name in AUTOPILOTS.items()}
         self.autopilot = numbers[check_choice(autopilot, what="autopilot", choices=numbers)]
@@ -857,7 +860,7 @@ class SimulatedVehicle:
                     0,
                     15000,
                     -1,
-                    round(100 * self.charge),
+                    -1 if self.charge_unknown else round(100 * self.charge),
                     0,
                     0,
                     0,

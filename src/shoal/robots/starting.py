@@ -84,8 +84,8 @@ class Telemetry:
         elif name == "MISSION_ITEM_REACHED":
             self.reached = message.seq
         elif name == "SYS_STATUS":
-            if message.battery_remaining >= 0:
-                self.battery = message.battery_remaining
+            known = message.battery_remaining >= 0
+            self.battery = message.battery_remaining if known else None
             if message.onboard_control_sensors_enabled & _PREARM:
                 self.ready = bool(message.onboard_control_sensors_health & _PREARM)
         elif name == "FENCE_STATUS":
@@ -231,7 +231,12 @@ def check_fleet(fleet: Fleet, *, lowest_battery: int = _LOWEST_BATTERY) -> bool:
         if telemetry.ready is False:
             texts = "; ".join(vehicle.texts[-3:])
             launch.faults.append(f"its arming checks fail{f': {texts}' if texts else ''}")
-        if telemetry.battery is not None and telemetry.battery < lowest_battery:
+        if telemetry.battery is None and lowest_battery > 0:
+            launch.faults.append(
+                f"expected a battery of {lowest_battery} %, got no report of it (a lowest battery of"
+                " 0 asks for none)"
+            )
+        elif telemetry.battery is not None and telemetry.battery < lowest_battery:
             launch.faults.append(
                 f"expected a battery of {lowest_battery} %, got {telemetry.battery} %"
             )

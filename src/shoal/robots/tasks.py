@@ -55,10 +55,11 @@ class RobotLimits:
     Parameters
     ----------
     battery : float
-        Fraction of the battery below which the robot returns.
+        Fraction of the battery below which the robot returns. With 0, the autopilot need not tell
+        the charge.
     autopilot_s, position_s, radio_s : float
-        Seconds without a message of the autopilot, without a position, or with a radio that cannot
-        send, after which the robot gives up.
+        Seconds without a message of the autopilot or without the charge of the battery, without a
+        position, or with a radio that cannot send, after which the robot gives up.
     vertical_m : float
         Difference between the heights of two robots with neighbouring numbers.
     horizontal_m : float

@@ -50,6 +50,7 @@ from shoal.search.simulation.trace import (
     RobotLog,
     SearchTrace,
     coverages,
+    least_honest_searches,
     merge_findings,
     planned_trace,
     search_times,
@@ -133,6 +134,9 @@ class SearchEpisode(Episode):
             text = f"{unsearched} of {cells} cells that robots can reach were {often}"
             return again if again and not unsearched else ", and ".join(filter(None, [text, again]))
         by = "" if count == 1 else f" by {count} robots"
+        if by and self.liars:
+            honest = least_honest_searches(self.scenario, self.trace.robots, self.liars)
+            by += f", at some cells only {honest} of them honest," if honest < count else ""
         again = f", with {looks} further looks at some of them," if looks else ""
         back = ", and every vehicle that works was back," if self.plan.flies else ""
         text = (

@@ -4,6 +4,8 @@ flight, and what happens when something is lost.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -327,6 +329,22 @@ def test_a_lost_position_ends_in_a_landing(task, autopilot):
     assert robot.vehicle.bring_home(60)
     assert robot.autopilot.mode == modes.LAND
     assert robot.autopilot.position[2] == 0
+
+
+@BOTH
+def test_an_unknown_battery_ends_the_search(task, autopilot):
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.fly_to(1)
+    robot.autopilot.charge_unknown = True
+    assert robot.step_until(lambda _arrived: robot.vehicle.fault, 20)
+    assert re.fullmatch("battery: its charge has been unknown for [56] s", robot.vehicle.fault)
+    robot.vehicle.secure()
+    assert robot.vehicle.bring_home(60)
+
+    robot = Robot(task, autopilot)
+    robot.autopilot.charge_unknown = True
+    assert robot.vehicle.prepare() == ["expected a battery above 20 %, got an unknown charge"]
 
 
 @BOTH

@@ -123,6 +123,16 @@ def test_a_low_battery_is_told(folder):
     assert "expected a battery of 30 %, got 20 %" in fleet.launches[1].sentence
 
 
+def test_an_unknown_battery_is_not_full_enough(folder):
+    vehicles = two()
+    vehicles[0].charge_unknown = True
+    fleet, _ = fleet_of(folder, *vehicles)
+    assert not check_fleet(fleet)
+    assert "expected a battery of 30 %, got no report of it" in fleet.launches[1].sentence
+    fleet, _ = fleet_of(folder, *vehicles)
+    assert check_fleet(fleet, lowest_battery=0)
+
+
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_refusal_at_the_start_holds_up_nobody_else(folder, autopilot):
     vehicles = two(autopilot)

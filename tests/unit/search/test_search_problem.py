@@ -243,3 +243,17 @@ def test_no_random_target_stands_in_an_obstacle(prior):
         scenario = scenario_of(problem, plan, seed)
         assert len(scenario.targets) == 10
         assert not {*scenario.targets} & {*scenario.obstacles}
+
+
+def test_liars_are_not_counted_among_those_who_searched():
+    problem = SearchProblem(
+        "rectangle:80x60", robots=4, footprint=10, faults="liar:2", multiplicity=2
+    )
+    episode = run(problem)
+    honest = np.zeros(48, dtype=int)
+    for number, log in enumerate(episode.trace.robots, start=1):
+        if number != 2:
+            honest[np.unique(log.cells)] += 1
+    assert honest.min() == 1
+    assert "searched by 2 robots, at some cells only 1 of them honest, after" in episode.reason
+    assert "honest" not in run(problem.replaced(faults="")).reason

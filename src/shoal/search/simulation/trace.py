@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from itertools import pairwise
 from math import inf
@@ -365,19 +365,42 @@ def search_times(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.flo
     able = np.zeros(len(tour_cost), dtype=np.int64)
     for number, log in enumerate(logs, start=1):
         able += bits_to_array(scenario.reach(number), len(able)) if count > 1 else 1
-        mine = np.full(len(tour_cost), inf)
-        if scenario.widths[number - 1] == 1:
-            np.minimum.at(mine, log.cells, log.times)
-        else:
-            for cell, moment in zip(log.cells.tolist(), log.times.tolist(), strict=True):
-                visible = tour_cost.visible_cells(cell, scenario.widths[number - 1])
-                mine[visible] = np.minimum(mine[visible], moment)
+        mine = _first_times(scenario, number, log)
         truly = truly if number in liars else np.minimum(truly, mine)
         for place in range(count):
             best[place], mine = np.minimum(best[place], mine), np.maximum(best[place], mine)
     last = np.minimum(able, count) - 1
     detection = np.maximum(best[last, np.arange(len(last))], truly)
     return np.asarray(detection[bits_to_array(scenario.goal, len(last))])
+
+
+def _first_times(scenario: Scenario, number: int, log: RobotLog) -> NDArray[np.float64]:
+    """Return the time at which a robot first searched each cell, or infinity; float64, shape (n,)."""
+    tour_cost = scenario.brief.tour_cost
+    times = np.full(len(tour_cost), inf)
+    if scenario.widths[number - 1] == 1:
+        np.minimum.at(times, log.cells, log.times)
+        return times
+    for cell, moment in zip(log.cells.tolist(), log.times.tolist(), strict=True):
+        visible = tour_cost.visible_cells(cell, scenario.widths[number - 1])
+        times[visible] = np.minimum(times[visible], moment)
+    return times
+
+
+def least_honest_searches(
+    scenario: Scenario, logs: Sequence[RobotLog], liars: Collection[int]
+) -> int:
+    """Return the number of robots that truly searched a reachable cell, at the cell with the
+    fewest of them.
+    """
+    honest = [
+        np.isfinite(_first_times(scenario, number, log))
+        for number, log in enumerate(logs, start=1)
+        if number not in liars
+    ]
+    searches = np.sum(honest, axis=0, dtype=np.int64, initial=0)
+    goal = bits_to_array(scenario.goal, len(scenario.brief.tour_cost))
+    return int(np.broadcast_to(searches, goal.shape)[goal].min(initial=len(logs)))
 
 
 def coverages(
