@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from shoal.missions import lint, read_mission, write_missions
 from shoal.missions.approach import clearance_of
 from shoal.search import LocalFrame
 from shoal.search.flight import terrain as terrain_files
-from shoal.search.flight.terrain import Terrain, open_terrain
+from shoal.search.flight.terrain import Terrain, open_grid, open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 
 FRAME = LocalFrame(8.5, 47.4)
@@ -77,6 +78,8 @@ def write_geotiff(
     )
     if no_data is not None:
         tags[42113] = str(no_data)
+    if "notes" in more:
+        tags[42112], tags.tagtype[42112] = more["notes"], 2
     for tag in more.get("without", ()):
         del tags[tag]
     Image.fromarray(np.asarray(heights, dtype=np.float32)[::-1]).save(
@@ -291,6 +294,81 @@ def test_heights_where_none_are(tmp_path):
         Terrain(np.zeros((2, 2)), 0, 0, (1, 1), None).at([(0, 0)], FRAME)
 
 
+def notes_of(**said):
+    """Return what GDAL notes of the first band of a GeoTIFF."""
+    items = [
+        f'<Item name="{name.upper()}" sample="0" role="{name}">{text}</Item>'
+        for name, text in said.items()
+    ]
+    return f"<GDALMetadata>{''.join(items)}</GDALMetadata>"
+
+
+def beside_of(**said):
+    """Return what GDAL writes into a file beside a grid."""
+    notes = "".join(f"<{name}>{text}</{name}>" for name, text in said.items())
+    return f'<PAMDataset><PAMRasterBand band="1">{notes}</PAMRasterBand></PAMDataset>'
+
+
+def test_scale_and_offset_of_a_geotiff_are_those_of_its_heights(tmp_path):
+    numbers = np.array([[4000.0, 4400.0], [-9999.0, 0.0], [3999.5, 1.0]])
+    other_band = '<Item name="SCALE" sample="1" role="scale">7</Item><Item name="SCALE">8</Item>'
+    notes = notes_of(offset="-5", scale="0.1", unittype="m")
+    write_geotiff(
+        tmp_path / "scaled.tif",
+        numbers,
+        no_data=-9999,
+        notes=notes.replace("</GDALMetadata>", other_band + "\n</GDALMetadata>\n"),
+    )
+    read = open_terrain(tmp_path / "scaled.tif").heights[::-1]
+    expected = np.where(numbers == -9999, np.nan, numbers / 10 - 5)
+    assert np.allclose(read, expected, equal_nan=True, atol=1e-4)
+    write_geotiff(tmp_path / "same.tif", numbers, no_data=-9999, notes=notes_of(AREA="Area"))
+    read = open_terrain(tmp_path / "same.tif").heights[::-1]
+    assert np.array_equal(read, np.where(numbers == -9999, np.nan, numbers), equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({"Scale": "0.1", "Offset": "3"}, "got a scale of 0.1 and an offset of 3; write"),
+        ({"NoDataValue": "4"}, "got the missing number 4; write it"),
+        ({"Scale": "0"}, "expected a scale that is not 0, got '0'"),
+        ({"UnitType": "ft"}, "expected heights in metres, got the unit 'ft'"),
+        ({"UnitType": "m", "Scale": "1", "NoDataValue": "-9999"}, None),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".tif", ".asc"])
+def test_a_file_beside_a_grid_does_not_change_heights_in_silence(said, told, suffix, tmp_path):
+    path = tmp_path / f"grid{suffix}"
+    if suffix == ".asc":
+        path.write_text(ascii_grid())
+    else:
+        write_geotiff(path, np.array([[1.0, 2.0], [3.0, 4.0]]))
+    Path(f"{path}.aux.xml").write_text(beside_of(**said))
+    if told is None:
+        assert open_terrain(path).heights.max() == 4
+        return
+    with pytest.raises(InvalidInputError, match=told):
+        open_terrain(path)
+
+
+def test_heights_in_feet_of_the_system_beside_an_ascii_grid_are_refused(tmp_path):
+    (tmp_path / "grid.asc").write_text(ascii_grid())
+    (tmp_path / "grid.prj").write_text("EPSG:26910+6360")
+    with pytest.raises(InvalidInputError, match="in metres, got the unit 'US survey foot'"):
+        open_terrain(tmp_path / "grid.asc")
+    (tmp_path / "grid.prj").write_text("EPSG:26910+5703")
+    assert open_terrain(tmp_path / "grid.asc").heights.max() == 4
+
+
+def test_probabilities_have_scales_but_no_unit(tmp_path):
+    numbers = np.array([[1.0, 2.0], [3.0, 4.0]])
+    notes = notes_of(scale="2", offset="-1", unittype="%")
+    write_geotiff(tmp_path / "likely.tif", numbers, notes=notes)
+    read = open_grid(tmp_path / "likely.tif", what="probabilities")
+    assert read.heights[::-1].tolist() == (numbers * 2 - 1).tolist()
+
+
 def ascii_grid(**changes):
     head = {
         "ncols": "2",
@@ -377,7 +455,39 @@ BAD = [
     (
         "a.tif",
         {"keys": [(4099, 9002)]},
-        "a.tif: expected heights in metres, got the unit EPSG:9002",
+        "a.tif: expected heights in metres, got the unit 'EPSG:9002'",
+    ),
+    (
+        "a.tif",
+        {"keys": [(4096, 6360)]},
+        "a.tif: expected heights in metres, got the unit 'US survey foot'",
+    ),
+    (
+        "a.tif",
+        {"keys": [(4096, 5715)]},
+        "a.tif: expected heights in metres, got the unit 'metre of depth'",
+    ),
+    (
+        "a.tif",
+        {"notes": notes_of(unittype="US survey foot")},
+        "a.tif: expected heights in metres, got the unit 'US survey foot'",
+    ),
+    (
+        "a.tif",
+        {"notes": notes_of(scale="0")},
+        "a.tif: expected a scale that is not 0, got '0'",
+    ),
+    ("a.tif", {"notes": notes_of(scale="many")}, "a.tif: expected a scale that is not 0"),
+    ("a.tif", {"notes": notes_of(offset="nan")}, "a.tif: expected an offset, got 'nan'"),
+    (
+        "a.tif",
+        {"notes": "<GDALMetadata><Item>"},
+        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
+    ),
+    (
+        "a.tif",
+        {"notes": "<!DOCTYPE a [<!ENTITY b 'bb'>]>" + notes_of(scale="&b;")},
+        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
     ),
 ]
 
