@@ -520,7 +520,12 @@ def _read_notes(text: str, where: str, *, root: str) -> _Notes:
             for band in bands
             if band.attributes.get("band", "1").strip() == "1"
             for names in [
-                {"Scale": "scale", "Offset": "offset", "UnitType": "unittype", "NoDataValue": "none"}
+                {
+                    "Scale": "scale",
+                    "Offset": "offset",
+                    "UnitType": "unittype",
+                    "NoDataValue": "none",
+                }
             ]
             for note in band.children
             if note.tag in names
