@@ -24,9 +24,9 @@ from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import lint, read_mission, write_missions
+from shoal.missions import MissionOptions, MissionSet, lint, read_mission, write_missions
 from shoal.missions.approach import clearance_of
-from shoal.search import LocalFrame
+from shoal.search import LocalFrame, SearchProblem
 from shoal.search.flight import terrain as terrain_files
 from shoal.search.flight.terrain import Terrain, open_grid, open_terrain
 from shoal.search.flight.vehicle import vehicle_of
@@ -504,6 +504,113 @@ def test_bad_files_of_heights_are_one_sentence(name, content, said, tmp_path, mo
     assert captured.err.startswith(f"shoal: {said}")
     assert captured.err.count("\n") == 1
     assert not (tmp_path / "m").exists()
+
+
+CAMERA = "sensor_width=13.2,sensor_height=8.8,focal_length=8.8,side_overlap=0.3"  # 1.5 x 1 heights
+
+
+def field_over(folder, heights, vehicle, **options):
+    """Return a field of 300 m by 200 m, the missions of its search and their check over a terrain of
+    cells of 10 m around it, whose first row is southernmost.
+    """
+    rows = "\n".join(" ".join(map(repr, row)) for row in heights[::-1].tolist())
+    path = folder / "field.asc"
+    path.write_text(
+        f"ncols {heights.shape[1]}\nnrows {heights.shape[0]}\nxllcenter -50\nyllcenter -50\n"
+        f"cellsize 10\n{rows}\n"
+    )
+    problem = SearchProblem("rectangle:300x200", vehicle=vehicle, launch=[(20.0, 100.0)])
+    missions = MissionSet.from_problem(problem, MissionOptions(terrain=str(path), **options))
+    return missions, missions.check(missions.check_options.replaced(terrain=str(path)))
+
+
+def hill(height):
+    """Return ground that is 400 m high in the west, and higher in the east."""
+    heights = np.full((31, 41), 400.0)
+    heights[:, 21:] += height
+    return heights
+
+
+def seen_by_images(missions, heights, between):
+    """Return the share of the field that images see, at places ``between`` metres apart, by the
+    heights of the ground below them.
+    """
+    y, x = (axis.ravel() for axis in np.mgrid[0.5:200, 0.5:300])
+    seen = np.zeros(len(x), dtype=bool)
+    for mission in missions.missions:
+        path = mission.waypoints[mission.searched]
+        for begin, end in pairwise(path):
+            length = math.dist(begin, end)
+            ahead = (end - begin) / length
+            for far in [*np.arange(0, length, between), length]:
+                place = begin + far * ahead
+                ground = bilinear(heights, *(place + 50) / 10)
+                up = (
+                    mission.altitude
+                    + bilinear(heights, *(np.array(mission.home) + 50) / 10)
+                    - ground
+                )
+                off = np.stack([x, y], axis=1) - place
+                along = np.abs(off @ ahead) <= up / 2
+                seen |= along & (np.abs(off @ (-ahead[1], ahead[0])) <= 1.5 * up / 2)
+    return seen.mean()
+
+
+@pytest.mark.parametrize(("overlap", "most"), [(0.7, 0.03), (0.4, 0.08)])
+def test_a_camera_sees_less_over_a_hill(overlap, most, tmp_path, monkeypatch):
+    """Over the hill, images are a third as large; with a small overlap there are gaps between them."""
+    heights, vehicle = hill(40.0), f"multirotor,altitude=60,{CAMERA},front_overlap={overlap}"
+    told = (
+        r"altitude_frame: expected altitudes from which the camera sees 100 % .* got \d\d\.\d+ % .*"
+        r" only 20 m above the ground, where images have 33.3 % .*; give altitude_frame ground"
+    )
+    with pytest.raises(InvalidInputError, match=told):
+        field_over(tmp_path, heights, vehicle)
+    monkeypatch.setattr(MissionSet, "_check_sees_ground", lambda _: None)
+    missions, check = field_over(tmp_path, heights, vehicle)
+    counted = check.coverage.covered_fraction
+    seen = seen_by_images(missions, heights, 1.0 if overlap == 0.7 else 60 * (1 - overlap))
+    assert counted < 0.85
+    assert (-0.005 if overlap == 0.7 else -most) < seen - counted < most
+    assert "% of the region is seen, less than" in check.faults[0]
+    assert "only 20 m above the ground" in check.cautions[-2] + check.cautions[-1]
+    assert any(f"sees {100 * counted:.6g} % of the region over" in one for one in missions.cautions)
+
+
+@pytest.mark.parametrize("roughness", [0.2, 1.0, 8.0])
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+def test_a_camera_above_ground_is_nowhere_lower_than_planned(roughness, kind, tmp_path):
+    heights = 400 + np.random.default_rng(2).uniform(-roughness, roughness, (91, 101))
+    heights = np.roll(heights, 30, axis=(0, 1))
+    path = tmp_path / "wide.asc"
+    rows = "\n".join(" ".join(map(repr, row)) for row in heights.tolist())
+    path.write_text(f"ncols 101\nnrows 91\nxllcenter -350\nyllcenter -350\ncellsize 10\n{rows}\n")
+    vehicle = f"{kind},altitude=60,{CAMERA},front_overlap=0.7"
+    problem = SearchProblem("rectangle:300x200", robots=1, vehicle=vehicle)
+    options = MissionOptions(terrain=str(path), altitude_frame="ground")
+    missions = MissionSet.from_problem(problem, options)
+    check = missions.check(missions.check_options.replaced(terrain=str(path)))
+    assert check.smallest.height > 60 - 0.01
+    assert check.coverage.covered_fraction == pytest.approx(1, abs=1e-6)
+    if kind == "multirotor":
+        assert check.clearance.highest < 62.01
+    assert not [one for one in missions.cautions if "camera" in one]
+
+
+def test_heights_above_the_ground_matter_to_cameras_alone(tmp_path):
+    missions, check = field_over(tmp_path, hill(40.0), "multirotor,altitude=60,detector_width=40")
+    assert check.smallest is None
+    assert check.coverage.covered_fraction == pytest.approx(1)
+    assert check.clearance.lowest == pytest.approx(20)
+    camera = f"multirotor,altitude=460,{CAMERA}"  # above the sea, and no image is 690 m wide
+    with pytest.raises(InvalidInputError, match=r"with altitudes above sea: .* is only 60 m above"):
+        field_over(tmp_path, hill(0.0), camera, altitude_frame="sea")
+    # the launch is in the valley of negative hills: all images are as large as planned, or larger
+    missions, check = field_over(
+        tmp_path, hill(-10.0), f"multirotor,altitude=60,{CAMERA},front_overlap=0.7"
+    )
+    assert check.coverage.covered_fraction == pytest.approx(1)
+    assert not [one for one in missions.cautions if "camera" in one]
 
 
 def test_a_flight_needs_what_its_altitude_counts_from():

@@ -530,7 +530,7 @@ def _read_notes(text: str, where: str, *, root: str) -> _Notes:
             for note in band.children
             if note.tag in names
         }
-    numbers = []
+    numbers: dict[str, float] = {}
     for name, default in (("scale", 1.0), ("offset", 0.0)):
         try:
             number = float(said.get(name, default))
@@ -539,8 +539,9 @@ def _read_notes(text: str, where: str, *, root: str) -> _Notes:
         if not np.isfinite(number) or (name == "scale" and number == 0):
             expected = "a scale that is not 0" if name == "scale" else "an offset"
             raise InvalidInputError(f"{where}: expected {expected}, got {shortened(said[name])}")
-        numbers.append(number)
-    return _Notes(*numbers, unit=said.get("unittype", ""), no_data=said.get("none", ""))
+        numbers[name] = number
+    unit, no_data = said.get("unittype", ""), said.get("none", "")
+    return _Notes(numbers["scale"], numbers["offset"], unit, no_data)
 
 
 def _check_notes_beside(source: Path, heights: Floats) -> str:
