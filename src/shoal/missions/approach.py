@@ -342,10 +342,11 @@ def _heights_of(
     points = points if frame is None else frame.to_metres(points)
     ground = terrain.at(points, frame)
     height_known = mission.heights is not None or mission.altitude_frame != "ground"
-    ups = mission.heights_above_home + ground[0] if height_known else mission.levels + ground[1:-1]
-    if mission.altitude_frame == "sea" and mission.elevation is None:
-        ups = mission.levels
-    climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
+    # without the height of home, heights above the sea are taken for heights above home
+    above_sea = mission.altitude_frame == "sea" and mission.elevation is None
+    base = 0.0 if above_sea else ground[0]
+    ups = mission.heights_above_home + base if height_known else mission.levels + ground[1:-1]
+    climb = None if mission.vertical_climb is None else mission.vertical_climb + base
     path = complete_path(
         points[0],
         np.column_stack([points[1:-1], ups]),

@@ -24,7 +24,7 @@ from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import MissionOptions, MissionSet, lint, read_mission, write_missions
+from shoal.missions import Mission, MissionOptions, MissionSet, lint, read_mission, write_missions
 from shoal.missions.approach import clearance_of
 from shoal.search import LocalFrame, SearchProblem
 from shoal.search.flight import terrain as terrain_files
@@ -595,6 +595,22 @@ def test_a_camera_above_ground_is_nowhere_lower_than_planned(roughness, kind, tm
     if kind == "multirotor":
         assert check.clearance.highest < 62.01
     assert not [one for one in missions.cautions if "camera" in one]
+
+
+def test_altitudes_above_the_sea_need_no_height_of_home():
+    terrain = Terrain(np.full((3, 3), 400.0), -100.0, 200.0, (100.0, 100.0), None)
+    for elevation, altitude in ((None, 460.0), (390.0, 450.0)):
+        mission = Mission(
+            [(0.0, 0.0), (50.0, 0.0)],
+            (0.0, 0.0),
+            geographic=False,
+            altitude_frame="sea",
+            altitude=altitude,
+            take_off=altitude,
+            elevation=elevation,
+        )
+        clearance = clearance_of([mission], terrain, None)
+        assert (clearance.lowest, clearance.highest) == pytest.approx((60, 60))
 
 
 def test_heights_above_the_ground_matter_to_cameras_alone(tmp_path):
