@@ -497,8 +497,8 @@ def _vertical_unit(keys: dict[int, int]) -> str:
 
 
 def _read_notes(text: str, where: str, *, root: str) -> _Notes:
-    """Return what GDAL notes of the first band in a text of XML, with the root ``GDALMetadata``
-    inside a GeoTIFF and ``PAMDataset`` in a file beside it.
+    """Return what GDAL notes of the first band in a text of XML, inside a GeoTIFF or in a file beside
+    it, which have different roots.
     """
     try:
         tree = parse_xml(text.strip(" \0\r\n\t"), root=root)
