@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -359,7 +359,8 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         for sheet, name in zip(sheets, present, strict=True)
         if name == chosen and sheet.readable
     ]
-    coverages, errors, bands, region, smallest = _coverages(flown, region, options, terrain)
+    smallest = _smallest_image(flown, region, options, terrain)
+    coverages, errors, bands, region = _coverages(flown, region, options, terrain)
     read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
@@ -409,12 +410,14 @@ def seen_over_ground(
     flat ground, and the smallest image; or None where no image is smaller than planned.
     """
     terrain, region = options.open_terrain(), options.place
-    over, _, _, _, smallest = _coverages(sheets, region, options, terrain)
+    smallest = _smallest_image(sheets, region, options, terrain)
     if smallest is None or smallest.height >= smallest.planned - _HAIR:
         return None
-    flat = _coverages(sheets, region, options, None)[0]
-    over_share, flat_share = (combine_coverages(one).covered_fraction for one in (over, flat))
-    return over_share, flat_share, smallest
+    over, flat = (
+        combine_coverages(_coverages(sheets, region, options, ground)[0]).covered_fraction
+        for ground in (terrain, None)
+    )
+    return over, flat, smallest
 
 
 def cautions_about_distance(distance: float, vehicle: Vehicle) -> list[str]:
@@ -479,20 +482,17 @@ def distance_of(
 
 
 def _coverages(
-    flown: list[Sheet], region: SearchRegion, options: CheckOptions, terrain: Terrain | None
-) -> tuple[
-    tuple[AreaCoverage, ...],
-    AreaCoverage | None,
-    tuple[float, ...],
-    SearchRegion,
-    SmallestImage | None,
-]:
+    flown: list[Sheet],
+    region: SearchRegion,
+    options: CheckOptions,
+    terrain: Terrain | None = None,
+) -> tuple[tuple[AreaCoverage, ...], AreaCoverage | None, tuple[float, ...], SearchRegion]:
     """Return the coverage of each altitude band, the coverage with the errors of the vehicles, the
-    bands, the region that can be seen, and the smallest image over a terrain.
+    bands, and the region that can be seen.
     """
     footprint, vehicle, bands = options.sides, options.chosen_vehicle, options.bands
     if footprint is None:
-        return (), None, (), region, None
+        return (), None, (), region
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
     paths = [
@@ -506,12 +506,9 @@ def _coverages(
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
-    smallest = None
     if terrain is not None and vehicle is not None and image is not None:
-        planned = np.array(bands or (vehicle.height,))
-        paths, sides, smallest = _over_ground(
-            flown, paths, sides, terrain, region, planned, vehicle
-        )
+        heights = _heights_over(flown, paths, region, vehicle, bands, terrain)
+        paths, sides = _over_ground(heights, sides, vehicle)
     stretches = [*_by_band(paths, sides, bands, _spread(bands, vehicle), least)]
     checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
     coverages = tuple(
@@ -521,75 +518,118 @@ def _coverages(
     errors = None
     if vehicle is not None and vehicle.cross_track:
         errors = _coverage_with_errors(stretches, vehicle, region, least, checked)
-    return coverages, errors, tuple(bands or ()), region, smallest
+    return coverages, errors, tuple(bands or ()), region
 
 
-def _over_ground(
-    flown: Sequence[Sheet],
-    paths: Sequence[NDArray[np.float64]],
-    sides: NDArray[np.float64],
-    terrain: Terrain,
-    region: SearchRegion,
-    planned: NDArray[np.float64],
-    vehicle: Vehicle,
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64], SmallestImage | None]:
-    """Return sections of search paths, the footprint of each by its least height above ground, and
-    the smallest image.
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """The heights of a mission above the ground of a terrain, on a section of its search.
 
     Parameters
     ----------
-    flown : sequence of Sheet
-    paths : sequence of ndarray of float64, shape (k, 3)
-        The search path of each mission, with the altitudes in its file.
+    number : int
+        Index of the mission.
+    flight : ndarray of float64, shape (m, 3)
+        Points of the section, with altitudes as in the mission file.
+    above : ndarray of float64, shape (m - 1,)
+        Least height above ground between neighbouring points.
+    planned : ndarray of float64, shape (m - 1,)
+        Height above ground for which the camera is planned.
+    """
+
+    number: int
+    flight: NDArray[np.float64]
+    above: NDArray[np.float64]
+    planned: NDArray[np.float64]
+
+
+def _heights_over(
+    flown: Sequence[Sheet],
+    paths: Sequence[NDArray[np.float64]],
+    region: SearchRegion,
+    vehicle: Vehicle,
+    bands: Sequence[float] | None,
+    terrain: Terrain,
+) -> Iterator[_Heights]:
+    """Yield the heights above ground of the search path of each mission."""
+    planned = np.array(bands or (vehicle.height,))
+    for number, (sheet, path) in enumerate(zip(flown, paths, strict=True)):
+        home = metres_of(sheet, region)[:1]
+        for near in _runs(path[:, :3]):
+            if not len(near):
+                continue
+            run = np.repeat(near, 2, axis=0) if len(near) == 1 else near.copy()
+            if not sheet.altitudes:
+                run[:, 2] = planned[0]
+            base: Any = 0.0  # of altitudes, above sea level
+            try:
+                if sheet.altitude_frame == "ground":
+                    base = terrain.at(run[:, :2], region.frame)
+                elif sheet.altitude_frame != "sea" or sheet.elevation is not None:
+                    base = terrain.at(home, region.frame)[0]
+                    base -= (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+                raised = run + np.multiply.outer(base, (0, 0, 1))
+                points, above = heights_along(raised, terrain, region.frame)
+            except InvalidInputError:
+                continue  # beside the terrain: it counts as unseen, and the clearance says so
+            far, own = (partial_sums(step_lengths(one[:, :2])) for one in (points, run))
+            levels = np.interp(far, own, run[:, 2])
+            band = np.searchsorted(planned, levels[:-1] + _RAISED, side="right") - 1
+            flight = np.column_stack([points[:, :2], levels])
+            yield _Heights(number, flight, above, planned[np.maximum(band, 0)])
+
+
+def _smallest_image(
+    flown: Sequence[Sheet], region: SearchRegion, options: CheckOptions, terrain: Terrain | None
+) -> SmallestImage | None:
+    """Return the image over a terrain that is smallest in comparison with its planned size, or None
+    without a terrain or a camera.
+    """
+    vehicle, bands = options.chosen_vehicle, options.bands
+    side = None if vehicle is None or vehicle.image_size is None else vehicle.row_spacing
+    if terrain is None or vehicle is None or side is None or options.sides != side:
+        return None
+    if bands is None and region.height:
+        bands = region.layer_altitudes(side)
+    paths = [_search_path(sheet, region, side) for sheet in flown]
+    smallest: SmallestImage | None = None
+    for one in _heights_over(flown, paths, region, vehicle, bands, terrain):
+        worst = int(np.argmin(one.above / one.planned))
+        height, planned = float(one.above[worst]), float(one.planned[worst])
+        if smallest is None or height / planned < smallest.height / smallest.planned:
+            smallest = SmallestImage(height, planned, flown[one.number].file)
+    return smallest
+
+
+def _over_ground(
+    heights: Iterable[_Heights], sides: NDArray[np.float64], vehicle: Vehicle
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return sections of search paths, and the footprint on each by its least height above ground.
+
+    Parameters
+    ----------
+    heights : iterable of _Heights
     sides : ndarray of float64
         Footprint of each mission at its planned height.
-    terrain : Terrain
-    region : SearchRegion
-    planned : ndarray of float64
-        Heights above ground for which the camera is planned, in increasing order; one for each band.
     vehicle : Vehicle
     """
     sections, footprints = list[NDArray[np.float64]](), list[float]()
     # smaller images leave gaps between one and the next in a row
     least_scale = (vehicle.trigger_distance or 0.0) / (vehicle.image_size or (1.0, 1.0))[1] - 1e-4
-    smallest: SmallestImage | None = None
-    for sheet, path, side in zip(flown, paths, sides.tolist(), strict=True):
-        home = metres_of(sheet, region)[:1]
-        for run in (np.repeat(one, 1 + (len(one) == 1), axis=0) for one in _runs(path) if len(one)):
-            if not sheet.altitudes:
-                run[:, 2] = planned[0]
-            base: Any = 0.0  # of altitudes, above sea level
-            if sheet.altitude_frame == "ground":
-                base = terrain.at(run[:, :2], region.frame)
-            elif sheet.altitude_frame != "sea" or sheet.elevation is not None:
-                base = terrain.at(home, region.frame)[0]
-                base -= (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
-            points, above = heights_along(
-                run + np.multiply.outer(base, (0, 0, 1)), terrain, region.frame
-            )
-            far = partial_sums(step_lengths(points[:, :2]))
-            own = partial_sums(step_lengths(run[:, :2]))
-            levels = np.interp(far, own, run[:, 2])
-            band = np.searchsorted(planned, levels[:-1] + _RAISED, side="right") - 1
-            wanted = planned[np.maximum(band, 0)]
-            scales = np.floor((above + _HAIR) / wanted * _SCALES) / _SCALES
-            worst = int(np.argmin(above / wanted))
-            if (
-                smallest is None
-                or above[worst] / wanted[worst] < smallest.height / smallest.planned
-            ):
-                smallest = SmallestImage(float(above[worst]), float(wanted[worst]), sheet.file)
-            flight = np.column_stack([points[:, :2], levels])
-            borders = [0, *(np.flatnonzero(np.diff(scales)) + 1).tolist(), len(scales)]
-            for begin, end in pairwise(borders):
-                scale = float(scales[begin])
-                whole = [flight[begin : end + 1]]
-                apart = scale < least_scale
-                pieces = _images(flight, far, (begin, end), vehicle) if apart else whole
-                if scale > 0:
-                    sections += pieces
-                    footprints += [side * scale] * len(pieces)
-    return sections, np.array(footprints), smallest
+    for one in heights:
+        far = partial_sums(step_lengths(one.flight[:, :2]))
+        scales = np.floor((one.above + _HAIR) / one.planned * _SCALES) / _SCALES
+        borders = [0, *(np.flatnonzero(np.diff(scales)) + 1).tolist(), len(scales)]
+        for begin, end in pairwise(borders):
+            scale = float(scales[begin])
+            if scale <= 0:
+                continue
+            pieces = [one.flight[begin : end + 1]]
+            if scale < least_scale:
+                pieces = _images(one.flight, far, (begin, end), vehicle)
+            sections += pieces
+            footprints += [float(sides[one.number]) * scale] * len(pieces)
+    return sections, np.array(footprints)
 
 
 def _images(

@@ -597,6 +597,19 @@ def test_a_camera_above_ground_is_nowhere_lower_than_planned(roughness, kind, tm
     assert not [one for one in missions.cautions if "camera" in one]
 
 
+def test_a_mission_beside_the_terrain_keeps_its_mistakes(tmp_path):
+    """The mission sees nothing, and its mistakes are told, not the first missing height."""
+    missions, check = field_over(tmp_path, hill(0.0), f"multirotor,altitude=60,{CAMERA}")
+    missions.write(tmp_path / "missions")
+    first = min((tmp_path / "missions").glob("*.csv"))
+    first.write_text(first.read_text().replace("269.99999994", "769.9"))
+    wrong = MissionSet.read(tmp_path / "missions").check(
+        missions.check_options.replaced(terrain=str(tmp_path / "field.asc"))
+    )
+    assert wrong.errors
+    assert wrong.coverage.covered_fraction < check.coverage.covered_fraction - 0.1
+
+
 def test_altitudes_above_the_sea_need_no_height_of_home():
     terrain = Terrain(np.full((3, 3), 400.0), -100.0, 200.0, (100.0, 100.0), None)
     for elevation, altitude in ((None, 460.0), (390.0, 450.0)):
