@@ -342,8 +342,11 @@ def _heights_of(
     points = points if frame is None else frame.to_metres(points)
     ground = terrain.at(points, frame)
     height_known = mission.heights is not None or mission.altitude_frame != "ground"
-    ups = mission.heights_above_home + ground[0] if height_known else mission.levels + ground[1:-1]
-    climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
+    # without the height of home, heights above the sea are taken for heights above home
+    above_sea = mission.altitude_frame == "sea" and mission.elevation is None
+    base = 0.0 if above_sea else ground[0]
+    ups = mission.heights_above_home + base if height_known else mission.levels + ground[1:-1]
+    climb = None if mission.vertical_climb is None else mission.vertical_climb + base
     path = complete_path(
         points[0],
         np.column_stack([points[1:-1], ups]),
@@ -359,6 +362,27 @@ def _heights_of(
     return places, np.concatenate(
         [flown - profile.heights, path[:, 2] - profile.heights[profile.vertices]]
     )
+
+
+def heights_along(
+    path: Floats, terrain: Terrain, frame: LocalFrame | None
+) -> tuple[Floats, Floats]:
+    """Return a path with the points at which it crosses grid lines of a terrain, and points in
+    between, shape (m, 3), and the least height above ground between neighbouring points, shape
+    (m - 1,).
+
+    Parameters
+    ----------
+    path : ndarray of float64, shape (k, 3)
+        Points of the path as metres east, metres north, and metres above sea level.
+    terrain : Terrain
+    frame : LocalFrame or None
+    """
+    profile = ground_profile(terrain, path[:, :2], frame, error=_FINE)
+    far = partial_sums(step_lengths(profile.points))
+    ups = np.interp(far, far[profile.vertices], path[:, 2])
+    above = ups - profile.heights - profile.rough
+    return np.column_stack([profile.points, ups]), np.minimum(above[:-1], above[1:])
 
 
 Place = tuple[float, float]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,8 +17,14 @@ from shoal.core.checks import count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
-from shoal.core.geometry import angles_of
-from shoal.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
+from shoal.core.geometry import angles_of, partial_sums, step_lengths
+from shoal.missions.approach import (
+    Clearance,
+    MissionApproach,
+    clearance_of,
+    heights_along,
+    missions_approach,
+)
 from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
@@ -42,7 +48,36 @@ from shoal.search.regions.region import SearchRegion
 
 _SEEN_WITH_ERRORS = 0.9995  # share of the region, below which a caution says so
 _RAISED = 0.1  # metres: tolerance for being below a band
+_SCALES = 100  # sizes of images up to the planned size; between two of them, the smaller counts
+_TINY = 1e-3  # metres
+_HAIR = 0.01  # metres: rounding of altitudes in files
 _ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded coordinates
+
+
+@dataclass(frozen=True)
+class SmallestImage:
+    """The image that is smallest in comparison with its planned size, over a terrain.
+
+    Parameters
+    ----------
+    height : float
+        Height above ground in metres from which the camera takes it.
+    planned : float
+        Height for which the camera is planned.
+    file : str
+        Name of the mission file.
+    """
+
+    height: float
+    planned: float
+    file: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.file} is only {self.height:.3g} m above the ground, where images have"
+            f" {max(100 * self.height / self.planned, 0):.3g} % of the width and length for which a"
+            f" height of {self.planned:g} m is planned"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +121,9 @@ class MissionCheck:
         Smallest distance in metres of paths from no-go zones and, for the legs between waypoints in
         the region, from its border. Fixed wings turn outside the region, so that only zones count
         for them. It is None without a vehicle, or if there is nothing to keep a distance from.
+    smallest : SmallestImage or None
+        The smallest image over a terrain, or None without a terrain or a camera. The coverage then
+        counts images by the least height above ground.
     """
 
     options: CheckOptions
@@ -102,6 +140,7 @@ class MissionCheck:
     flights: tuple[dict[str, Any], ...] = ()
     with_errors: AreaCoverage | None = None
     distance: float | None = None
+    smallest: SmallestImage | None = None
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -112,6 +151,11 @@ class MissionCheck:
         vehicle = self.options.chosen_vehicle
         if self.distance is not None and vehicle is not None:
             sentences += cautions_about_distance(self.distance, vehicle)
+        low = self.smallest
+        if low is not None and low.height < low.planned - self.options.terrain_error:
+            sentences.append(
+                f"{low}: altitudes above ground (--altitude-frame ground) keep the size"
+            )
         if self.with_errors is not None and self.with_errors.covered_fraction < _SEEN_WITH_ERRORS:
             sentences.append(
                 f"with errors of positions and cut corners, vehicles see only"
@@ -315,7 +359,8 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         for sheet, name in zip(sheets, present, strict=True)
         if name == chosen and sheet.readable
     ]
-    coverages, errors, bands, region = _coverages(flown, region, options)
+    smallest = _smallest_image(flown, region, options, terrain)
+    coverages, errors, bands, region = _coverages(flown, region, options, terrain)
     read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
@@ -354,7 +399,25 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
             if vehicle is None
             else distance_of([metres_of(sheet, region) for sheet in flown], vehicle.kind, region)
         ),
+        smallest=smallest,
     )
+
+
+def seen_over_ground(
+    sheets: list[Sheet], options: CheckOptions
+) -> tuple[float, float, SmallestImage] | None:
+    """Return which share of a region a camera sees over the terrain of ``options``, the share over
+    flat ground, and the smallest image; or None where no image is smaller than planned.
+    """
+    terrain, region = options.open_terrain(), options.place
+    smallest = _smallest_image(sheets, region, options, terrain)
+    if smallest is None or smallest.height >= smallest.planned - _HAIR:
+        return None
+    over, flat = (
+        combine_coverages(_coverages(sheets, region, options, ground)[0]).covered_fraction
+        for ground in (terrain, None)
+    )
+    return over, flat, smallest
 
 
 def cautions_about_distance(distance: float, vehicle: Vehicle) -> list[str]:
@@ -419,7 +482,10 @@ def distance_of(
 
 
 def _coverages(
-    flown: list[Sheet], region: SearchRegion, options: CheckOptions
+    flown: list[Sheet],
+    region: SearchRegion,
+    options: CheckOptions,
+    terrain: Terrain | None = None,
 ) -> tuple[tuple[AreaCoverage, ...], AreaCoverage | None, tuple[float, ...], SearchRegion]:
     """Return the coverage of each altitude band, the coverage with the errors of the vehicles, the
     bands, and the region that can be seen.
@@ -440,6 +506,9 @@ def _coverages(
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
+    if terrain is not None and vehicle is not None and image is not None:
+        heights = _heights_over(flown, paths, region, vehicle, bands, terrain)
+        paths, sides = _over_ground(heights, sides, vehicle)
     stretches = [*_by_band(paths, sides, bands, _spread(bands, vehicle), least)]
     checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
     coverages = tuple(
@@ -450,6 +519,142 @@ def _coverages(
     if vehicle is not None and vehicle.cross_track:
         errors = _coverage_with_errors(stretches, vehicle, region, least, checked)
     return coverages, errors, tuple(bands or ()), region
+
+
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """The heights of a mission above the ground of a terrain, on a section of its search.
+
+    Parameters
+    ----------
+    number : int
+        Index of the mission.
+    flight : ndarray of float64, shape (m, 3)
+        Points of the section, with altitudes as in the mission file.
+    above : ndarray of float64, shape (m - 1,)
+        Least height above ground between neighbouring points.
+    planned : ndarray of float64, shape (m - 1,)
+        Height above ground for which the camera is planned.
+    """
+
+    number: int
+    flight: NDArray[np.float64]
+    above: NDArray[np.float64]
+    planned: NDArray[np.float64]
+
+
+def _heights_over(
+    flown: Sequence[Sheet],
+    paths: Sequence[NDArray[np.float64]],
+    region: SearchRegion,
+    vehicle: Vehicle,
+    bands: Sequence[float] | None,
+    terrain: Terrain,
+) -> Iterator[_Heights]:
+    """Yield the heights above ground of the search path of each mission."""
+    planned = np.array(bands or (vehicle.height,))
+    for number, (sheet, path) in enumerate(zip(flown, paths, strict=True)):
+        home = metres_of(sheet, region)[:1]
+        for near in _runs(path[:, :3]):
+            if not len(near):
+                continue
+            run = np.repeat(near, 2, axis=0) if len(near) == 1 else near.copy()
+            if not sheet.altitudes:
+                run[:, 2] = planned[0]
+            base: Any = 0.0  # of altitudes, above sea level
+            try:
+                if sheet.altitude_frame == "ground":
+                    base = terrain.at(run[:, :2], region.frame)
+                elif sheet.altitude_frame != "sea" or sheet.elevation is not None:
+                    base = terrain.at(home, region.frame)[0]
+                    base -= (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+                raised = run + np.multiply.outer(base, (0, 0, 1))
+                points, above = heights_along(raised, terrain, region.frame)
+            except InvalidInputError:
+                continue  # beside the terrain: it counts as unseen, and the clearance says so
+            far, own = (partial_sums(step_lengths(one[:, :2])) for one in (points, run))
+            levels = np.interp(far, own, run[:, 2])
+            band = np.searchsorted(planned, levels[:-1] + _RAISED, side="right") - 1
+            flight = np.column_stack([points[:, :2], levels])
+            yield _Heights(number, flight, above, planned[np.maximum(band, 0)])
+
+
+def _smallest_image(
+    flown: Sequence[Sheet], region: SearchRegion, options: CheckOptions, terrain: Terrain | None
+) -> SmallestImage | None:
+    """Return the image over a terrain that is smallest in comparison with its planned size, or None
+    without a terrain or a camera.
+    """
+    vehicle, bands = options.chosen_vehicle, options.bands
+    side = None if vehicle is None or vehicle.image_size is None else vehicle.row_spacing
+    if terrain is None or vehicle is None or side is None or options.sides != side:
+        return None
+    if bands is None and region.height:
+        bands = region.layer_altitudes(side)
+    paths = [_search_path(sheet, region, side) for sheet in flown]
+    smallest: SmallestImage | None = None
+    for one in _heights_over(flown, paths, region, vehicle, bands, terrain):
+        worst = int(np.argmin(one.above / one.planned))
+        height, planned = float(one.above[worst]), float(one.planned[worst])
+        if smallest is None or height / planned < smallest.height / smallest.planned:
+            smallest = SmallestImage(height, planned, flown[one.number].file)
+    return smallest
+
+
+def _over_ground(
+    heights: Iterable[_Heights], sides: NDArray[np.float64], vehicle: Vehicle
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return sections of search paths, and the footprint on each by its least height above ground.
+
+    Parameters
+    ----------
+    heights : iterable of _Heights
+    sides : ndarray of float64
+        Footprint of each mission at its planned height.
+    vehicle : Vehicle
+    """
+    sections, footprints = list[NDArray[np.float64]](), list[float]()
+    # smaller images leave gaps between one and the next in a row
+    least_scale = (vehicle.trigger_distance or 0.0) / (vehicle.image_size or (1.0, 1.0))[1] - 1e-4
+    for one in heights:
+        far = partial_sums(step_lengths(one.flight[:, :2]))
+        scales = np.floor((one.above + _HAIR) / one.planned * _SCALES) / _SCALES
+        borders = [0, *(np.flatnonzero(np.diff(scales)) + 1).tolist(), len(scales)]
+        for begin, end in pairwise(borders):
+            scale = float(scales[begin])
+            if scale <= 0:
+                continue
+            pieces = [one.flight[begin : end + 1]]
+            if scale < least_scale:
+                pieces = _images(one.flight, far, (begin, end), vehicle)
+            sections += pieces
+            footprints += [float(sides[one.number]) * scale] * len(pieces)
+    return sections, np.array(footprints)
+
+
+def _images(
+    flight: NDArray[np.float64],
+    far: NDArray[np.float64],
+    section: tuple[int, int],
+    vehicle: Vehicle,
+) -> list[NDArray[np.float64]]:
+    """Return the places of single images in a section of a flight, as tiny legs that show the
+    direction of the vehicle.
+
+    Parameters
+    ----------
+    flight : ndarray of float64, shape (m, 3)
+    far : ndarray of float64, shape (m,)
+        Distance of each point from the beginning of the flight.
+    section : tuple of int
+        Index of the first and of the last point of the section.
+    vehicle : Vehicle
+    """
+    step = vehicle.trigger_distance or 1.0
+    begin, end = far[list(section)] / step
+    at = step * np.arange(np.ceil(begin), np.floor(end) + 1)
+    ends = np.stack([at, at + _TINY], axis=1)
+    return [*np.stack([np.interp(ends, far, axis) for axis in flight.T], axis=-1)]
 
 
 def _coverage_with_errors(

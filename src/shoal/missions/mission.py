@@ -522,9 +522,10 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) ->
     levels: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
     if frame == "ground" and terrain is not None:
         ups = np.round(ups - terrain.at(waypoints[:, :2], flight.frame), 6)
-        usual, same = (
-            (ups[0], SAME_LEVEL) if several else (flight.vehicle.height, flight.altitudes.error)
-        )
+        # a camera needs each altitude exactly, to see what is planned
+        exact = several or flight.vehicle.image_size is not None
+        usual = ups[0] if several else flight.vehicle.height
+        same = SAME_LEVEL if exact else flight.altitudes.error
         levels["altitude"] = float(usual)
         if np.abs(ups - usual).max() > same:
             levels["altitudes"] = ups

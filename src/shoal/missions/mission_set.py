@@ -27,9 +27,11 @@ from shoal.missions.approach import (
 )
 from shoal.missions.checking import (
     MissionCheck,
+    SmallestImage,
     cautions_about_distance,
     check_sheets,
     distance_of,
+    seen_over_ground,
 )
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.diagnostics import Sheet
@@ -71,6 +73,8 @@ VEHICLE = "multirotor"
 """The vehicle of missions of a search that names none."""
 
 _SLIGHT = 0.02  # of the time of a plan: shorter waiting changes little
+_SEEN = 0.9995  # share of what a camera sees over flat ground, below which missions are refused
+_EXACT = {True: "plan", False: "csv"}  # formats of missions in degrees and in metres
 _MUCH_LONGER = 2  # times as long: missions for which a part of the reserve is given up
 _ROUNDED = 1.0  # second: rounding of times in files
 
@@ -92,6 +96,8 @@ class MissionSet:
         The seed of the plan, with which `run` simulates the search.
     folder : Path or None
         The folder from which the set was read.
+    terrain : Terrain or None
+        The ground under planned missions.
 
     Examples
     --------
@@ -112,11 +118,13 @@ class MissionSet:
         options: MissionOptions | None = None,
         seed: int = 0,
         folder: Path | None = None,
+        terrain: Terrain | None = None,
     ) -> None:
         self._missions = (
             None if missions is None else tuple(check_list(missions, Mission, what="missions"))
         )
         self.problem, self.plan, self.seed, self.folder = problem, plan, seed, folder
+        self.terrain = terrain
         self.options = MissionOptions() if options is None else options
 
     @classmethod
@@ -218,7 +226,34 @@ class MissionSet:
         if taken.margin != widest:
             tell_once(narrower_margin_text(taken.margin or 0.0, widest))
         missions._tell_if_late()
+        missions._check_sees_ground()
         return missions
+
+    def _check_sees_ground(self) -> None:
+        """Refuse missions whose camera does not see over the terrain what it sees over flat ground,
+        because it flies lower above the ground than planned.
+        """
+        seen = self._seen_over_ground
+        if seen is not None and seen[0] < _SEEN * seen[1]:
+            over, flat, smallest = seen
+            raise InvalidInputError(
+                f"altitude_frame: expected altitudes from which the camera sees {100 * flat:.4g} % of"
+                f" the region, as over flat ground, got {100 * over:.4g} % with altitudes above"
+                f" {self.options.altitude_frame}: {smallest}; give altitude_frame ground"
+            )
+
+    @cached_property
+    def _seen_over_ground(self) -> tuple[float, float, SmallestImage] | None:
+        """The share of the region that a camera sees over the terrain, the share over flat ground,
+        and the smallest image; None without a terrain or a camera, or if no image is too small.
+        """
+        if self.terrain is None or self.plan is None or self.plan.image is None:
+            return None
+        texts = mission_texts(
+            self.missions, formats=[_EXACT[self.missions[0].geographic]], angle=self.plan.facing
+        )
+        options = self.check_options.replaced(terrain=self.terrain)
+        return seen_over_ground(sheets_of_texts(texts), options)
 
     def _tell_if_late(self) -> None:
         """Tell if the last vehicle is back later than the limit of a plan with a prior."""
@@ -358,7 +393,9 @@ class MissionSet:
             cap=options.cap,
             altitudes=Altitudes(options.altitude_frame, terrain, options.terrain_error),
         )
-        return cls(missions, problem=problem, plan=plan, options=options, seed=seed)
+        return cls(
+            missions, problem=problem, plan=plan, options=options, seed=seed, terrain=terrain
+        )
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> MissionSet:
@@ -516,6 +553,13 @@ class MissionSet:
                 f" {vehicle.cross_track:.3g} m: with errors of positions and cut corners, vehicles may"
                 " not see everything between two rows"
             )
+        if self._seen_over_ground is not None:
+            over, flat, smallest = self._seen_over_ground
+            if over < flat - 1e-6:
+                sentences.append(
+                    f"the camera sees {100 * over:.6g} % of the region over the terrain, in place of"
+                    f" {100 * flat:.6g} %: {smallest}"
+                )
         return tuple(sentences)
 
     def report(self) -> dict[str, Any]:

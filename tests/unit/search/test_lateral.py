@@ -70,11 +70,21 @@ def test_what_is_no_curve_is_refused(text, told):
         ({}, "expected targets or a prior"),
         ({"targets": 2, "footprint": (10.0, 20.0), "robots": 2}, "equal footprints"),
         ({"targets": 2, "rates": (1.0, 2.0), "robots": 2}, "equal footprints and speeds"),
+        ({"targets": 2, "vehicle": "fixed-wing,wind_speed=8,wind_from=270"}, "expected no wind"),
+        ({"targets": 2, "vehicle": "multirotor,wind_speed=2"}, "got @4 and a wind_speed of 2 m/s"),
     ],
 )
 def test_a_curve_that_has_no_one_detection_is_refused(fields, told):
     with pytest.raises(InvalidInputError, match=told):
         SearchProblem("square:100", **{"lateral_range": CURVE, **fields})
+
+
+def test_a_curve_without_a_speed_holds_in_wind_too():
+    vehicle = "fixed-wing,wind_speed=8,wind_from=270"
+    curve, _, _ = CURVE.partition("@")
+    problem = SearchProblem("square:400", targets=2, vehicle=vehicle, lateral_range=curve)
+    share = lateral_range(curve).detection(problem.chosen_footprint, 8)
+    assert problem.chosen_detection == pytest.approx(share)
 
 
 def test_a_curve_is_a_detection_in_plans_simulations_and_numbers():

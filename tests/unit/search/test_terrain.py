@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,11 +24,11 @@ from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import lint, read_mission, write_missions
+from shoal.missions import Mission, MissionOptions, MissionSet, lint, read_mission, write_missions
 from shoal.missions.approach import clearance_of
-from shoal.search import LocalFrame
+from shoal.search import LocalFrame, SearchProblem
 from shoal.search.flight import terrain as terrain_files
-from shoal.search.flight.terrain import Terrain, open_terrain
+from shoal.search.flight.terrain import Terrain, open_grid, open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 
 FRAME = LocalFrame(8.5, 47.4)
@@ -77,6 +78,8 @@ def write_geotiff(
     )
     if no_data is not None:
         tags[42113] = str(no_data)
+    if "notes" in more:
+        tags[42112], tags.tagtype[42112] = more["notes"], 2
     for tag in more.get("without", ()):
         del tags[tag]
     Image.fromarray(np.asarray(heights, dtype=np.float32)[::-1]).save(
@@ -291,6 +294,81 @@ def test_heights_where_none_are(tmp_path):
         Terrain(np.zeros((2, 2)), 0, 0, (1, 1), None).at([(0, 0)], FRAME)
 
 
+def notes_of(**said):
+    """Return what GDAL notes of the first band of a GeoTIFF."""
+    items = [
+        f'<Item name="{name.upper()}" sample="0" role="{name}">{text}</Item>'
+        for name, text in said.items()
+    ]
+    return f"<GDALMetadata>{''.join(items)}</GDALMetadata>"
+
+
+def beside_of(**said):
+    """Return what GDAL writes into a file beside a grid."""
+    notes = "".join(f"<{name}>{text}</{name}>" for name, text in said.items())
+    return f'<PAMDataset><PAMRasterBand band="1">{notes}</PAMRasterBand></PAMDataset>'
+
+
+def test_scale_and_offset_of_a_geotiff_are_those_of_its_heights(tmp_path):
+    numbers = np.array([[4000.0, 4400.0], [-9999.0, 0.0], [3999.5, 1.0]])
+    other_band = '<Item name="SCALE" sample="1" role="scale">7</Item><Item name="SCALE">8</Item>'
+    notes = notes_of(offset="-5", scale="0.1", unittype="m")
+    write_geotiff(
+        tmp_path / "scaled.tif",
+        numbers,
+        no_data=-9999,
+        notes=notes.replace("</GDALMetadata>", other_band + "\n</GDALMetadata>\n"),
+    )
+    read = open_terrain(tmp_path / "scaled.tif").heights[::-1]
+    expected = np.where(numbers == -9999, np.nan, numbers / 10 - 5)
+    assert np.allclose(read, expected, equal_nan=True, atol=1e-4)
+    write_geotiff(tmp_path / "same.tif", numbers, no_data=-9999, notes=notes_of(AREA="Area"))
+    read = open_terrain(tmp_path / "same.tif").heights[::-1]
+    assert np.array_equal(read, np.where(numbers == -9999, np.nan, numbers), equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({"Scale": "0.1", "Offset": "3"}, "got a scale of 0.1 and an offset of 3; write"),
+        ({"NoDataValue": "4"}, "got the missing number 4; write it"),
+        ({"Scale": "0"}, "expected a scale that is not 0, got '0'"),
+        ({"UnitType": "ft"}, "expected heights in metres, got the unit 'ft'"),
+        ({"UnitType": "m", "Scale": "1", "NoDataValue": "-9999"}, None),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".tif", ".asc"])
+def test_a_file_beside_a_grid_does_not_change_heights_in_silence(said, told, suffix, tmp_path):
+    path = tmp_path / f"grid{suffix}"
+    if suffix == ".asc":
+        path.write_text(ascii_grid())
+    else:
+        write_geotiff(path, np.array([[1.0, 2.0], [3.0, 4.0]]))
+    Path(f"{path}.aux.xml").write_text(beside_of(**said))
+    if told is None:
+        assert open_terrain(path).heights.max() == 4
+        return
+    with pytest.raises(InvalidInputError, match=told):
+        open_terrain(path)
+
+
+def test_heights_in_feet_of_the_system_beside_an_ascii_grid_are_refused(tmp_path):
+    (tmp_path / "grid.asc").write_text(ascii_grid())
+    (tmp_path / "grid.prj").write_text("EPSG:26910+6360")
+    with pytest.raises(InvalidInputError, match="in metres, got the unit 'US survey foot'"):
+        open_terrain(tmp_path / "grid.asc")
+    (tmp_path / "grid.prj").write_text("EPSG:26910+5703")
+    assert open_terrain(tmp_path / "grid.asc").heights.max() == 4
+
+
+def test_probabilities_have_scales_but_no_unit(tmp_path):
+    numbers = np.array([[1.0, 2.0], [3.0, 4.0]])
+    notes = notes_of(scale="2", offset="-1", unittype="%")
+    write_geotiff(tmp_path / "likely.tif", numbers, notes=notes)
+    read = open_grid(tmp_path / "likely.tif", what="probabilities")
+    assert read.heights[::-1].tolist() == (numbers * 2 - 1).tolist()
+
+
 def ascii_grid(**changes):
     head = {
         "ncols": "2",
@@ -377,7 +455,39 @@ BAD = [
     (
         "a.tif",
         {"keys": [(4099, 9002)]},
-        "a.tif: expected heights in metres, got the unit EPSG:9002",
+        "a.tif: expected heights in metres, got the unit 'EPSG:9002'",
+    ),
+    (
+        "a.tif",
+        {"keys": [(4096, 6360)]},
+        "a.tif: expected heights in metres, got the unit 'US survey foot'",
+    ),
+    (
+        "a.tif",
+        {"keys": [(4096, 5715)]},
+        "a.tif: expected heights in metres, got the unit 'metre of depth'",
+    ),
+    (
+        "a.tif",
+        {"notes": notes_of(unittype="US survey foot")},
+        "a.tif: expected heights in metres, got the unit 'US survey foot'",
+    ),
+    (
+        "a.tif",
+        {"notes": notes_of(scale="0")},
+        "a.tif: expected a scale that is not 0, got '0'",
+    ),
+    ("a.tif", {"notes": notes_of(scale="many")}, "a.tif: expected a scale that is not 0"),
+    ("a.tif", {"notes": notes_of(offset="nan")}, "a.tif: expected an offset, got 'nan'"),
+    (
+        "a.tif",
+        {"notes": "<GDALMetadata><Item>"},
+        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
+    ),
+    (
+        "a.tif",
+        {"notes": "<!DOCTYPE a [<!ENTITY b 'bb'>]>" + notes_of(scale="&b;")},
+        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
     ),
 ]
 
@@ -394,6 +504,142 @@ def test_bad_files_of_heights_are_one_sentence(name, content, said, tmp_path, mo
     assert captured.err.startswith(f"shoal: {said}")
     assert captured.err.count("\n") == 1
     assert not (tmp_path / "m").exists()
+
+
+CAMERA = "sensor_width=13.2,sensor_height=8.8,focal_length=8.8,side_overlap=0.3"  # 1.5 x 1 heights
+
+
+def field_over(folder, heights, vehicle, **options):
+    """Return a field of 300 m by 200 m, the missions of its search and their check over a terrain of
+    cells of 10 m around it, whose first row is southernmost.
+    """
+    rows = "\n".join(" ".join(map(repr, row)) for row in heights[::-1].tolist())
+    path = folder / "field.asc"
+    path.write_text(
+        f"ncols {heights.shape[1]}\nnrows {heights.shape[0]}\nxllcenter -50\nyllcenter -50\n"
+        f"cellsize 10\n{rows}\n"
+    )
+    problem = SearchProblem("rectangle:300x200", vehicle=vehicle, launch=[(20.0, 100.0)])
+    missions = MissionSet.from_problem(problem, MissionOptions(terrain=str(path), **options))
+    return missions, missions.check(missions.check_options.replaced(terrain=str(path)))
+
+
+def hill(height):
+    """Return ground that is 400 m high in the west, and higher in the east."""
+    heights = np.full((31, 41), 400.0)
+    heights[:, 21:] += height
+    return heights
+
+
+def seen_by_images(missions, heights, between):
+    """Return the share of the field that images see, at places ``between`` metres apart, by the
+    heights of the ground below them.
+    """
+    y, x = (axis.ravel() for axis in np.mgrid[0.5:200, 0.5:300])
+    seen = np.zeros(len(x), dtype=bool)
+    for mission in missions.missions:
+        path = mission.waypoints[mission.searched]
+        for begin, end in pairwise(path):
+            length = math.dist(begin, end)
+            ahead = (end - begin) / length
+            for far in [*np.arange(0, length, between), length]:
+                place = begin + far * ahead
+                ground = bilinear(heights, *(place + 50) / 10)
+                up = (
+                    mission.altitude
+                    + bilinear(heights, *(np.array(mission.home) + 50) / 10)
+                    - ground
+                )
+                off = np.stack([x, y], axis=1) - place
+                along = np.abs(off @ ahead) <= up / 2
+                seen |= along & (np.abs(off @ (-ahead[1], ahead[0])) <= 1.5 * up / 2)
+    return seen.mean()
+
+
+@pytest.mark.parametrize(("overlap", "most"), [(0.7, 0.03), (0.4, 0.08)])
+def test_a_camera_sees_less_over_a_hill(overlap, most, tmp_path, monkeypatch):
+    """Over the hill, images are a third as large; with a small overlap there are gaps between them."""
+    heights, vehicle = hill(40.0), f"multirotor,altitude=60,{CAMERA},front_overlap={overlap}"
+    told = (
+        r"altitude_frame: expected altitudes from which the camera sees 100 % .* got \d\d\.\d+ % .*"
+        r" only 20 m above the ground, where images have 33.3 % .*; give altitude_frame ground"
+    )
+    with pytest.raises(InvalidInputError, match=told):
+        field_over(tmp_path, heights, vehicle)
+    monkeypatch.setattr(MissionSet, "_check_sees_ground", lambda _: None)
+    missions, check = field_over(tmp_path, heights, vehicle)
+    counted = check.coverage.covered_fraction
+    seen = seen_by_images(missions, heights, 1.0 if overlap == 0.7 else 60 * (1 - overlap))
+    assert counted < 0.85
+    assert (-0.005 if overlap == 0.7 else -most) < seen - counted < most
+    assert "% of the region is seen, less than" in check.faults[0]
+    assert "only 20 m above the ground" in check.cautions[-2] + check.cautions[-1]
+    assert any(f"sees {100 * counted:.6g} % of the region over" in one for one in missions.cautions)
+
+
+@pytest.mark.parametrize("roughness", [0.2, 1.0, 8.0])
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+def test_a_camera_above_ground_is_nowhere_lower_than_planned(roughness, kind, tmp_path):
+    heights = 400 + np.random.default_rng(2).uniform(-roughness, roughness, (91, 101))
+    heights = np.roll(heights, 30, axis=(0, 1))
+    path = tmp_path / "wide.asc"
+    rows = "\n".join(" ".join(map(repr, row)) for row in heights.tolist())
+    path.write_text(f"ncols 101\nnrows 91\nxllcenter -350\nyllcenter -350\ncellsize 10\n{rows}\n")
+    vehicle = f"{kind},altitude=60,{CAMERA},front_overlap=0.7"
+    problem = SearchProblem("rectangle:300x200", robots=1, vehicle=vehicle)
+    options = MissionOptions(terrain=str(path), altitude_frame="ground")
+    missions = MissionSet.from_problem(problem, options)
+    check = missions.check(missions.check_options.replaced(terrain=str(path)))
+    assert check.smallest.height > 60 - 0.01
+    assert check.coverage.covered_fraction == pytest.approx(1, abs=1e-6)
+    if kind == "multirotor":
+        assert check.clearance.highest < 62.01
+    assert not [one for one in missions.cautions if "camera" in one]
+
+
+def test_a_mission_beside_the_terrain_keeps_its_mistakes(tmp_path):
+    """The mission sees nothing, and its mistakes are told, not the first missing height."""
+    missions, check = field_over(tmp_path, hill(0.0), f"multirotor,altitude=60,{CAMERA}")
+    missions.write(tmp_path / "missions")
+    first = min((tmp_path / "missions").glob("*.csv"))
+    first.write_text(first.read_text().replace("269.99999994", "769.9"))
+    wrong = MissionSet.read(tmp_path / "missions").check(
+        missions.check_options.replaced(terrain=str(tmp_path / "field.asc"))
+    )
+    assert wrong.errors
+    assert wrong.coverage.covered_fraction < check.coverage.covered_fraction - 0.1
+
+
+def test_altitudes_above_the_sea_need_no_height_of_home():
+    terrain = Terrain(np.full((3, 3), 400.0), -100.0, 200.0, (100.0, 100.0), None)
+    for elevation, altitude in ((None, 460.0), (390.0, 450.0)):
+        mission = Mission(
+            [(0.0, 0.0), (50.0, 0.0)],
+            (0.0, 0.0),
+            geographic=False,
+            altitude_frame="sea",
+            altitude=altitude,
+            take_off=altitude,
+            elevation=elevation,
+        )
+        clearance = clearance_of([mission], terrain, None)
+        assert (clearance.lowest, clearance.highest) == pytest.approx((60, 60))
+
+
+def test_heights_above_the_ground_matter_to_cameras_alone(tmp_path):
+    missions, check = field_over(tmp_path, hill(40.0), "multirotor,altitude=60,detector_width=40")
+    assert check.smallest is None
+    assert check.coverage.covered_fraction == pytest.approx(1)
+    assert check.clearance.lowest == pytest.approx(20)
+    camera = f"multirotor,altitude=460,{CAMERA}"  # above the sea, and no image is 690 m wide
+    with pytest.raises(InvalidInputError, match=r"with altitudes above sea: .* is only 60 m above"):
+        field_over(tmp_path, hill(0.0), camera, altitude_frame="sea")
+    # the launch is in the valley of negative hills: all images are as large as planned, or larger
+    missions, check = field_over(
+        tmp_path, hill(-10.0), f"multirotor,altitude=60,{CAMERA},front_overlap=0.7"
+    )
+    assert check.coverage.covered_fraction == pytest.approx(1)
+    assert not [one for one in missions.cautions if "camera" in one]
 
 
 def test_a_flight_needs_what_its_altitude_counts_from():

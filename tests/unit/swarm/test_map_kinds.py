@@ -857,6 +857,39 @@ def test_films_and_compressed_images_of_scanners(tmp_path):
         read_map(next((tmp_path / "volume").iterdir()), frame=2)
 
 
+def test_numbers_of_a_file_of_several_images_have_the_scale_of_each_image(tmp_path):
+    """Enhanced files state slope and intercept for all images, or for each image."""
+    pydicom = pytest.importorskip("pydicom")
+
+    def group(slope, shift):
+        scale, group = pydicom.Dataset(), pydicom.Dataset()
+        scale.RescaleSlope, scale.RescaleIntercept = slope, shift
+        group.PixelValueTransformationSequence = [scale]
+        return group
+
+    counts = np.array([[10, 20], [30, 40], [10, 20], [30, 40]])
+    more = {"NumberOfFrames": 2, "Rows": 2, "SpacingBetweenSlices": 2}
+    groups = {
+        "shared": {"SharedFunctionalGroupsSequence": [group(2, -5)]},
+        "each": {"PerFrameFunctionalGroupsSequence": [group(2, -5), group(4, 0)]},
+    }
+    free = {}
+    for name, own in groups.items():
+        write_dicom(tmp_path, counts[None], name=name, **more, **own)
+        free[name] = read_map(next((tmp_path / name).iterdir()), level=70).free.astype(int).tolist()
+    assert free == {
+        "shared": [[[0, 0], [0, 1]], [[0, 0], [0, 1]]],
+        "each": [[[0, 0], [0, 1]], [[0, 1], [1, 1]]],
+    }
+    table = pydicom.Dataset()
+    write_dicom(tmp_path, counts[None, :2], name="table", ModalityLUTSequence=[table])
+    with pytest.raises(InvalidInputError, match="got a table of their meanings"):
+        read_map(next((tmp_path / "table").iterdir()))
+    write_dicom(tmp_path, counts[None, :2], name="endless", RescaleSlope="1e999")
+    with pytest.raises(InvalidInputError, match="expected a finite slope"):
+        read_map(next((tmp_path / "endless").iterdir()))
+
+
 @pytest.mark.parametrize(("kind", "planar"), [("RGB", 0), ("RGB", 1), ("YBR_FULL", 0)])
 def test_colour_images_of_scanners(tmp_path, kind, planar):
     pixels = pytest.importorskip("pydicom.pixels")

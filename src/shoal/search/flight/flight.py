@@ -466,13 +466,26 @@ class Flight:
                     profile,
                     heights=limit_climbs(profile.heights, *self._climb_limits(profile.points)),
                 )
-            over = follow_terrain(profile, up, self.altitudes.error) - (0.0, 0.0, base)
+            over = self._follow(profile, up) - (0.0, 0.0, base)
             over = over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])]
             if self.vehicle.radius:
                 over[:, 2] = limit_climbs(over[:, 2], *self._climb_limits(over[:, :2]))
             return np.asarray(over)
         self._check_clears_terrain(profile, up, base if self.altitudes.frame == "home" else 0.0)
         return self._level_waypoints(path, np.full(len(path), up))
+
+    def _follow(self, profile: Profile, up: float) -> Floats:
+        """Return a path with a nearly constant height above the ground, and with a camera nowhere
+        below this height: it would see less than planned.
+        """
+        error = self.altitudes.error
+        if self.vehicle.image_size is None:
+            return follow_terrain(profile, up, error)
+        over = follow_terrain(profile, up + error / 2, error / 2)
+        far, own = (partial_sums(step_lengths(points[:, :2])) for points in (profile.points, over))
+        flown = np.interp(far, own, over[:, 2])
+        spare = float((flown - profile.heights).min()) - profile.rough - up
+        return over - (0.0, 0.0, max(spare, 0.0))
 
     def _level_waypoints(self, path: Points, ups: Floats) -> Floats:
         """Return the waypoints of a path with given altitudes, which do not follow the terrain."""

@@ -15,6 +15,7 @@ from shoal.core.checks import check_file, check_points, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums, step_lengths
+from shoal.search.regions.formats.kml import XmlError, parse_xml
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -338,14 +339,38 @@ decodes the heights.
 LARGEST_TERRAIN = 500_000_000
 """Maximum size of a terrain file in bytes."""
 
-_SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
+# TIFF tags
+_SCALE, _TIEPOINT, _TRANSFORM, _KEYS = 33550, 33922, 34264, 34735
+_METADATA, _NO_DATA = 42112, 42113
 # GeoTIFF keys
-_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 3072, 4099
+_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED = 1024, 1025, 2048, 3072
+_VERTICAL, _VERTICAL_UNIT = 4096, 4099
 _OWN = 32767  # a system without an EPSG code
 _METRE = 9001
 _HEAD = ("ncols", "nrows", "cellsize")
 _AT_ONCE = 2**20  # characters of text that are read at once
 _SANE = 20_000.0  # metres: no point on Earth is higher or deeper
+_METRES = ("", "m", "metre", "metres", "meter", "meters")  # names of the unit of heights
+_LARGEST_NOTES = 10_000_000  # bytes of the XML with which GDAL describes a grid
+
+
+@dataclass(frozen=True)
+class _Notes:
+    """What GDAL notes of the numbers of a grid: a number in the file means number x scale + offset.
+
+    Parameters
+    ----------
+    scale, offset : float
+    unit : str
+        Unit of the numbers, or "" if it is not stated.
+    no_data : str
+        The number in the file that stands for a missing one, or "".
+    """
+
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    no_data: str = ""
 
 
 def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
@@ -366,6 +391,11 @@ def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
     InvalidInputError
         If the file is missing, damaged or not supported.
     """
+    return _open(path, what)[0]
+
+
+def _open(path: str | os.PathLike[str], what: str) -> tuple[Terrain, str]:
+    """Return the numbers of a grid in a file, and their unit or "" if it is not stated."""
     source = Path(path)
     readers = {".tif": _geotiff, ".tiff": _geotiff, ".asc": _ascii_grid}
     reader = readers.get(source.suffix.lower())
@@ -374,7 +404,8 @@ def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
             f"{source}: expected {what} in a file .tif or .asc, got the suffix {source.suffix!r}"
         )
     check_file(source, what=f"file of {what}", most=LARGEST_TERRAIN)
-    terrain = reader(source)
+    terrain, unit = reader(source)
+    unit = _check_notes_beside(source, terrain.heights) or unit
     if min(terrain.heights.shape) < 2:
         rows, columns = terrain.heights.shape
         raise InvalidInputError(
@@ -384,7 +415,7 @@ def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
         raise InvalidInputError(
             f"{source}: expected {what}, got a grid in which all numbers are missing"
         )
-    return terrain
+    return terrain, unit
 
 
 def open_terrain(path: str | os.PathLike[str]) -> Terrain:
@@ -393,10 +424,15 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or not supported, or if a height is impossible.
+        If the file is missing, damaged or not supported, if a height is impossible, or if heights
+        are not in metres.
     """
     source = Path(path)
-    terrain = open_grid(source, what="heights")
+    terrain, unit = _open(source, "heights")
+    if unit.strip().lower() not in _METRES:
+        raise InvalidInputError(
+            f"{source}: expected heights in metres, got the unit {shortened(unit)}"
+        )
     if np.nanmax(np.abs(terrain.heights)) > _SANE:
         worst = float(terrain.heights.ravel()[np.nanargmax(np.abs(terrain.heights))])
         raise InvalidInputError(
@@ -413,9 +449,9 @@ def _check_size(source: Path, rows: int, columns: int) -> None:
         )
 
 
-def _check_system(source: Path, crs: str) -> str:
+def _check_system(source: Path, crs: str) -> tuple[str, str]:
     """Check that a coordinate reference system can be converted to longitude and latitude, and
-    return its name.
+    return its name, and the unit of its heights.
     """
     from pyproj import CRS
     from pyproj.exceptions import ProjError
@@ -431,10 +467,108 @@ def _check_system(source: Path, crs: str) -> str:
             f"{source}: expected a geographic or projected coordinate reference system, got"
             f" {shortened(system.name)}"
         )
-    return crs
+    return crs, _unit_of(system)
 
 
-def _geotiff(source: Path) -> Terrain:
+def _unit_of(system: Any) -> str:
+    """Return the unit of the heights of a coordinate reference system, or "" if it has none, or
+    metres.
+    """
+    for axis in (axis for part in system.sub_crs_list or [system] for axis in part.axis_info):
+        if axis.direction == "down":
+            return f"{axis.unit_name} of depth"
+        if axis.direction == "up" and axis.unit_conversion_factor != 1:
+            return str(axis.unit_name)
+    return ""
+
+
+def _vertical_unit(keys: dict[int, int]) -> str:
+    """Return the unit of the heights of a GeoTIFF by its keys, or "" for metres, or if they say none."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    unit = keys.get(_VERTICAL_UNIT, _METRE)
+    if unit != _METRE:
+        return f"EPSG:{unit}"
+    try:
+        return _unit_of(CRS.from_epsg(keys[_VERTICAL]))
+    except (KeyError, CRSError):  # old numbers of ellipsoids are no systems of heights
+        return ""
+
+
+def _read_notes(text: str, where: str, *, root: str) -> _Notes:
+    """Return what GDAL notes of the first band in a text of XML, inside a GeoTIFF or in a file beside
+    it, which have different roots.
+    """
+    try:
+        tree = parse_xml(text.strip(" \0\r\n\t"), root=root)
+    except XmlError as error:
+        raise InvalidInputError(
+            f"{where}: expected what GDAL notes of the numbers of the grid, got a text that cannot be"
+            f" read: {error}"
+        ) from None
+    if root == "GDALMetadata":
+        said = {
+            item.attributes.get("role", "").lower(): item.text.strip()
+            for item in tree.children
+            if item.tag == "Item" and item.attributes.get("sample", "0").strip() == "0"
+        }
+    else:
+        bands = [band for band in tree.children if band.tag == "PAMRasterBand"]
+        said = {
+            names[note.tag]: note.text.strip()
+            for band in bands
+            if band.attributes.get("band", "1").strip() == "1"
+            for names in [
+                {
+                    "Scale": "scale",
+                    "Offset": "offset",
+                    "UnitType": "unittype",
+                    "NoDataValue": "none",
+                }
+            ]
+            for note in band.children
+            if note.tag in names
+        }
+    numbers: dict[str, float] = {}
+    for name, default in (("scale", 1.0), ("offset", 0.0)):
+        try:
+            number = float(said.get(name, default))
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number) or (name == "scale" and number == 0):
+            expected = "a scale that is not 0" if name == "scale" else "an offset"
+            raise InvalidInputError(f"{where}: expected {expected}, got {shortened(said[name])}")
+        numbers[name] = number
+    unit, no_data = said.get("unittype", ""), said.get("none", "")
+    return _Notes(numbers["scale"], numbers["offset"], unit, no_data)
+
+
+def _check_notes_beside(source: Path, heights: Floats) -> str:
+    """Refuse a grid whose numbers have another meaning by the file that GDAL writes beside it, and
+    return the unit by that file.
+    """
+    beside = source.with_name(f"{source.name}.aux.xml")
+    if not beside.is_file():
+        return ""
+    text = read_text(beside, what="file of notes", most=_LARGEST_NOTES)
+    notes = _read_notes(text, str(beside), root="PAMDataset")
+    known = np.isfinite(heights).sum()
+    lost = notes.no_data and np.isfinite(_mask_no_data(heights.copy(), notes.no_data)).sum() < known
+    if (notes.scale, notes.offset) != (1.0, 0.0) or lost:
+        got = (
+            f"the missing number {notes.no_data}"
+            if lost
+            else f"a scale of {notes.scale:g} and an offset of {notes.offset:g}"
+        )
+        raise InvalidInputError(
+            f"{beside}: expected numbers whose meaning is in {source.name} itself, got {got}; write"
+            " it with gdal_translate -unscale, or with -a_nodata"
+        )
+    return notes.unit
+
+
+def _geotiff(source: Path) -> tuple[Terrain, str]:
     from PIL import Image
 
     limit = Image.MAX_IMAGE_PIXELS
@@ -468,25 +602,22 @@ def _geotiff(source: Path) -> Terrain:
         Image.MAX_IMAGE_PIXELS = limit
     keys = _geo_keys(source, tags)
     west, north, steps = _placement(source, tags, points=keys.get(_RASTER) == 2)
-    if keys.get(_VERTICAL_UNIT, _METRE) != _METRE:
-        raise InvalidInputError(
-            f"{source}: expected heights in metres, got the unit EPSG:{keys[_VERTICAL_UNIT]}"
-        )
     code = keys.get(_PROJECTED if keys.get(_MODEL) == 1 else _GEOGRAPHIC)
     if code is None or code == _OWN:
         raise InvalidInputError(
             f"{source}: expected the EPSG code of a coordinate reference system, got"
             f" {code or 'none'}"
         )
-    no_data = str(tags.get(_NO_DATA, "")).strip(" \x00")
-    return Terrain(
-        _mask_no_data(heights, no_data),
-        west,
-        north,
-        steps,
-        _check_system(source, f"EPSG:{code}"),
-        str(source),
-    )
+    notes = _Notes()
+    if _METADATA in tags:
+        notes = _read_notes(str(tags[_METADATA])[:_LARGEST_NOTES], str(source), root="GDALMetadata")
+    # the missing number is one of the file, before scale and offset
+    heights = _mask_no_data(heights, str(tags.get(_NO_DATA, "")).strip(" \x00"))
+    if (notes.scale, notes.offset) != (1.0, 0.0):
+        heights = heights * notes.scale + notes.offset
+    system, unit = _check_system(source, f"EPSG:{code}")
+    terrain = Terrain(heights, west, north, steps, system, str(source))
+    return terrain, notes.unit or _vertical_unit(keys) or unit
 
 
 def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
@@ -545,7 +676,7 @@ def _mask_no_data(heights: Floats, no_data: str) -> Floats:
     return heights
 
 
-def _ascii_grid(source: Path) -> Terrain:
+def _ascii_grid(source: Path) -> tuple[Terrain, str]:
     try:
         with source.open(encoding="utf-8-sig") as file:
             head, line, number = _read_header(source, file)
@@ -574,7 +705,8 @@ def _ascii_grid(source: Path) -> Terrain:
     west, south = corner[0] + half * size, corner[1] + half * size
     heights = _mask_no_data(heights, str(head.get("nodata_value", -9999.0)))
     north = south + (rows - 1) * size
-    return Terrain(heights, west, north, (size, size), _system_beside(source), str(source))
+    system, unit = _system_beside(source)
+    return Terrain(heights, west, north, (size, size), system, str(source)), unit
 
 
 def _read_header(source: Path, file: TextIO) -> tuple[dict[str, float], str, int]:
@@ -661,13 +793,13 @@ def system_file(source: Path) -> Path | None:
     return beside if source.suffix.lower() == ".asc" and beside.is_file() else None
 
 
-def _system_beside(source: Path) -> str:
+def _system_beside(source: Path) -> tuple[str, str]:
     """Return the coordinate reference system in the ``.prj`` file of an ESRI ASCII grid, or
-    `UNSAID` without a ``.prj`` file.
+    `UNSAID` without a ``.prj`` file, and the unit of its heights.
     """
     beside = system_file(source)
     if beside is None:
-        return UNSAID
+        return UNSAID, ""
     return _check_system(
         source, read_text(beside, what="coordinate reference system", most=100_000).strip()
     )

@@ -932,6 +932,13 @@ class SearchProblem(Problem):
                 f" got {len(self.altitudes)} altitudes, footprints of {shortened(sides)} m and"
                 f" relative speeds of {shortened(rates)}"
             )
+        curve, wind = self.curve, self.chosen_vehicle.wind
+        if curve is not None and curve.speed is not None and wind:
+            raise InvalidInputError(
+                "lateral_range: expected no wind with a curve of one speed, because speeds over"
+                f" ground, and so the detection, differ with the direction, got @{curve.speed:g} and a"
+                f" wind_speed of {wind:g} m/s; a curve without @SPEED holds at all speeds"
+            )
 
     @property
     def stepwise(self) -> bool:

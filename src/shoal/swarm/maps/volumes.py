@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_file
+from shoal.core.checks import check_file, shortened
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
@@ -574,10 +574,13 @@ def _dicom_cells(
             image = pydicom.dcmread(files[index])
             pixels = _dicom_pixels(files[index], image)
             pixels = pixels if colour is None else pixels[..., colour]
-            pixels = pixels if moment is None else pixels[moment]
-            slope = float(image.get("RescaleSlope", 1) or 1)
-            shift = float(image.get("RescaleIntercept", 0) or 0)
-            yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
+            scales = _dicom_scales(files[index], image, frames[0])
+            if moment is not None:
+                pixels, scales = pixels[moment], scales[moment : moment + 1]
+            if (scales != (1.0, 0.0)).any():
+                slope, shift = scales[0] if len(scales) == 1 else scales.T[:, :, None, None]
+                pixels = pixels * slope + shift
+            yield pixels
 
     within = _dicom_pixel(first)
     for file, head in zip(files, heads, strict=True):
@@ -601,6 +604,36 @@ def _dicom_pixel(head: Any) -> tuple[float, float] | None:
     """Return the height and width of a pixel, in millimetres."""
     spacing = head.get("PixelSpacing") or head.get("ImagerPixelSpacing")
     return None if spacing is None else (float(spacing[0]), float(spacing[1]))
+
+
+def _dicom_scales(path: Path, image: Any, frames: int) -> NDArray[np.float64]:
+    """Return the slope and the intercept of the numbers of each image in a DICOM file, shape
+    (frames, 2). A file of several images has them for each image, or once for all.
+    """
+    if "ModalityLUTSequence" in image:
+        raise InvalidInputError(
+            f"{path}: expected numbers with a slope and an intercept, got a table of their meanings"
+            " (ModalityLUTSequence)"
+        )
+    shared, own = (
+        image.get(f"{name}FunctionalGroupsSequence") or [] for name in ("Shared", "PerFrame")
+    )
+    scales = np.empty((frames, 2))
+    for number in range(frames):
+        groups = [*own[number : number + 1], *shared[:1]]
+        said = [
+            found
+            for group in groups
+            for found in group.get("PixelValueTransformationSequence") or []
+        ]
+        one = said[0] if said else image
+        scales[number] = one.get("RescaleSlope", 1) or 1, one.get("RescaleIntercept", 0) or 0
+    if not np.isfinite(scales).all():
+        raise InvalidInputError(
+            f"{path}: expected a finite slope and intercept of numbers, got"
+            f" {shortened(scales[~np.isfinite(scales).all(axis=1)][0].tolist())}"
+        )
+    return scales
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
