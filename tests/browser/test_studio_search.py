@@ -603,12 +603,19 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
     for name in ("Farther", "Nearer"):  # from now on the view follows no plan
         page.get_by_role("button", name=name).click()
     settle(page)
-    left, top = spot_of(page, "parts0-3")
+    left, _ = spot_of(page, "parts0-3")
     right, _ = spot_of(page, "parts0-1")
     scale = (right - left) / 180  # pixels a metre
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Rectangle", exact=True).click()
+    def take_zone(shape: str) -> tuple[float, float]:
+        """Where the corner of the field in the north-west is when the tool is in the hand: on a
+        phone, the page scrolls to the tool.
+        """
+        page.get_by_role("button", name="No-go", exact=True).click()
+        page.get_by_role("button", name=shape, exact=True).click()
+        return spot_of(page, "parts0-3")
+
+    left, top = take_zone("Rectangle")
     start = (left + 40 * scale, top + 70 * scale)
     page.mouse.move(*start)
     page.mouse.down()
@@ -643,14 +650,12 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
         page.keyboard.press("Control+z")
     assert drawing_of(page)["zones"] == []
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Circle", exact=True).click()
+    left, top = take_zone("Circle")
     drag(page, (left + 90 * scale, top + 80 * scale), (10, 0), (12 * scale, 0))
     (ring,) = drawing_of(page)["zones"]
     assert np.hypot(*(np.array(ring) - np.mean(ring, axis=0)).T) == pytest.approx(12, abs=0.6)
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Corners", exact=True).click()
+    left, top = take_zone("Corners")
     for x, y in ((20, 70), (50, 70), (50, 90)):
         page.mouse.click(left + x * scale, top + y * scale)
     page.mouse.move(left + 20 * scale, top + 90 * scale)
