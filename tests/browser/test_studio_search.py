@@ -696,6 +696,20 @@ def test_the_plan_that_is_shown_is_written_and_simulated(page: Page, studio: Stu
 
 
 @pytest.mark.forms(0)
+def test_a_film_goes_on_while_nobody_looks(page: Page, studio: Studio) -> None:
+    """Its frame is hidden then, where Firefox refuses to write on a canvas."""
+    opened(page, studio, "rectangle:120x80", robots=3)
+    run_and_load(page, studio, "Simulate")
+    player(page).evaluate("shoalPlayer.seek(0); shoalPlayer.play()")
+    tab(page, "Plan")
+    page.wait_for_timeout(300)  # the console stays empty
+    tab(page, "Simulate")
+    inside = player(page)
+    time = inside.evaluate("shoalPlayer.time")
+    until(inside, f"shoalPlayer.time > {time}")
+
+
+@pytest.mark.forms(0)
 def test_an_episode_that_is_changed_has_the_settings_that_it_had(
     page: Page, studio: Studio
 ) -> None:
