@@ -858,5 +858,6 @@ export function steering({ remember }) {
           : { problem, seed },
       );
     },
+    run: play,
   };
 }

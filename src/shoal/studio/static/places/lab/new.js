@@ -109,7 +109,7 @@ export function drafting({ shown, started }) {
     },
   });
   const axes = el("div.axes", {}),
-    room = el("div", {}),
+    room = el("div", { oninput: changed }), // texts, too, while they are typed
     info = el("p.soft", { role: "status" }, "Reading the fields of sweeps …"),
     problem = el("p.warning", { role: "alert", hidden: true });
   const text = el("textarea.code", {

@@ -2,6 +2,7 @@
  * comparisons, exports. */
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
+import { written } from "../../shared/form.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
 import { exportsOf, failure, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
 
@@ -25,6 +26,16 @@ const short = (values) =>
       typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`,
     )
     .join(", ") || "all";
+const LONGEST = 80; // characters of one setting
+/** What is the same at all points. */
+const settings = (problem) =>
+  Object.entries(problem)
+    .map(([name, value]) => [name.replaceAll("_", " "), written(value)])
+    .map(
+      ([name, text]) =>
+        `${name} ${text.length > LONGEST ? `${text.slice(0, LONGEST - 1)}…` : text}`,
+    )
+    .join(", ");
 const BARS = "Points: means. Bars: their 95 % intervals.";
 const UNITS = { makespan: "s", planned: "s", expected_find: "s" }; // of a search
 const plain = (name) => name.replaceAll("_", " ");
@@ -227,6 +238,7 @@ export function results({ shown, change }) {
           .filter(Boolean)
           .join(", "),
       ),
+      Object.keys(found.problem).length ? el("p.soft.settings", {}, settings(found.problem)) : [],
       found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
       el("p.verdict", { role: "status" }, verdict(found)),
       el(
@@ -449,7 +461,10 @@ export function results({ shown, change }) {
             ? el(
                 "a",
                 {
-                  href: placeOf(kind, one.watch.problem, one.watch.seed, { missions: null }),
+                  href: placeOf(kind, one.watch.problem, one.watch.seed, {
+                    missions: null,
+                    run: true,
+                  }),
                   "aria-label": `Watch the first trial at ${words(one.axes)}`,
                 },
                 "Watch",
