@@ -327,6 +327,11 @@ def test_a_failed_job_looks_failed_and_a_page_that_loads_says_so(
     bad = page.locator(".note.bad").evaluate("note => getComputedStyle(note).color")
     assert job.locator("p").evaluate("words => getComputedStyle(words).color") == bad
     page.keyboard.press("Escape")
+    # it is not said any more when its cause is gone
+    (studio.folder / "gone.txt").write_text("#####\n#...#\n#####\n")
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    assert page.locator(".note.bad").count() == 0
 
     studio.open(page, "start")
     page.route("**/api/ask/**", lambda _: None)  # an answer that does not come

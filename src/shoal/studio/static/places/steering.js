@@ -20,10 +20,9 @@ import {
   svg,
   tabId,
   tabs,
-  told,
 } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
+import { exports, sayFailed, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
   {
@@ -721,7 +720,7 @@ export function steering({ remember }) {
         failed: (now) => {
           go.disabled = false;
           word.textContent = "";
-          told(new Error(failure(now)));
+          sayFailed(now);
         },
       },
     ).catch((error) => {

@@ -4,7 +4,7 @@ import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from ".
 import { linesChart, rowsChart } from "../../shared/charts.js";
 import { written } from "../../shared/form.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
-import { exportsOf, failure, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
+import { exportsOf, sayFailed, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [
   ["csv", "Table", "CSV"],
@@ -492,7 +492,7 @@ export function results({ shown, change }) {
       `${job.spec.store} ${job.spec.sweep}` === chosen &&
       element.checkVisibility()
     )
-      told(new Error(failure(job)));
+      sayFailed(job);
     if (!element.checkVisibility()) return;
     if (job.result?.warning) told(new Error(job.result.warning));
     due ??= setTimeout(

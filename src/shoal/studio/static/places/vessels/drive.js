@@ -2,9 +2,9 @@
    same start. */
 import { run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
-import { el, guarded, say, symbol, told } from "../../shared/page.js";
+import { el, guarded, say, symbol } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { exports, failure } from "../../shared/share.js";
+import { exports, sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const PAD = [
@@ -126,7 +126,7 @@ export function driving({ names, problem, seed, current, look, view, below }) {
           } else if (pieces) pieces.push(piece);
           else take(piece);
         },
-        failed: (job) => told(new Error(failure(job))),
+        failed: sayFailed,
       },
     );
   }
@@ -153,7 +153,7 @@ export function driving({ names, problem, seed, current, look, view, below }) {
           kept.replaceChildren(exports(file));
           say(`Your race is saved as ${file}`);
         },
-        failed: (job) => told(new Error(failure(job))),
+        failed: sayFailed,
       },
     );
   }
