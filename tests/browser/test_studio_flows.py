@@ -225,6 +225,21 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
     )
 
 
+@pytest.mark.forms(0, 3)
+def test_a_plan_that_does_not_arrive_looks_failed(page: Page, studio: Studio) -> None:
+    slippery = PAIR | {"friction": 0.3, "planner": "shortest"}
+    studio.open(page, "steering", {"problem": slippery, "seed": 0})
+    plan = page.locator(".plan.failed", has_text="shortest")
+    plan.get_by_text("unreachable: with friction 0.3").wait_for()
+    page.get_by_text("Shortest: no plan that arrives").wait_for()
+    assert page.locator(".room .way:not(.failed)").count() == 0
+    page.locator("[data-field=friction] input").evaluate("one => one.closest('details').open = true")
+    page.locator("[data-field=friction] input").fill("")
+    page.get_by_text("Workspace: drag particles and goals").wait_for()
+    page.locator(".plan:not(.failed)", has_text="shortest").get_by_text("length").wait_for()
+    page.locator(".room .way:not(.failed)").first.wait_for()
+
+
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     # each plan that comes draws the points anew

@@ -6,6 +6,7 @@ import { Store, dated, stepButtons } from "../shared/store.js";
 import { CROSSES, CROSSES_CLOSED, bends, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
+  capital,
   confirmed,
   el,
   filePicker,
@@ -196,6 +197,9 @@ export function steering({ remember }) {
 
   /** The planner of the form, or the one that its default stands for. */
   const planner = () => problem.planner ?? place?.chosen.planner ?? "greedy";
+  /** The plan on the workspace: greedy's, until that of another planner is there. */
+  const drawn = () => plans[planner()] ?? plans.greedy;
+  const hasFailed = (plan) => !!plan && plan.status !== "solved";
   const simple = () => place?.convex && place.start.length === 2;
 
   /** The planners whose plans are shown, the form's among them; where there is no workspace, those
@@ -307,6 +311,7 @@ export function steering({ remember }) {
   });
 
   function drawRoom() {
+    drawHeading();
     if (!place && !corners) return;
     const focused = document.activeElement?.getAttribute("data-handle");
     frame = frameOf(
@@ -333,7 +338,8 @@ export function steering({ remember }) {
       );
       return;
     }
-    const plan = plans[planner()] ?? plans.greedy,
+    const plan = drawn(),
+      failed = hasFailed(plan) ? " failed" : "",
       radius = Math.max(2.6, (problem.particle_radius ?? 0) * frame.unit);
     room.replaceChildren(
       svg("path", {
@@ -342,7 +348,7 @@ export function steering({ remember }) {
         d: place.rings.map((ring) => path(ring, at)).join(""),
       }),
       ...(plan?.ways ?? []).map((way, i) =>
-        svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" }),
+        svg("path", { class: `way p${i % 5}${failed}`, d: way.length ? path(way, at, false) : "" }),
       ),
       ...place.goal.map((point, i) =>
         handle(
@@ -483,7 +489,7 @@ export function steering({ remember }) {
               ? `${plan.moves} moves, length ${number(plan.length)}`
               : `${plan.status}: ${plan.reason}`));
         return el(
-          "button.plan",
+          hasFailed(plan) ? "button.plan.failed" : "button.plan",
           {
             type: "button",
             role: "radio",
@@ -544,7 +550,20 @@ export function steering({ remember }) {
         : "another one";
     sketch.textContent = corners ? "Close the outline" : "Draw a workspace";
     sketch.setAttribute("aria-pressed", String(!!corners));
-    heading.textContent = corners ? SKETCH : "Workspace: drag particles and goals";
+    drawHeading();
+  }
+
+  /** What the workspace shows; a plan that does not arrive is said to. */
+  function drawHeading() {
+    const failed = !corners && hasFailed(drawn()),
+      name = plans[planner()] ? planner() : "greedy";
+    const words = failed
+      ? `${capital(name)}: no plan that arrives`
+      : corners
+        ? SKETCH
+        : "Workspace: drag particles and goals";
+    if (heading.textContent !== words) heading.textContent = words; // said once
+    heading.classList.toggle("bad", failed);
   }
 
   async function choose(name, points = {}) {
