@@ -3,17 +3,7 @@
 import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import {
-  acceptDrops,
-  confirmed,
-  el,
-  guarded,
-  number,
-  refill,
-  say,
-  svg,
-  tabbed,
-} from "../shared/page.js";
+import { acceptDrops, el, guarded, number, refill, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -498,21 +488,11 @@ export function search({ remember }) {
 
   // ---- where the region comes from ----
 
-  /** Whether what was drawn may make room for something else. */
-  const mayGo = async (what) =>
-    !own() ||
-    confirmed(
-      "Replace the drawing?",
-      `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`,
-      "Replace it",
-    );
-
-  async function choose(name) {
-    if (await mayGo(name)) take(name);
-    else choice.show();
-  }
+  /** What was drawn makes room for something else. */
+  const leave = () => own() && say("The drawing is not lost: Ctrl Z brings it back.");
 
   function take(name) {
+    leave();
     region = name || null;
     drawing.load(null);
     drawing.pick("look");
@@ -546,12 +526,12 @@ export function search({ remember }) {
     if (!main && !onlyParts(files)) {
       await underlay.load({ file: await upload(files[0]) });
       keep();
-    } else if (!main || (await mayGo(main.name))) take(await uploadTogether(files, REGIONS));
+    } else take(await uploadTogether(files, REGIONS));
   }
 
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
-  async function begin() {
-    if (!(await mayGo("An empty canvas"))) return;
+  function begin() {
+    leave();
     region = null;
     clear();
     choice.show();
@@ -565,7 +545,7 @@ export function search({ remember }) {
     redo();
   }
   const choice = chooser({
-    choose,
+    choose: take,
     bring,
     blank: begin,
     loosen,
@@ -679,7 +659,7 @@ export function search({ remember }) {
     },
     open(given) {
       if (begun && !given?.problem && !given?.run) return;
-      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      if (begun) leave();
       begun = true;
       if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;

@@ -7,7 +7,6 @@ import { CROSSES, CROSSES_CLOSED, bends, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
   capital,
-  confirmed,
   el,
   filePicker,
   guarded,
@@ -526,16 +525,9 @@ export function steering({ remember }) {
 
   // ---- where the workspace comes from ----
 
-  /** Whether a drawn workspace, or an outline that is not closed yet, may make room for something
-   *  else. */
+  /** A drawn workspace, or an outline that is not closed yet, makes room for something else. */
   const own = () => corners?.length || /^\s*(multi)?polygon\b/i.test(String(problem.workspace));
-  const mayGo = async (what) =>
-    !own() ||
-    confirmed(
-      "Replace the drawing?",
-      `${what} takes the place of the workspace that you drew. Ctrl Z brings the drawing back.`,
-      "Replace it",
-    );
+  const leave = () => own() && say("The drawing is not lost: Ctrl Z brings it back.");
 
   /** The fields that say where the workspace comes from, as they are. */
   function showChoice() {
@@ -566,15 +558,12 @@ export function steering({ remember }) {
     heading.classList.toggle("bad", failed);
   }
 
-  async function choose(name, points = {}) {
-    if (!(await mayGo(name))) {
-      showChoice();
-      return;
-    }
-    take(name, points);
+  function take(name, points = {}) {
+    leave();
+    use(name, points);
   }
 
-  function take(name, points = {}) {
+  function use(name, points = {}) {
     corners = null;
     showAll();
     problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
@@ -589,7 +578,7 @@ export function steering({ remember }) {
     {
       "aria-label": "Workspace",
       onchange: guarded(
-        () => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {}),
+        () => kinds.value && take(kinds.value, kinds.value === "square" ? BEGIN : {}),
       ),
     },
     el("option", { value: "" }, "another one"),
@@ -597,14 +586,14 @@ export function steering({ remember }) {
   );
   const files = el("select", {
     "aria-label": "A workspace in the folder",
-    onchange: guarded(() => files.value && choose(files.value)),
+    onchange: guarded(() => files.value && take(files.value)),
   });
   const typed = el("input", {
     type: "text",
     spellcheck: false,
     autocomplete: "off",
     id: "steeringWorkspace",
-    onchange: guarded(() => typed.value && choose(typed.value.trim())),
+    onchange: guarded(() => typed.value && take(typed.value.trim())),
   });
   const byName = fieldRow(
     "workspace",
@@ -612,12 +601,9 @@ export function steering({ remember }) {
     { id: "steeringWorkspace", element: typed },
     schema.properties.workspace.description,
   );
-  const picker = filePicker(
-    async ([file]) => {
-      if (await mayGo(file.name)) take(await upload(file));
-    },
-    { accept: ".svg,.wkt,.geojson,.json" },
-  );
+  const picker = filePicker(async ([file]) => take(await upload(file)), {
+    accept: ".svg,.wkt,.geojson,.json",
+  });
   const sketch = el(
     "button.second",
     {
@@ -627,8 +613,8 @@ export function steering({ remember }) {
     },
     "Draw a workspace",
   );
-  async function beginSketch() {
-    if (!(await mayGo("A new outline"))) return;
+  function beginSketch() {
+    leave();
     corners = [];
     delete room.dataset.aged; // a hand may draw before the last workspace is there
     complain(null);
@@ -656,7 +642,7 @@ export function steering({ remember }) {
       if (found.length) complain("An outline needs at least three corners.");
       return;
     }
-    take(
+    use(
       `POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`,
     );
   }
@@ -867,7 +853,7 @@ export function steering({ remember }) {
     },
     open(given) {
       if (begun && !given?.problem) return;
-      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      if (begun) leave();
       begun = true;
       if (given?.problem) stages.pick("plan");
       put(

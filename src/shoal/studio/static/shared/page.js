@@ -153,34 +153,6 @@ export function openSheet(title, ...children) {
   return sheet;
 }
 
-/** Ask before something is thrown away; resolves to whether it may be. */
-export function confirmed(title, sentence, word) {
-  return new Promise((resolve) => {
-    let answer = false;
-    const sheet = openSheet(
-      title,
-      el("p", {}, sentence),
-      el(
-        "div.actions",
-        {},
-        el(
-          "button.main",
-          {
-            type: "button",
-            onclick: () => {
-              answer = true;
-              sheet.close();
-            },
-          },
-          word,
-        ),
-        el("button.second", { type: "button", onclick: () => sheet.close() }, "Cancel"),
-      ),
-    );
-    sheet.addEventListener("close", () => resolve(answer), { once: true });
-  });
-}
-
 /** The last line of a list of files that leaves out older ones of their kind. */
 export const olderFiles = (left) =>
   left > 0
