@@ -604,8 +604,15 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
         page.get_by_role("button", name=name).click()
     settle(page)
     left, _ = spot_of(page, "parts0-3")
-    right, _ = spot_of(page, "parts0-1")
+    right, there = spot_of(page, "parts0-1")
     scale = (right - left) / 180  # pixels a metre
+    # a line more below the canvas moves nothing on it
+    facts = page.locator(".search-place .facts")
+    facts.evaluate("facts => { facts.style.paddingBottom = '20px'; }")
+    settle(page)
+    assert spot_of(page, "parts0-1") == pytest.approx((right, there), abs=0.1)
+    facts.evaluate("facts => { facts.style.paddingBottom = ''; }")
+    settle(page)
 
     def take_zone(shape: str) -> tuple[float, float]:
         """Where the corner of the field in the north-west is when the tool is in the hand: on a

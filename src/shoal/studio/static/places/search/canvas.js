@@ -68,10 +68,12 @@ export class MetricCanvas {
   }
 
   resize() {
+    const [wide, high] = this.size;
     this.size = [Math.max(1, this.element.clientWidth), Math.max(1, this.element.clientHeight)];
     this.plane.setAttribute("viewBox", `0 0 ${this.size.join(" ")}`);
     if (!this.moved) this.fit();
-    else this.draw();
+    // the words below may take another line while a hand draws: nothing moves under it
+    else this.pan((wide - this.size[0]) / 2, (high - this.size[1]) / 2);
   }
 
   /** @param {number[]} point in metres */
