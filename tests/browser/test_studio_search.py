@@ -257,6 +257,19 @@ def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None
     page.locator(".guide .hint", has_text="Click where the distance begins").wait_for()
 
 
+def test_nothing_is_drawn_before_its_place_on_earth_is_known(page: Page, studio: Studio) -> None:
+    page.route("**/api/ask/earth", lambda _: None)  # an answer that does not come
+    studio.open(page, "search")
+    page.get_by_role("button", name="Region 1, corner 1").wait_for(state="attached")
+    settle(page)
+    assert page.locator("[data-mark^=launch]").count() == 0
+    assert page.locator(".graticule path").count() == 0
+    page.unroute("**/api/ask/earth")
+    planned(page).wait_for()
+    assert page.locator("[data-mark=launch0]").count() == 1
+    until(page, "document.querySelectorAll('.graticule path').length > 3")
+
+
 def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
     opened(page, studio, launch="-10,-10")
     mark = page.get_by_role("button", name="Launch point 1")

@@ -165,6 +165,12 @@ export function search({ remember }) {
   const complain = faultsOf(warning, rowOf);
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
+  let known; // the region whose place on Earth the canvas has; undefined: of none yet
+  /** Whether the canvas is where the region is: before, degrees and metres are not told apart. */
+  const isPlaced = () =>
+    drawing.told.frame
+      ? String(canvas.earth?.frame) === String(drawing.told.frame)
+      : known === (drawing.told.parts.length ? null : region);
   /** @returns {Record<string, any>} */
   const fields = () => ({
     kind: "search",
@@ -309,8 +315,11 @@ export function search({ remember }) {
       asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
+      else if (drawing.told.parts.length) canvas.earth = null;
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
+        known = null;
+        canvas.earth ??= null;
         complain(
           drawing.tool === "look"
             ? "Draw a region, drop a file, or enter the name of a region."
@@ -319,6 +328,7 @@ export function search({ remember }) {
       } else {
         const found = await ask("plan", asked);
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
+        known = asked.drawing?.parts.length ? null : (asked.problem.region ?? null);
         plan = found;
         fleet = found.missions;
         complain(found.problem);
@@ -394,7 +404,7 @@ export function search({ remember }) {
   }
 
   function drawMarks(corners) {
-    const points = launch.read(),
+    const points = isPlaced() ? launch.read() : [],
       starts = plan?.robots ?? [],
       near = fleet?.nearest_approach;
     const home = points.map(({ point }, k) =>
@@ -514,6 +524,7 @@ export function search({ remember }) {
     );
     const { told } = drawing;
     told.frame = plan.frame;
+    known = null;
     told.parts = corners.map(([shell]) => shell);
     told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
     region = null;

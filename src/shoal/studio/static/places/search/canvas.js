@@ -17,7 +17,8 @@ export class MetricCanvas {
   constructor(label, { tap, over }) {
     this.tap = tap;
     this.over = over;
-    this.earth = null;
+    /** @type {any} null: the canvas is nowhere on Earth; undefined: not known yet */
+    this.earth = undefined;
     this.marks = [];
     this.scale = 1; // pixels of a metre
     this.middle = [0, 0];
@@ -172,6 +173,7 @@ export class MetricCanvas {
   }
 
   drawGraticule() {
+    if (this.earth === undefined) return; // neither in degrees nor in metres
     const [wide, high] = this.size,
       corners = [
         [0, 0],
