@@ -233,7 +233,9 @@ def test_a_plan_that_does_not_arrive_looks_failed(page: Page, studio: Studio) ->
     plan.get_by_text("unreachable: with friction 0.3").wait_for()
     page.get_by_text("Shortest: no plan that arrives").wait_for()
     assert page.locator(".room .way:not(.failed)").count() == 0
-    page.locator("[data-field=friction] input").evaluate("one => one.closest('details').open = true")
+    page.locator("[data-field=friction] input").evaluate(
+        "one => one.closest('details').open = true"
+    )
     page.locator("[data-field=friction] input").fill("")
     page.get_by_text("Workspace: drag particles and goals").wait_for()
     page.locator(".plan:not(.failed)", has_text="shortest").get_by_text("length").wait_for()

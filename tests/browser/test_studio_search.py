@@ -245,6 +245,37 @@ def test_several_outlines_are_chosen_moved_copied_and_removed(page: Page, studio
 
 
 @pytest.mark.forms(0)
+@pytest.mark.forms(0, 3)
+def test_holes_of_a_file_stay_holes_and_move_with_their_region(page: Page, studio: Studio) -> None:
+    def rectangle(x: float, y: float, wide: float, high: float) -> list[list[float]]:
+        return [[x, y], [x + wide, y], [x + wide, y + high], [x, y + high]]
+
+    outlines = [("field", 0, 0, 90, 60), ("hole", 20, 20, 20, 20), ("no-go", 60, 20, 20, 20)]
+    rows = [f"{x},{y},{name}" for name, *box in outlines for x, y in rectangle(*box)]
+    (studio.folder / "holed.csv").write_text("\n".join(["x_m,y_m,ring", *rows]) + "\n")
+    opened(page, studio, "holed.csv")
+    facts = page.locator(".search-place .facts").inner_text()
+    page.get_by_role("button", name="Edit its corners").click()
+    page.get_by_role("button", name="Hole 1, corner 1").wait_for(state="attached")
+    planned(page).wait_for()
+    assert page.locator(".search-place .facts").inner_text() == facts
+    told = drawing_of(page)
+    assert [len(told[kind]) for kind in ("parts", "holes", "zones")] == [1, 1, 1]
+    page.get_by_role("button", name="Region 1, all of it").press("Shift+ArrowRight")
+    moved = drawing_of(page)
+    by = moved["parts"][0][0][0] - told["parts"][0][0][0]
+    assert by > 0
+    for kind, far in (("parts", by), ("holes", by), ("zones", 0)):
+        assert np.subtract(moved[kind][0], told[kind][0]) == pytest.approx(
+            np.array([[far, 0]] * 4), abs=2e-3
+        )
+    page.get_by_role("button", name="Region 1, all of it").press("Delete")
+    assert [len(drawing_of(page)[kind]) for kind in ("parts", "holes", "zones")] == [0, 0, 1]
+    for _ in range(3):
+        page.keyboard.press("Control+z")
+    page.locator(".search-place .source", has_text="holed.csv").wait_for()
+
+
 def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None:
     studio.open(page, "search", PLOT)
     planned(page).wait_for()

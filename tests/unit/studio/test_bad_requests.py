@@ -65,6 +65,7 @@ GOOD = {
     "reach": {"problem": STEERING, "moves": 2, "seed": 1},
     "plan": PLACED | {"missions": {}},
     "simulate": {k: PLACED[k] for k in ("problem", "drawing", "seed")} | {"missions": {}},
+    "outlines": {k: PLACED[k] for k in ("problem", "drawing", "frame")},
     "draw": {"problem": SEARCH, "drawing": DRAWING},
     "earth": {"frame": [8.5, 47.4]},
     "tiles": {"file": "town"},

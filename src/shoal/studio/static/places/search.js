@@ -12,6 +12,7 @@ import { earthAt } from "./search/earth.js";
 import { fleetList } from "./search/fleet.js";
 import { launchPoints } from "./search/launch.js";
 import { missionsPanel } from "./search/missions.js";
+import { KINDS } from "./search/outlines.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
 import { vehicleForm } from "./search/vehicle.js";
@@ -199,8 +200,8 @@ export function search({ remember }) {
   const own = () =>
     drawing.draft ||
     (!drawing.empty &&
-      ["parts", "zones"].some(
-        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind]),
+      KINDS.some(
+        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind] ?? []),
       ));
 
   /** Whether the drawing is the one that the page begins with. */
@@ -515,19 +516,18 @@ export function search({ remember }) {
   }
 
   /** Corners of what a file holds, to be moved: it becomes a drawing. */
-  function loosen() {
+  async function loosen() {
     if (!plan || drawing.told.parts.length) return;
-    const corners = plan.outline.map((rings) =>
-      rings.map((points) =>
-        String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points,
-      ),
-    );
-    const { told } = drawing;
-    told.frame = plan.frame;
-    known = null;
-    told.parts = corners.map(([shell]) => shell);
-    told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
-    region = null;
+    const before = store.text,
+      told = await ask("outlines", {
+        problem: fields(),
+        drawing: drawing.asked,
+        frame: plan.frame,
+      });
+    if (store.text !== before) return; // something else was done while it was asked for
+    drawing.load({ ...told, draft: drawing.draft });
+    known = region = null;
+    for (const name of ["no_go", "inner"]) form.row(name).write(undefined); // drawn now
     choice.show();
     redo();
   }
