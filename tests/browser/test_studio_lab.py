@@ -407,6 +407,12 @@ def test_no_sweep_is_shown_under_the_mark_of_another(
     assert page.locator(".sweep h2").count() == 0
     page.unroute("**/api/ask/sweep")  # which lets the held requests go on
     page.locator(".sweep h2", has_text="others").wait_for()
+    # and no page says that there is none before it knows
+    page.route("**/api/ask/sweeps", lambda _: None)
+    studio.open(page, "lab", {"tab": "sweeps", "store": mazes, "sweep": "mazes"})
+    page.locator(".sweep [role=status]", has_text="Opening mazes").wait_for()
+    page.unroute("**/api/ask/sweeps")
+    page.locator(".sweep h2", has_text="mazes").wait_for()
 
 
 def test_a_comparison_goes_on_in_the_lab(page: Page, studio: Studio) -> None:

@@ -55,6 +55,7 @@ export function results({ shown, change }) {
     );
   const element = el("div.labTwo", {}, list, detail);
   let sweeps = [],
+    read = false, // whether the sweeps of the folder are known
     chosen = null,
     wanted = null,
     drawn = "";
@@ -90,6 +91,7 @@ export function results({ shown, change }) {
         ...begun.filter((one) => !found.some((other) => key(other) === key(one))),
         ...found,
       ];
+      read = true;
       if (!sweeps.some((one) => key(one) === chosen))
         chosen = sweeps.length ? key(sweeps[0]) : null;
       drawList();
@@ -135,7 +137,7 @@ export function results({ shown, change }) {
         ),
       ),
     );
-    if (sweeps.length) return;
+    if (sweeps.length || !read) return;
     detail.replaceChildren(
       el(
         "p.empty",
