@@ -94,6 +94,8 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
     # the numbers of a row stand in it while the pointer is there
+    names = "[...document.querySelectorAll('.chartArea .name')].map((name) => name.getBBox().x)"
+    assert min(page.evaluate(names)) >= 0  # none is cut off
     row = page.locator(".chartArea .row").first
     assert not row.locator(".value").is_visible()
     row.hover()

@@ -315,8 +315,10 @@ export function search({ remember }) {
     const of = JSON.stringify(question()),
       asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
-      if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
-      else if (drawing.told.parts.length) canvas.earth = null;
+      if (drawing.told.frame) {
+        canvas.earth = await earthAt(drawing.told.frame);
+        drawMarks(drawing.show()); // the plan takes longer
+      } else if (drawing.told.parts.length) canvas.earth = null;
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
         known = null;
