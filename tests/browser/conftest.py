@@ -190,6 +190,6 @@ def page(studio_page: Page, studio: Studio, form: Form, console: list[str]) -> I
             other.close()
     yield studio_page
     for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
-        path.rmdir() if path.is_dir() else path.unlink()
+        path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
     written, console[:] = console[:], []
     assert written == []  # here, where the test that caused it is known

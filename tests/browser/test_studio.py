@@ -50,6 +50,20 @@ def test_a_run_is_played_and_is_the_episode_of_the_library(page: Page, studio: S
     assert {path.suffix for path in studio.folder.iterdir()} >= {".png", ".html", ".npz"}
 
 
+@pytest.mark.forms(0, 3)
+def test_a_long_seed_is_seen_whole(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "maze:9x7", "particles": 2}, "seed": 1})
+    seed = page.get_by_label("Seed", exact=True)
+    widths = []
+    for value in ("1", str(2**63 - 1)):
+        seed.fill(value)
+        box = seed.bounding_box()
+        assert box is not None
+        widths.append(box["width"])
+        assert box["x"] + box["width"] <= page.viewport_size["width"]
+    assert widths[1] > widths[0] + 18 * 6  # as many digits more
+
+
 def test_noise_is_shown_at_the_end(page: Page, studio: Studio) -> None:
     given = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier", "slip": 0.1}
     studio.open(page, "vessels", {"problem": given, "seed": 1})

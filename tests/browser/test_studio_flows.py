@@ -225,6 +225,23 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
     )
 
 
+@pytest.mark.forms(0, 3)
+def test_a_plan_that_does_not_arrive_looks_failed(page: Page, studio: Studio) -> None:
+    slippery = PAIR | {"friction": 0.3, "planner": "shortest"}
+    studio.open(page, "steering", {"problem": slippery, "seed": 0})
+    plan = page.locator(".plan.failed", has_text="shortest")
+    plan.get_by_text("unreachable: with friction 0.3").wait_for()
+    page.get_by_text("Shortest: no plan that arrives").wait_for()
+    assert page.locator(".room .way:not(.failed)").count() == 0
+    page.locator("[data-field=friction] input").evaluate(
+        "one => one.closest('details').open = true"
+    )
+    page.locator("[data-field=friction] input").fill("")
+    page.get_by_text("Workspace: drag particles and goals").wait_for()
+    page.locator(".plan:not(.failed)", has_text="shortest").get_by_text("length").wait_for()
+    page.locator(".room .way:not(.failed)").first.wait_for()
+
+
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     # each plan that comes draws the points anew
@@ -327,6 +344,11 @@ def test_a_failed_job_looks_failed_and_a_page_that_loads_says_so(
     bad = page.locator(".note.bad").evaluate("note => getComputedStyle(note).color")
     assert job.locator("p").evaluate("words => getComputedStyle(words).color") == bad
     page.keyboard.press("Escape")
+    # it is not said any more when its cause is gone
+    (studio.folder / "gone.txt").write_text("#####\n#...#\n#####\n")
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    assert page.locator(".note.bad").count() == 0
 
     studio.open(page, "start")
     page.route("**/api/ask/**", lambda _: None)  # an answer that does not come

@@ -77,10 +77,12 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     page.get_by_label("Values").fill("closest-frontier")
     page.get_by_label("greedy-classify").check()
     page.get_by_label("map", exact=True).fill("maze:9x7")
-    page.get_by_label("map", exact=True).press("Tab")
+    # the file follows while the field has the focus
+    until(page, "document.getElementById('sweepToml').value.includes('map = \"maze:9x7\"')")
     page.get_by_text("2 points, 8 trials").wait_for()
     page.get_by_role("button", name="Run the sweep").click()
     complete(page, "better")
+    assert page.locator(".sweep .settings").inner_text() == "map maze:9x7, particles 20"
     with Store(studio.folder / "better.sqlite") as store:
         rows, ((_, _, _, found),) = (
             summarise(store, "better", "moves"),
@@ -92,6 +94,8 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
     # the numbers of a row stand in it while the pointer is there
+    names = "[...document.querySelectorAll('.chartArea .name')].map((name) => name.getBBox().x)"
+    assert min(page.evaluate(names)) >= 0  # none is cut off
     row = page.locator(".chartArea .row").first
     assert not row.locator(".value").is_visible()
     row.hover()
@@ -333,8 +337,6 @@ def test_the_first_trial_of_a_point_is_watched(page: Page, studio: Studio, mazes
     page.get_by_role(
         "link", name="Watch the first trial at policy greedy-classify, particles 4"
     ).click()
-    page.locator(".underStage .facts", has_text="4 particles").wait_for()
-    page.get_by_role("button", name="Run", exact=True).click()
     page.wait_for_selector(".panel:not([hidden]) .exports")
     episode: Any = shoal.load(
         max(studio.folder.glob("maze-9x7-greedy*.npz"), key=lambda path: path.stat().st_mtime)
@@ -407,6 +409,12 @@ def test_no_sweep_is_shown_under_the_mark_of_another(
     assert page.locator(".sweep h2").count() == 0
     page.unroute("**/api/ask/sweep")  # which lets the held requests go on
     page.locator(".sweep h2", has_text="others").wait_for()
+    # and no page says that there is none before it knows
+    page.route("**/api/ask/sweeps", lambda _: None)
+    studio.open(page, "lab", {"tab": "sweeps", "store": mazes, "sweep": "mazes"})
+    page.locator(".sweep [role=status]", has_text="Opening mazes").wait_for()
+    page.unroute("**/api/ask/sweeps")
+    page.locator(".sweep h2", has_text="mazes").wait_for()
 
 
 def test_a_comparison_goes_on_in_the_lab(page: Page, studio: Studio) -> None:

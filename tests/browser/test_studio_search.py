@@ -245,6 +245,37 @@ def test_several_outlines_are_chosen_moved_copied_and_removed(page: Page, studio
 
 
 @pytest.mark.forms(0)
+@pytest.mark.forms(0, 3)
+def test_holes_of_a_file_stay_holes_and_move_with_their_region(page: Page, studio: Studio) -> None:
+    def rectangle(x: float, y: float, wide: float, high: float) -> list[list[float]]:
+        return [[x, y], [x + wide, y], [x + wide, y + high], [x, y + high]]
+
+    outlines = [("field", 0, 0, 90, 60), ("hole", 20, 20, 20, 20), ("no-go", 60, 20, 20, 20)]
+    rows = [f"{x},{y},{name}" for name, *box in outlines for x, y in rectangle(*box)]
+    (studio.folder / "holed.csv").write_text("\n".join(["x_m,y_m,ring", *rows]) + "\n")
+    opened(page, studio, "holed.csv")
+    facts = page.locator(".search-place .facts").inner_text()
+    page.get_by_role("button", name="Edit its corners").click()
+    page.get_by_role("button", name="Hole 1, corner 1").wait_for(state="attached")
+    planned(page).wait_for()
+    assert page.locator(".search-place .facts").inner_text() == facts
+    told = drawing_of(page)
+    assert [len(told[kind]) for kind in ("parts", "holes", "zones")] == [1, 1, 1]
+    page.get_by_role("button", name="Region 1, all of it").press("Shift+ArrowRight")
+    moved = drawing_of(page)
+    by = moved["parts"][0][0][0] - told["parts"][0][0][0]
+    assert by > 0
+    for kind, far in (("parts", by), ("holes", by), ("zones", 0)):
+        assert np.subtract(moved[kind][0], told[kind][0]) == pytest.approx(
+            np.array([[far, 0]] * 4), abs=2e-3
+        )
+    page.get_by_role("button", name="Region 1, all of it").press("Delete")
+    assert [len(drawing_of(page)[kind]) for kind in ("parts", "holes", "zones")] == [0, 0, 1]
+    for _ in range(3):
+        page.keyboard.press("Control+z")
+    page.locator(".search-place .source", has_text="holed.csv").wait_for()
+
+
 def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None:
     studio.open(page, "search", PLOT)
     planned(page).wait_for()
@@ -255,6 +286,19 @@ def test_a_ruler_measures_between_two_points(page: Page, studio: Studio) -> None
     page.locator(".guide .hint", has_text="72.11 m, bearing 56°").wait_for()
     page.get_by_role("button", name="Ruler, end 2").press("Delete")
     page.locator(".guide .hint", has_text="Click where the distance begins").wait_for()
+
+
+def test_nothing_is_drawn_before_its_place_on_earth_is_known(page: Page, studio: Studio) -> None:
+    page.route("**/api/ask/earth", lambda _: None)  # an answer that does not come
+    studio.open(page, "search")
+    page.get_by_role("button", name="Region 1, corner 1").wait_for(state="attached")
+    settle(page)
+    assert page.locator("[data-mark^=launch]").count() == 0
+    assert page.locator(".graticule path").count() == 0
+    page.unroute("**/api/ask/earth")
+    planned(page).wait_for()
+    assert page.locator("[data-mark=launch0]").count() == 1
+    until(page, "document.querySelectorAll('.graticule path').length > 3")
 
 
 def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
@@ -603,12 +647,26 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
     for name in ("Farther", "Nearer"):  # from now on the view follows no plan
         page.get_by_role("button", name=name).click()
     settle(page)
-    left, top = spot_of(page, "parts0-3")
-    right, _ = spot_of(page, "parts0-1")
+    left, _ = spot_of(page, "parts0-3")
+    right, there = spot_of(page, "parts0-1")
     scale = (right - left) / 180  # pixels a metre
+    # a line more below the canvas moves nothing on it
+    facts = page.locator(".search-place .facts")
+    facts.evaluate("facts => { facts.style.paddingBottom = '20px'; }")
+    settle(page)
+    assert spot_of(page, "parts0-1") == pytest.approx((right, there), abs=0.1)
+    facts.evaluate("facts => { facts.style.paddingBottom = ''; }")
+    settle(page)
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Rectangle", exact=True).click()
+    def take_zone(shape: str) -> tuple[float, float]:
+        """Where the corner of the field in the north-west is when the tool is in the hand: on a
+        phone, the page scrolls to the tool.
+        """
+        page.get_by_role("button", name="No-go", exact=True).click()
+        page.get_by_role("button", name=shape, exact=True).click()
+        return spot_of(page, "parts0-3")
+
+    left, top = take_zone("Rectangle")
     start = (left + 40 * scale, top + 70 * scale)
     page.mouse.move(*start)
     page.mouse.down()
@@ -643,14 +701,12 @@ def test_shapes_are_dragged_measured_moved_turned_and_snap(page: Page, studio: S
         page.keyboard.press("Control+z")
     assert drawing_of(page)["zones"] == []
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Circle", exact=True).click()
+    left, top = take_zone("Circle")
     drag(page, (left + 90 * scale, top + 80 * scale), (10, 0), (12 * scale, 0))
     (ring,) = drawing_of(page)["zones"]
     assert np.hypot(*(np.array(ring) - np.mean(ring, axis=0)).T) == pytest.approx(12, abs=0.6)
 
-    page.get_by_role("button", name="No-go", exact=True).click()
-    page.get_by_role("button", name="Corners", exact=True).click()
+    left, top = take_zone("Corners")
     for x, y in ((20, 70), (50, 70), (50, 90)):
         page.mouse.click(left + x * scale, top + y * scale)
     page.mouse.move(left + 20 * scale, top + 90 * scale)
@@ -688,6 +744,20 @@ def test_the_plan_that_is_shown_is_written_and_simulated(page: Page, studio: Stu
     tab(page, "Missions")
     page.get_by_role("button", name="Write missions").click()
     page.locator(".note", has_text="Switch on “Plan for missions” first").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_a_film_goes_on_while_nobody_looks(page: Page, studio: Studio) -> None:
+    """Its frame is hidden then, where Firefox refuses to write on a canvas."""
+    opened(page, studio, "rectangle:120x80", robots=3)
+    run_and_load(page, studio, "Simulate")
+    player(page).evaluate("shoalPlayer.seek(0); shoalPlayer.play()")
+    tab(page, "Plan")
+    page.wait_for_timeout(300)  # the console stays empty
+    tab(page, "Simulate")
+    inside = player(page)
+    time = inside.evaluate("shoalPlayer.time")
+    until(inside, f"shoalPlayer.time > {time}")
 
 
 @pytest.mark.forms(0)

@@ -124,31 +124,23 @@ def test_the_corners_of_an_open_outline_are_taken_back_one_by_one_and_a_closed_o
 
 
 @pytest.mark.parametrize("how", ["draw", "file", "name"])
-def test_a_drawing_is_replaced_after_a_question_and_comes_back(
+def test_a_drawing_is_replaced_at_once_and_comes_back(
     page: Page, studio: Studio, tmp_path: Any, how: str
 ) -> None:
     drawn(page, studio, launch="-60,30")
     before = told(page)
 
-    def replace() -> None:
-        if how == "draw":
-            page.get_by_role("button", name="Draw a region", exact=True).click()
-        elif how == "file":
-            (tmp_path / "other.csv").write_text("x_m,y_m\n0,0\n50,0\n50,50\n")
-            page.locator(".search-place .chooser input[type=file]").set_input_files(
-                tmp_path / "other.csv"
-            )
-        else:
-            page.get_by_label("By name").fill("square:40")
-            page.get_by_label("By name").press("Enter")
-        page.get_by_role("heading", name="Replace the drawing?").wait_for()
-
-    replace()
-    page.locator(".sheet").get_by_role("button", name="Cancel").click()
-    assert told(page) == before
-    expect(page.get_by_label("By name")).to_have_value("")
-    replace()
-    page.locator(".sheet").get_by_role("button", name="Replace it").click()
+    if how == "draw":
+        page.get_by_role("button", name="Draw a region", exact=True).click()
+    elif how == "file":
+        (tmp_path / "other.csv").write_text("x_m,y_m\n0,0\n50,0\n50,50\n")
+        page.locator(".search-place .chooser input[type=file]").set_input_files(
+            tmp_path / "other.csv"
+        )
+    else:
+        page.get_by_label("By name").fill("square:40")
+        page.get_by_label("By name").press("Enter")
+    page.locator(".note", has_text="The drawing is not lost: Ctrl Z brings it back.").wait_for()
     until(
         page,
         "!location.hash.includes('parts') ||"
@@ -204,7 +196,6 @@ def test_a_plan_is_not_shown_over_settings_that_have_none(page: Page, studio: St
     assert page.locator(".ways path").count() == 2
     page.get_by_label("By name").fill("nothing:40")
     page.get_by_label("By name").press("Enter")
-    page.locator(".sheet").get_by_role("button", name="Replace it").click()
     page.locator(".search-place .warning", has_text="nothing:40").wait_for()
     expect(page.locator(".ways path")).to_have_count(0)
     assert page.locator(".fleet li:visible").count() == 0
@@ -282,16 +273,24 @@ def test_painting_inlets_and_fields_are_taken_back_in_their_order(
     facts.get_by_text("44 free cells, 5 particles").wait_for()
     page.locator(".chooser input[type=text]").fill("maze:9x7")
     page.locator(".chooser input[type=text]").press("Enter")
-    page.locator(".sheet").get_by_role("button", name="Cancel").click()
-    expect(page.locator(".chooser input[type=text]")).to_have_value("rectangle:6x8")
-    facts.get_by_text("44 free cells").wait_for()
-    page.locator(".chooser input[type=text]").fill("maze:9x7")
-    page.locator(".chooser input[type=text]").press("Enter")
-    page.locator(".sheet").get_by_role("button", name="Replace it").click()
+    page.locator(".note", has_text="The painted cells are not lost").wait_for()
     page.locator(".underStage .source", has_text="maze:9x7").wait_for()
     page.locator(".editor canvas").focus()
     page.keyboard.press("Control+z")
     facts.get_by_text("44 free cells, 5 particles").wait_for()
+    page.get_by_label("A new map").select_option("canvas")
+    facts.get_by_text("80 columns, 0 free cells").wait_for()
+    page.locator(".editor canvas").focus()
+    page.keyboard.press("Control+z")
+    facts.get_by_text("44 free cells, 5 particles").wait_for()
+    paint("wall", 5, 7, 1, 1)
+    facts.get_by_text("43 free cells, 5 particles").wait_for()
+    page.locator("[data-field=invert] input").evaluate("one => one.closest('details').open = true")
+    page.locator("[data-field=invert] input").check()
+    until(page, "decodeURIComponent(location.hash).includes('invert')")
+    page.locator(".editor canvas").focus()
+    page.keyboard.press("Control+z")
+    facts.get_by_text("43 free cells, 5 particles").wait_for()
 
 
 @pytest.mark.forms(0)
@@ -317,8 +316,6 @@ def test_particles_that_were_moved_and_drawn_workspaces_come_back(
     until(page, "decodeURIComponent(location.hash).includes('POLYGON')")
     page.locator(".plan", has_text="greedy").get_by_text("moves").wait_for()
     page.locator("select[aria-label=Workspace]").select_option("hexagon")
-    page.get_by_role("heading", name="Replace the drawing?").wait_for()
-    page.locator(".sheet").get_by_role("button", name="Replace it").click()
     until(page, "location.hash.includes('hexagon')")
     page.keyboard.press("Control+z")
     assert "POLYGON" in told(page)["problem"]["workspace"]

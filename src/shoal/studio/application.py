@@ -18,6 +18,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from shoal.core.checks import check_bool, check_choice, shortened
@@ -66,6 +67,32 @@ class JSONResponse(Response):
     def render(self, content: Any) -> bytes:
         """Return the text of the answer."""
         return json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
+
+
+class _FolderFile(FileResponse):
+    """A file of the folder, which somebody may delete before it is sent."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the head of the answer only with its first bytes, when the file is open."""
+        head: list[Message] = []
+        begun = False
+
+        async def send_opened(message: Message) -> None:
+            nonlocal begun
+            if message["type"] == "http.response.start":
+                head.append(message)
+                return
+            begun = True
+            while head:
+                await send(head.pop())
+            await send(message)
+
+        try:
+            await super().__call__(scope, receive, send_opened)
+        except (OSError, RuntimeError):  # the latter from Starlette, for a file that is gone
+            if begun:
+                raise
+            await _missing(Path(self.path))(scope, receive, send)
 
 
 class _Listener:
@@ -237,10 +264,8 @@ class Studio:
         except OSError:  # a name that no file can have
             found = False
         if not found:
-            raise InvalidInputError(
-                f"file: expected a file of the folder, got no such file: {shortened(path.name)}"
-            )
-        return FileResponse(
+            return _missing(path)
+        return _FolderFile(
             path,
             filename=path.name,
             headers={"content-security-policy": "sandbox; default-src 'none'"},
@@ -399,6 +424,13 @@ def _error(status: int, sentence: str) -> Response:
     several.
     """
     return JSONResponse({"error": " ".join(sentence.split())[:LONGEST]}, status)
+
+
+def _missing(path: Path) -> Response:
+    """Return the answer for a file that the folder has not, or not any more."""
+    return _error(
+        404, f"file: expected a file of the folder, got no such file: {shortened(path.name)}"
+    )
 
 
 def _refused(

@@ -12,6 +12,7 @@ from contextlib import closing
 
 import pytest
 from PIL import Image, ImageDraw
+from starlette.responses import FileResponse
 from tests.unit.studio.test_guard import Served
 
 import shoal
@@ -64,6 +65,7 @@ GOOD = {
     "reach": {"problem": STEERING, "moves": 2, "seed": 1},
     "plan": PLACED | {"missions": {}},
     "simulate": {k: PLACED[k] for k in ("problem", "drawing", "seed")} | {"missions": {}},
+    "outlines": {k: PLACED[k] for k in ("problem", "drawing", "frame")},
     "draw": {"problem": SEARCH, "drawing": DRAWING},
     "earth": {"frame": [8.5, 47.4]},
     "tiles": {"file": "town"},
@@ -172,9 +174,12 @@ def studio(tmp_path_factory):
 def ask(studio, method, path, body=b"", kind=b"application/json", query=b""):
     """Return the status and the body of the studio's answer, without a server."""
     told = {"status": 0, "body": b""}
+    bodies = iter([body])
 
     async def receive():
-        return {"type": "http.request", "body": body}
+        for one in bodies:
+            return {"type": "http.request", "body": one}
+        return await asyncio.Event().wait()  # nobody hangs up
 
     async def send(message):
         told["status"] = message.get("status", told["status"])
@@ -369,6 +374,27 @@ def test_bodies_that_are_no_request(studio, path, body):
 )
 def test_addresses_that_lead_nowhere(studio, method, path, query):
     refused(ask(studio, method, path, kind=b"text/plain", query=query), path)
+
+
+@pytest.mark.parametrize("when", ["before the question", "before the head", "before it is opened"])
+def test_a_file_that_goes_while_it_is_asked_for(studio, monkeypatch, when):
+    file = studio.folder.root / "gone.txt"
+    file.write_text("..#\n")
+    assert ask(studio, "GET", "/files/gone.txt") == (200, b"..#\n")
+    if when == "before the question":
+        file.unlink()
+    else:
+        names = {"before the head": "__call__", "before it is opened": "_open_file"}
+        plain = getattr(FileResponse, names[when])
+
+        def without(response, *given):
+            file.unlink()
+            return plain(response, *given)
+
+        monkeypatch.setattr(FileResponse, names[when], without)
+    status, body = ask(studio, "GET", "/files/gone.txt")
+    assert status == 404
+    assert "no such file: 'gone.txt'" in refused((status, body), when)
 
 
 def test_the_number_of_a_job_to_watch(studio):

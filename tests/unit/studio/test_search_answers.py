@@ -97,6 +97,29 @@ def test_a_part_in_another_part_is_searched_too(folder, frame):
     assert search.plan(folder, asked)["zones"] == 1
 
 
+@pytest.mark.parametrize("frame", [None, [8.5, 47.4]])
+def test_holes_of_a_region_stay_holes_and_its_zones_zones(folder, frame):
+    asked = about(frame, footprint="20")
+    hole = [[-20, -10], [-10, -10], [-10, 0], [-20, 0]]
+    asked["drawing"] |= {"holes": [hole]}
+    drawn = search.plan(folder, asked)
+    assert drawn["area"] == pytest.approx(shapely.Polygon(PARTS[0]).area - 220, abs=0.5)
+    name = search.draw(folder, asked)["file"]
+    region = open_region(name)
+    assert (region.no_go_zones, len(region.holes)) == (1, 2)  # a zone in it is a hole, too
+    opened = asked | {"drawing": None, "problem": asked["problem"] | {"region": name}}
+    found = search.outlines(folder, opened)
+    assert found["frame"] == (frame and pytest.approx(frame))
+    for kind, rings in (("parts", PARTS), ("holes", [hole]), ("zones", ZONES)):
+        given, (kept,) = shapely.Polygon(rings[0]), map(shapely.Polygon, found[kind])
+        assert shapely.symmetric_difference(given, kept).area < 0.1
+    again = search.plan(folder, asked | {"drawing": found})
+    assert again["area"] == pytest.approx(drawn["area"], abs=0.1)
+    asked["drawing"]["holes"] = [[[200, 0], [210, 0], [210, 10]]]
+    with pytest.raises(InvalidInputError, match="hole of part 1: expected a hole inside"):
+        search.plan(folder, asked)
+
+
 def test_zones_are_drawn_over_a_region_that_is_there(folder):
     asked = about(None, region="rectangle:60x40") | {
         "drawing": {"frame": None, "parts": [], "zones": ZONES}

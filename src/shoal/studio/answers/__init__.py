@@ -125,6 +125,9 @@ QUESTIONS: dict[str, Question] = {
             "seed": SEED,
         },
     ),
+    "outlines": Question(
+        search.outlines, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "frame": MAYBE_LIST}
+    ),
     "draw": Question(search.draw, {"problem": OBJECT, "drawing": MAYBE_OBJECT}),
     "tiles": Question(tiles, {"file": TEXT}),
     "earth": Question(search.earth, {"frame": LIST}),

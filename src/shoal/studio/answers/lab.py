@@ -75,6 +75,11 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             "measure": measure,
             "compared": axis,
             "toml": text,
+            "problem": {
+                field: value
+                for field, value in as_json(stored.form.problem).items()
+                if field != "kind" and field not in stored.form.axes
+            },
         }
         answer["failed"] = [error for *_, error in store.failures(name, limit=3)]
     watched = _first_trials(stored, folder, text)

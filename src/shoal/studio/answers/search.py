@@ -211,6 +211,11 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def outlines(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the region of a page as a drawing, whose corners can be moved."""
+    return drawing_in(placed_problem(folder, about).place, frame_of(about.get("frame")))
+
+
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Write a drawn region to a new file. Return the name of the new region file."""
     drawing = drawing_of(about.get("drawing"), unite=about["problem"].get("inner") is None)
@@ -259,22 +264,37 @@ DIGITS = 9  # of degrees: a tenth of a millimetre
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A region that the user has drawn: polygons and no-go zones.
+    """A region that the user has drawn: polygons with holes, and no-go zones.
 
     Parameters
     ----------
-    parts, zones : tuple of ndarray of float64, shape (n, 2)
-        Corners of the polygons to search (``parts``) and of the no-go zones (``zones``). The
-        corners are longitude and latitude in degrees if the drawing has a frame, and metres if
-        ``frame`` is None.
+    parts, holes, zones : tuple of ndarray of float64, shape (n, 2)
+        Corners of the polygons to search (``parts``), of their holes and of the no-go zones
+        (``zones``). The corners are longitude and latitude in degrees if the drawing has a frame,
+        and metres if ``frame`` is None.
     frame : LocalFrame or None
         Local frame of the drawing, which converts degrees to metres. ``frame`` is None for a
         drawing without a position on Earth.
     """
 
     parts: tuple[Points, ...]
+    holes: tuple[Points, ...]
     zones: tuple[Points, ...]
     frame: LocalFrame | None
+
+    def outlines(self) -> list[list[Points]]:
+        """Return each polygon with its holes: those that lie in it. The first one has those that
+        lie in none, too, so that the checks of a region say so.
+        """
+        import shapely
+
+        found = [[part] for part in self.parts]
+        shells = [shapely.Polygon(part) for part in self.parts if len(part) > 2]
+        for hole in self.holes:
+            middle = shapely.points(hole.mean(axis=0))
+            apart = [shell.distance(middle) for shell in shells]
+            found[int(np.argmin(apart)) if len(shells) == len(found) else 0].append(hole)
+        return found
 
     def placed(self, problem: SearchProblem) -> SearchProblem:
         """Return a copy of the problem whose region is the drawn region.
@@ -283,13 +303,19 @@ class Drawing:
         """
         if not self.parts:
             return problem.replaced(no_go=(*problem.no_go, *self.zones))
-        rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]
-        rings += [(zone, True, f"drawn zone {k}") for k, zone in enumerate(self.zones, start=1)]
-        found = tuple(
-            RegionOutline(Ring(points, where), no_go=no_go) for points, no_go, where in rings
-        )
+        found = [
+            RegionOutline(
+                Ring(part, f"drawn part {k}"),
+                tuple(Ring(hole, f"a drawn hole of part {k}") for hole in holes),
+            )
+            for k, (part, *holes) in enumerate(self.outlines(), start=1)
+        ]
+        found += [
+            RegionOutline(Ring(zone, f"drawn zone {k}"), no_go=True)
+            for k, zone in enumerate(self.zones, start=1)
+        ]
         outlines = RegionOutlines(
-            found, "the drawing", geographic=self.frame is not None, closed=False
+            tuple(found), "the drawing", geographic=self.frame is not None, closed=False
         )
         region = build_region(outlines, list(problem.no_go), name="drawing", inner=problem.inner)
         return problem.at_place(problem.with_own_margin(region))
@@ -308,7 +334,8 @@ class Drawing:
 
     def _table(self) -> str:
         rows = ["x_m,y_m,ring"]
-        for what, rings in (("search", self.parts), ("no-go", self.zones)):
+        # a ring in another one is its hole
+        for what, rings in (("search", self.parts), ("hole", self.holes), ("no-go", self.zones)):
             rows += [
                 f"{x!r},{y!r},{what} {k}"
                 for k, ring in enumerate(rings, start=1)
@@ -326,11 +353,11 @@ class Drawing:
                 },
                 "geometry": {
                     "type": "Polygon",
-                    "coordinates": [[*ring.tolist(), ring[0].tolist()]],
+                    "coordinates": [[*ring.tolist(), ring[0].tolist()] for ring in rings],
                 },
             }
-            for no_go, rings in ((False, self.parts), (True, self.zones))
-            for k, ring in enumerate(rings, start=1)
+            for no_go, outlines in ((False, self.outlines()), (True, [[z] for z in self.zones]))
+            for k, rings in enumerate(outlines, start=1)
         ]
         return (
             json.dumps(
@@ -363,13 +390,13 @@ def drawing_of(data: Any, *, unite: bool = True) -> Drawing | None:
         return None
     if not isinstance(data, dict):
         raise InvalidInputError(f"drawing: expected parts and zones, got {shortened(data)}")
-    if unknown := data.keys() - {"parts", "zones", "frame"}:
+    if unknown := data.keys() - {"parts", "holes", "zones", "frame"}:
         raise InvalidInputError(
-            f"drawing: expected parts, zones and frame, got {shortened(min(unknown))}"
+            f"drawing: expected parts, holes, zones and frame, got {shortened(min(unknown))}"
         )
     frame = frame_of(data.get("frame"))
     rings: dict[str, tuple[Points, ...]] = {}
-    for name in ("parts", "zones"):
+    for name in ("parts", "holes", "zones"):
         given = data.get(name, [])
         if not isinstance(given, list) or len(given) > MOST_RINGS:
             raise InvalidInputError(
@@ -385,7 +412,7 @@ def drawing_of(data: Any, *, unite: bool = True) -> Drawing | None:
     if not rings["parts"] and not rings["zones"]:
         return None
     parts, holes = _united(rings["parts"]) if unite else (rings["parts"], ())
-    return Drawing(parts, (*rings["zones"], *holes), frame)
+    return Drawing(parts, (*rings["holes"], *holes), rings["zones"], frame)
 
 
 def _united(parts: tuple[Points, ...]) -> tuple[tuple[Points, ...], tuple[Points, ...]]:
@@ -411,20 +438,42 @@ def _united(parts: tuple[Points, ...]) -> tuple[tuple[Points, ...], tuple[Points
     return tuple(shell for shell, *_ in rings), tuple(hole for _, *own in rings for hole in own)
 
 
-def drawing_in(region: SearchRegion) -> dict[str, Any]:
-    """Return a region as the drawing of a page: what `drawing_of` reads. Holes are zones.
+def drawing_in(region: SearchRegion, frame: LocalFrame | None = None) -> dict[str, Any]:
+    """Return a region as the drawing of a page: what `drawing_of` reads, in metres from ``frame``,
+    by default that of the region. A zone in a polygon, which is a hole of the polygon too, is a
+    zone.
 
     Polygons that a fence adds to the zones are not drawn: missions add them again.
     """
+    import shapely
+
+    from shoal.views.drawing.canvas import rings_of
+
     if region.height:
         raise InvalidInputError(
             "region: expected a region that a page can draw, got one with a height"
         )
-    shown = _region(region, _Canvas(region.frame, None))
-    outlines = [[ring[:-1] for ring in rings] for rings in shown["outline"]]
-    zones = [ring for rings in outlines for ring in rings[1:]]
-    zones += [rings[0][:-1] for rings in shown["no_go"]]
-    return {"frame": shown["frame"], "parts": [rings[0] for rings in outlines], "zones": zones}
+
+    def shows(shape: Any) -> bool:
+        return bool(shape.area > _LEAST)
+
+    outlines = [rings for rings in rings_of(region.outline) if shows(shapely.Polygon(rings[0]))]
+    holes = [hole for _, *own in outlines for hole in own]
+    drawn = {
+        "parts": [shell for shell, *_ in outlines],
+        "holes": [
+            hole for hole in holes if shows(shapely.difference(shapely.Polygon(hole), region.no_go))
+        ],
+        "zones": [rings[0] for rings in rings_of(region.no_go)],
+    }
+    canvas = _Canvas(region.frame, frame)
+    return {
+        "frame": canvas.shown and [canvas.shown.longitude, canvas.shown.latitude],
+        **{kind: [canvas.points(ring[:-1]) for ring in rings] for kind, rings in drawn.items()},
+    }
+
+
+_LEAST = 0.01  # square metres: a smaller polygon is what rounding left of another one
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:

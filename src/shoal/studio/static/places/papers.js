@@ -1,7 +1,7 @@
 /* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
 import { ask, fileAddress, run } from "../shared/api.js";
-import { dataTable, el, guarded, progressText, told } from "../shared/page.js";
-import { failure } from "../shared/share.js";
+import { dataTable, el, guarded, progressText } from "../shared/page.js";
+import { sayFailed } from "../shared/share.js";
 
 const NAMES = {
   M: "Mapping and coverage: paper M",
@@ -138,7 +138,7 @@ export function papers({ remember }) {
       }),
       failed: (now) => {
         end();
-        if (now.state !== "cancelled") told(new Error(failure(now)));
+        if (now.state !== "cancelled") sayFailed(now);
       },
     }).catch((error) => {
       end();

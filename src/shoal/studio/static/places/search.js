@@ -3,17 +3,7 @@
 import { ask, loadFiles, newest, onlyParts, state, upload, uploadTogether } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { Store, dated } from "../shared/store.js";
-import {
-  acceptDrops,
-  confirmed,
-  el,
-  guarded,
-  number,
-  refill,
-  say,
-  svg,
-  tabbed,
-} from "../shared/page.js";
+import { acceptDrops, el, guarded, number, refill, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { chooser } from "./search/chooser.js";
@@ -22,6 +12,7 @@ import { earthAt } from "./search/earth.js";
 import { fleetList } from "./search/fleet.js";
 import { launchPoints } from "./search/launch.js";
 import { missionsPanel } from "./search/missions.js";
+import { KINDS } from "./search/outlines.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
 import { vehicleForm } from "./search/vehicle.js";
@@ -175,6 +166,12 @@ export function search({ remember }) {
   const complain = faultsOf(warning, rowOf);
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
+  let known; // the region whose place on Earth the canvas has; undefined: of none yet
+  /** Whether the canvas is where the region is: before, degrees and metres are not told apart. */
+  const isPlaced = () =>
+    drawing.told.frame
+      ? String(canvas.earth?.frame) === String(drawing.told.frame)
+      : known === (drawing.told.parts.length ? null : region);
   /** @returns {Record<string, any>} */
   const fields = () => ({
     kind: "search",
@@ -203,8 +200,8 @@ export function search({ remember }) {
   const own = () =>
     drawing.draft ||
     (!drawing.empty &&
-      ["parts", "zones"].some(
-        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind]),
+      KINDS.some(
+        (kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind] ?? []),
       ));
 
   /** Whether the drawing is the one that the page begins with. */
@@ -318,9 +315,14 @@ export function search({ remember }) {
     const of = JSON.stringify(question()),
       asked = { ...JSON.parse(of), frame: drawing.told.frame };
     try {
-      if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
+      if (drawing.told.frame) {
+        canvas.earth = await earthAt(drawing.told.frame);
+        drawMarks(drawing.show()); // the plan takes longer
+      } else if (drawing.told.parts.length) canvas.earth = null;
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
+        known = null;
+        canvas.earth ??= null;
         complain(
           drawing.tool === "look"
             ? "Draw a region, drop a file, or enter the name of a region."
@@ -329,6 +331,7 @@ export function search({ remember }) {
       } else {
         const found = await ask("plan", asked);
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
+        known = asked.drawing?.parts.length ? null : (asked.problem.region ?? null);
         plan = found;
         fleet = found.missions;
         complain(found.problem);
@@ -404,7 +407,7 @@ export function search({ remember }) {
   }
 
   function drawMarks(corners) {
-    const points = launch.read(),
+    const points = isPlaced() ? launch.read() : [],
       starts = plan?.robots ?? [],
       near = fleet?.nearest_approach;
     const home = points.map(({ point }, k) =>
@@ -498,21 +501,11 @@ export function search({ remember }) {
 
   // ---- where the region comes from ----
 
-  /** Whether what was drawn may make room for something else. */
-  const mayGo = async (what) =>
-    !own() ||
-    confirmed(
-      "Replace the drawing?",
-      `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`,
-      "Replace it",
-    );
-
-  async function choose(name) {
-    if (await mayGo(name)) take(name);
-    else choice.show();
-  }
+  /** What was drawn makes room for something else. */
+  const leave = () => own() && say("The drawing is not lost: Ctrl Z brings it back.");
 
   function take(name) {
+    leave();
     region = name || null;
     drawing.load(null);
     drawing.pick("look");
@@ -525,18 +518,18 @@ export function search({ remember }) {
   }
 
   /** Corners of what a file holds, to be moved: it becomes a drawing. */
-  function loosen() {
+  async function loosen() {
     if (!plan || drawing.told.parts.length) return;
-    const corners = plan.outline.map((rings) =>
-      rings.map((points) =>
-        String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points,
-      ),
-    );
-    const { told } = drawing;
-    told.frame = plan.frame;
-    told.parts = corners.map(([shell]) => shell);
-    told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
-    region = null;
+    const before = store.text,
+      told = await ask("outlines", {
+        problem: fields(),
+        drawing: drawing.asked,
+        frame: plan.frame,
+      });
+    if (store.text !== before) return; // something else was done while it was asked for
+    drawing.load({ ...told, draft: drawing.draft });
+    known = region = null;
+    for (const name of ["no_go", "inner"]) form.row(name).write(undefined); // drawn now
     choice.show();
     redo();
   }
@@ -546,12 +539,12 @@ export function search({ remember }) {
     if (!main && !onlyParts(files)) {
       await underlay.load({ file: await upload(files[0]) });
       keep();
-    } else if (!main || (await mayGo(main.name))) take(await uploadTogether(files, REGIONS));
+    } else take(await uploadTogether(files, REGIONS));
   }
 
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
-  async function begin() {
-    if (!(await mayGo("An empty canvas"))) return;
+  function begin() {
+    leave();
     region = null;
     clear();
     choice.show();
@@ -565,7 +558,7 @@ export function search({ remember }) {
     redo();
   }
   const choice = chooser({
-    choose,
+    choose: take,
     bring,
     blank: begin,
     loosen,
@@ -679,7 +672,7 @@ export function search({ remember }) {
     },
     open(given) {
       if (begun && !given?.problem && !given?.run) return;
-      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      if (begun) leave();
       begun = true;
       if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;

@@ -6,7 +6,7 @@ import { Store, dated, stepButtons } from "../shared/store.js";
 import { CROSSES, CROSSES_CLOSED, bends, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
-  confirmed,
+  capital,
   el,
   filePicker,
   guarded,
@@ -20,10 +20,9 @@ import {
   svg,
   tabId,
   tabs,
-  told,
 } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
+import { exports, sayFailed, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
   {
@@ -197,6 +196,9 @@ export function steering({ remember }) {
 
   /** The planner of the form, or the one that its default stands for. */
   const planner = () => problem.planner ?? place?.chosen.planner ?? "greedy";
+  /** The plan on the workspace: greedy's, until that of another planner is there. */
+  const drawn = () => plans[planner()] ?? plans.greedy;
+  const hasFailed = (plan) => !!plan && plan.status !== "solved";
   const simple = () => place?.convex && place.start.length === 2;
 
   /** The planners whose plans are shown, the form's among them; where there is no workspace, those
@@ -308,6 +310,7 @@ export function steering({ remember }) {
   });
 
   function drawRoom() {
+    drawHeading();
     if (!place && !corners) return;
     const focused = document.activeElement?.getAttribute("data-handle");
     frame = frameOf(
@@ -334,7 +337,8 @@ export function steering({ remember }) {
       );
       return;
     }
-    const plan = plans[planner()] ?? plans.greedy,
+    const plan = drawn(),
+      failed = hasFailed(plan) ? " failed" : "",
       radius = Math.max(2.6, (problem.particle_radius ?? 0) * frame.unit);
     room.replaceChildren(
       svg("path", {
@@ -343,7 +347,7 @@ export function steering({ remember }) {
         d: place.rings.map((ring) => path(ring, at)).join(""),
       }),
       ...(plan?.ways ?? []).map((way, i) =>
-        svg("path", { class: `way p${i % 5}`, d: way.length ? path(way, at, false) : "" }),
+        svg("path", { class: `way p${i % 5}${failed}`, d: way.length ? path(way, at, false) : "" }),
       ),
       ...place.goal.map((point, i) =>
         handle(
@@ -484,7 +488,7 @@ export function steering({ remember }) {
               ? `${plan.moves} moves, length ${number(plan.length)}`
               : `${plan.status}: ${plan.reason}`));
         return el(
-          "button.plan",
+          hasFailed(plan) ? "button.plan.failed" : "button.plan",
           {
             type: "button",
             role: "radio",
@@ -521,16 +525,9 @@ export function steering({ remember }) {
 
   // ---- where the workspace comes from ----
 
-  /** Whether a drawn workspace, or an outline that is not closed yet, may make room for something
-   *  else. */
+  /** A drawn workspace, or an outline that is not closed yet, makes room for something else. */
   const own = () => corners?.length || /^\s*(multi)?polygon\b/i.test(String(problem.workspace));
-  const mayGo = async (what) =>
-    !own() ||
-    confirmed(
-      "Replace the drawing?",
-      `${what} takes the place of the workspace that you drew. Ctrl Z brings the drawing back.`,
-      "Replace it",
-    );
+  const leave = () => own() && say("The drawing is not lost: Ctrl Z brings it back.");
 
   /** The fields that say where the workspace comes from, as they are. */
   function showChoice() {
@@ -545,18 +542,28 @@ export function steering({ remember }) {
         : "another one";
     sketch.textContent = corners ? "Close the outline" : "Draw a workspace";
     sketch.setAttribute("aria-pressed", String(!!corners));
-    heading.textContent = corners ? SKETCH : "Workspace: drag particles and goals";
+    drawHeading();
   }
 
-  async function choose(name, points = {}) {
-    if (!(await mayGo(name))) {
-      showChoice();
-      return;
-    }
-    take(name, points);
+  /** What the workspace shows; a plan that does not arrive is said to. */
+  function drawHeading() {
+    const failed = !corners && hasFailed(drawn()),
+      name = plans[planner()] ? planner() : "greedy";
+    const words = failed
+      ? `${capital(name)}: no plan that arrives`
+      : corners
+        ? SKETCH
+        : "Workspace: drag particles and goals";
+    if (heading.textContent !== words) heading.textContent = words; // said once
+    heading.classList.toggle("bad", failed);
   }
 
   function take(name, points = {}) {
+    leave();
+    use(name, points);
+  }
+
+  function use(name, points = {}) {
     corners = null;
     showAll();
     problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
@@ -571,7 +578,7 @@ export function steering({ remember }) {
     {
       "aria-label": "Workspace",
       onchange: guarded(
-        () => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {}),
+        () => kinds.value && take(kinds.value, kinds.value === "square" ? BEGIN : {}),
       ),
     },
     el("option", { value: "" }, "another one"),
@@ -579,14 +586,14 @@ export function steering({ remember }) {
   );
   const files = el("select", {
     "aria-label": "A workspace in the folder",
-    onchange: guarded(() => files.value && choose(files.value)),
+    onchange: guarded(() => files.value && take(files.value)),
   });
   const typed = el("input", {
     type: "text",
     spellcheck: false,
     autocomplete: "off",
     id: "steeringWorkspace",
-    onchange: guarded(() => typed.value && choose(typed.value.trim())),
+    onchange: guarded(() => typed.value && take(typed.value.trim())),
   });
   const byName = fieldRow(
     "workspace",
@@ -594,12 +601,9 @@ export function steering({ remember }) {
     { id: "steeringWorkspace", element: typed },
     schema.properties.workspace.description,
   );
-  const picker = filePicker(
-    async ([file]) => {
-      if (await mayGo(file.name)) take(await upload(file));
-    },
-    { accept: ".svg,.wkt,.geojson,.json" },
-  );
+  const picker = filePicker(async ([file]) => take(await upload(file)), {
+    accept: ".svg,.wkt,.geojson,.json",
+  });
   const sketch = el(
     "button.second",
     {
@@ -609,8 +613,8 @@ export function steering({ remember }) {
     },
     "Draw a workspace",
   );
-  async function beginSketch() {
-    if (!(await mayGo("A new outline"))) return;
+  function beginSketch() {
+    leave();
     corners = [];
     delete room.dataset.aged; // a hand may draw before the last workspace is there
     complain(null);
@@ -638,7 +642,7 @@ export function steering({ remember }) {
       if (found.length) complain("An outline needs at least three corners.");
       return;
     }
-    take(
+    use(
       `POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`,
     );
   }
@@ -721,7 +725,7 @@ export function steering({ remember }) {
         failed: (now) => {
           go.disabled = false;
           word.textContent = "";
-          told(new Error(failure(now)));
+          sayFailed(now);
         },
       },
     ).catch((error) => {
@@ -849,7 +853,7 @@ export function steering({ remember }) {
     },
     open(given) {
       if (begun && !given?.problem) return;
-      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      if (begun) leave();
       begun = true;
       if (given?.problem) stages.pick("plan");
       put(
@@ -858,5 +862,6 @@ export function steering({ remember }) {
           : { problem, seed },
       );
     },
+    run: play,
   };
 }

@@ -3,7 +3,6 @@ import { ask, newest, state, upload } from "../shared/api.js";
 import { faultsOf, makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
 import {
   acceptDrops,
-  confirmed,
   el,
   guarded,
   number,
@@ -171,12 +170,9 @@ export function vessels({ remember }) {
     return { kind: "swarm", map: name, ...kept };
   }
 
-  async function changed(values, name) {
+  function changed(values, name) {
     if (painted && reading.includes(name)) {
-      if (!(await mayGo("Another way of reading the map"))) {
-        form.write(problem);
-        return;
-      }
+      leave();
       painted = null;
       editor.inlet.clear();
     }
@@ -189,14 +185,8 @@ export function vessels({ remember }) {
     load();
   }
 
-  /** Whether what was painted may make room for something else. */
-  const mayGo = async (what) =>
-    !painted ||
-    confirmed(
-      "Replace what you painted?",
-      `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`,
-      "Replace it",
-    );
+  /** What was painted makes room for something else. */
+  const leave = () => painted && say("The painted cells are not lost: Ctrl Z brings them back.");
 
   function showRelevant() {
     form.show(VESSEL_FIELDS, !!problem.vessels);
@@ -399,14 +389,8 @@ export function vessels({ remember }) {
 
   // ---- where the map comes from ----
 
-  async function choose(name) {
-    if (await mayGo(name)) await take(name);
-    else showSource();
-  }
-
   /** An empty canvas, and the brush in the hand. */
   async function blank() {
-    if (!(await mayGo("An empty canvas"))) return;
     const cells = new Uint8Array(CANVAS.shape[0] * CANVAS.shape[1]);
     await take(CANVAS.map, { shape: CANVAS.shape, free: pack(cells) });
     pickTool(FREE);
@@ -415,6 +399,7 @@ export function vessels({ remember }) {
 
   /** Take another map. What says how a file is read, and where on the map something is, goes. */
   async function take(name, cells = null) {
+    leave();
     const photo = PHOTOGRAPHS.test(name) && !name.includes("-painted");
     const kept = form.values();
     for (const field of [...reading, ...PLACED]) delete kept[field];
@@ -430,10 +415,8 @@ export function vessels({ remember }) {
     await load();
   }
 
-  const bring = async (brought) => {
-    if (await mayGo(brought.name)) await take(await upload(brought));
-  };
-  const maps = chooser({ choose, bring, blank });
+  const bring = async (brought) => take(await upload(brought));
+  const maps = chooser({ choose: take, bring, blank });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
 
   // ---- what is done with it ----
@@ -557,10 +540,10 @@ export function vessels({ remember }) {
     },
     async open(given) {
       if (begun && !given?.problem?.map) return;
-      if (begun && painted) say("The painted cells are not lost: Ctrl Z brings them back.");
+      if (begun) leave();
       if (!begun && !given?.problem?.map) {
         begun = true;
-        await choose(problem.map);
+        await take(problem.map);
         return;
       }
       sayUnknown(schema, given.problem);

@@ -1,6 +1,6 @@
 /* Talking with the server: questions, jobs, files, and the socket that tells of them. */
 
-import { capital, guarded } from "./page.js";
+import { capital, guarded, settled } from "./page.js";
 
 export const state = { start: null, jobs: new Map(), files: [], counts: {} };
 const listeners = { job: new Set(), files: new Set() };
@@ -9,15 +9,17 @@ let socket = null,
   patience = 500;
 
 /** An answer that says what is wrong, in `error` and at which `field`; as a message of its own, it
- *  names the field. */
+ *  names the field. Its cause is what was asked for. */
 export class Refused extends Error {
-  constructor({ error, field = null, label = null }) {
-    super(label ? `${capital(label)}: ${error}` : error);
+  constructor({ error, field = null, label = null }, cause = null) {
+    super(label ? `${capital(label)}: ${error}` : error, { cause });
     Object.assign(this, { error, field });
   }
 }
 
-export async function request(method, path, body) {
+const SILENCE = "no answer";
+/** Ask the server; `what` names the request among others of its kind. */
+export async function request(method, path, body, what = `${method} ${path.split("?")[0]}`) {
   const json = body !== undefined && !(body instanceof Blob);
   let answer;
   try {
@@ -27,27 +29,37 @@ export async function request(method, path, body) {
       body: json ? JSON.stringify(body) : body,
     });
   } catch {
-    throw new Refused({
-      error: "The studio does not answer. Is the command shoal studio still running?",
-    });
+    throw new Refused(
+      { error: "The studio does not answer. Is the command shoal studio still running?" },
+      SILENCE,
+    );
   }
+  settled(SILENCE);
   if (!answer.ok) {
     const fault = await answer.json().catch(() => ({}));
-    throw new Refused({
-      error: `The studio refused the request (status ${answer.status}).`,
-      ...fault,
-    });
+    throw new Refused(
+      { error: `The studio refused the request (status ${answer.status}).`, ...fault },
+      what,
+    );
   }
+  settled(what);
   return answer.json();
 }
 
 export const ask = (what, about) => request("POST", `/api/ask/${what}`, about);
-export const addJob = (kind, spec) => request("POST", "/api/jobs", { kind, spec, urgent: true });
-export const cancelJob = (number) => request("DELETE", `/api/jobs/${number}`);
+export const addJob = (kind, spec) =>
+  request("POST", "/api/jobs", { kind, spec, urgent: true }, `job ${kind}`);
+export const cancelJob = (number) =>
+  request("DELETE", `/api/jobs/${number}`, undefined, "cancel a job");
 export const fileAddress = (name) => `/files/${name.split("/").map(encodeURIComponent).join("/")}`;
 
 export async function upload(file) {
-  const { file: name } = await request("PUT", `/api/files/${encodeURIComponent(file.name)}`, file);
+  const { file: name } = await request(
+    "PUT",
+    `/api/files/${encodeURIComponent(file.name)}`,
+    file,
+    "upload",
+  );
   await loadFiles();
   return name;
 }

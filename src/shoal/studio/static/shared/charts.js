@@ -43,7 +43,7 @@ export function rowsChart(rows, words, axis) {
   const narrow = isNarrow(),
     width = narrow ? 360 : 640,
     row = 46,
-    left = narrow ? 120 : 190,
+    left = narrow ? 136 : 200,
     right = narrow ? 14 : 30,
     most = narrow ? 16 : 26,
     height = rows.length * row + 54;

@@ -50,8 +50,10 @@ export function refill(element, ...children) {
 /** A label as it begins a line. */
 export const capital = (label) => label.charAt(0).toUpperCase() + label.slice(1);
 
-/** Say something for a while; a problem stays until it is closed. */
-export function say(sentence, { problem = false, link = null } = {}) {
+const causes = new WeakMap(); // of notes: what failed
+
+/** Say something for a while; a problem stays until it is closed, or until its cause is gone. */
+export function say(sentence, { problem = false, link = null, cause = null } = {}) {
   const note = el(
     problem ? "p.note.bad" : "p.note",
     {},
@@ -59,6 +61,7 @@ export function say(sentence, { problem = false, link = null } = {}) {
     link ? el("a", { href: link }, "Show it") : [],
   );
   const close = () => note.remove();
+  if (cause) causes.set(note, cause);
   note.append(
     el("button.quiet.icon", { type: "button", onclick: close, "aria-label": "Close" }, "×"),
   );
@@ -70,16 +73,26 @@ export function say(sentence, { problem = false, link = null } = {}) {
   if (!problem) setTimeout(close, 6000);
 }
 
-export const told = (error) => say(error.message ?? String(error), { problem: true });
+/** What failed before has succeeded: nothing is said of it any more. */
+export function settled(cause) {
+  for (const note of [...document.getElementById("notes").children])
+    if (causes.get(note) === cause) note.remove();
+}
+
+/** Say what went wrong; an error may name its cause. */
+export const told = (error, cause = error.cause ?? null) =>
+  say(error.message ?? String(error), { problem: true, cause });
 
 /** Return a handler that says what goes wrong in it. */
 export const guarded =
   (work) =>
   async (...given) => {
     try {
-      return await work(...given);
+      const result = await work(...given);
+      settled(work);
+      return result;
     } catch (error) {
-      told(error);
+      told(error, error.cause ?? work);
       return undefined;
     }
   };
@@ -138,34 +151,6 @@ export function openSheet(title, ...children) {
   );
   if (!sheet.open) sheet.showModal();
   return sheet;
-}
-
-/** Ask before something is thrown away; resolves to whether it may be. */
-export function confirmed(title, sentence, word) {
-  return new Promise((resolve) => {
-    let answer = false;
-    const sheet = openSheet(
-      title,
-      el("p", {}, sentence),
-      el(
-        "div.actions",
-        {},
-        el(
-          "button.main",
-          {
-            type: "button",
-            onclick: () => {
-              answer = true;
-              sheet.close();
-            },
-          },
-          word,
-        ),
-        el("button.second", { type: "button", onclick: () => sheet.close() }, "Cancel"),
-      ),
-    );
-    sheet.addEventListener("close", () => resolve(answer), { once: true });
-  });
 }
 
 /** The last line of a list of files that leaves out older ones of their kind. */

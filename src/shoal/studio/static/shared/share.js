@@ -276,7 +276,7 @@ export function exportsOf(kind, spec, formats, more = [], words = "Export") {
               },
               failed: (job) => {
                 free();
-                told(new Error(failure(job)));
+                sayFailed(job);
               },
             },
           );
@@ -300,6 +300,8 @@ export function exportsOf(kind, spec, formats, more = [], words = "Export") {
 /** Why a job has no result, in words. */
 export const failure = (job) =>
   job.result?.error ? new Refused(job.result).message : `The job was ${job.state}.`;
+/** Say so, until another job of its kind begins. */
+export const sayFailed = (job) => told(new Error(failure(job)), `job ${job.kind}`);
 
 /** Hand a file of the folder to the browser, and say where it is. */
 function give(file) {

@@ -125,11 +125,15 @@
 
     function frame(now) {
       pending = 0;
-      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
+      if (ShoalDesk.isLaidOut()) draw();
+      if (playing) redraw();
+    }
+
+    function draw() {
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       scene.draw(time, colours);
       rows.draw(time, colours);
-      if (playing) redraw();
     }
 
     function advance(now) {
@@ -367,10 +371,7 @@
       get zoom() {
         return view.zoom;
       },
-      drawNow() {
-        scene.draw(time, colours);
-        rows.draw(time, colours);
-      },
+      drawNow: draw,
     };
     return player;
   }

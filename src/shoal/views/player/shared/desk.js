@@ -186,6 +186,10 @@ const ShoalDesk = (() => {
     }
   }
 
+  /** Whether the page is laid out. In a frame that is hidden it is not: there, Firefox refuses to
+   *  write on a canvas. */
+  const isLaidOut = () => $("stage").clientWidth > 0;
+
   /** Call a function whenever one of some boxes (by id) changes its size. */
   function watchSizes(boxes, changed) {
     const sizes = new ResizeObserver(changed);
@@ -259,6 +263,7 @@ const ShoalDesk = (() => {
     listen,
     handleView,
     resize,
+    isLaidOut,
     watchSizes,
     reportPlaying,
     announce,

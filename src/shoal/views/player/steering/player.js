@@ -145,14 +145,18 @@
 
     function frame(now) {
       pending = 0;
-      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
+      if (ShoalDesk.isLaidOut()) draw();
+      if (playing) redraw();
+    }
+
+    function draw() {
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       const moment = track.momentAt(time);
       scene.draw(moment, colours);
       delta?.draw(moment, colours);
       chart.draw(time, colours);
       drawCommand(moment);
-      if (playing) redraw();
     }
 
     function advance(now) {

@@ -109,14 +109,19 @@
 
     function frame(now) {
       pending = 0;
-      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
+      if (ShoalDesk.isLaidOut()) draw();
+      else slideTime = 0;
+      if (playing || slideTime) redraw();
+    }
+
+    function draw() {
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       const slide = slideTime ? Math.min(1, (performance.now() - slideStart) / slideTime) : 1;
       if (stale) picture.draw(move, swarm, 1 - (1 - slide) ** 3);
       stale = false;
       chart.draw(move, colours);
       if (slide === 1) slideTime = 0;
-      if (playing || slideTime) redraw();
     }
 
     function advance(now) {

@@ -3,8 +3,8 @@
 import { ask, newest, run } from "../../shared/api.js";
 import { Store, stepButtons } from "../../shared/store.js";
 import { NEED_OPTIONS, makeForm, parsed, seedIn } from "../../shared/form.js";
-import { el, guarded, number, told } from "../../shared/page.js";
-import { failure, HOW_OF_SWEEP, showForms } from "../../shared/share.js";
+import { el, guarded, number } from "../../shared/page.js";
+import { sayFailed, HOW_OF_SWEEP, showForms } from "../../shared/share.js";
 
 /** A sweep of each kind to begin with: a question that its result answers. */
 const QUESTIONS = {
@@ -109,7 +109,7 @@ export function drafting({ shown, started }) {
     },
   });
   const axes = el("div.axes", {}),
-    room = el("div", {}),
+    room = el("div", { oninput: changed }), // texts, too, while they are typed
     info = el("p.soft", { role: "status" }, "Reading the fields of sweeps …"),
     problem = el("p.warning", { role: "alert", hidden: true });
   const text = el("textarea.code", {
@@ -366,7 +366,7 @@ export function drafting({ shown, started }) {
       { toml: text.value, store: found.store, sweep },
       {
         failed: (job) => {
-          if (job.state === "failed") told(new Error(failure(job)));
+          if (job.state === "failed") sayFailed(job);
         },
       },
     );

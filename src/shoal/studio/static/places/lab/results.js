@@ -2,8 +2,9 @@
  * comparisons, exports. */
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
+import { written } from "../../shared/form.js";
 import { dataTable, el, guarded, number, progressText, told } from "../../shared/page.js";
-import { exportsOf, failure, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
+import { exportsOf, sayFailed, HOW_OF_SWEEP, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [
   ["csv", "Table", "CSV"],
@@ -25,6 +26,16 @@ const short = (values) =>
       typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`,
     )
     .join(", ") || "all";
+const LONGEST = 80; // characters of one setting
+/** What is the same at all points. */
+const settings = (problem) =>
+  Object.entries(problem)
+    .map(([name, value]) => [name.replaceAll("_", " "), written(value)])
+    .map(
+      ([name, text]) =>
+        `${name} ${text.length > LONGEST ? `${text.slice(0, LONGEST - 1)}…` : text}`,
+    )
+    .join(", ");
 const BARS = "Points: means. Bars: their 95 % intervals.";
 const UNITS = { makespan: "s", planned: "s", expected_find: "s" }; // of a search
 const plain = (name) => name.replaceAll("_", " ");
@@ -44,6 +55,7 @@ export function results({ shown, change }) {
     );
   const element = el("div.labTwo", {}, list, detail);
   let sweeps = [],
+    read = false, // whether the sweeps of the folder are known
     chosen = null,
     wanted = null,
     drawn = "";
@@ -79,6 +91,7 @@ export function results({ shown, change }) {
         ...begun.filter((one) => !found.some((other) => key(other) === key(one))),
         ...found,
       ];
+      read = true;
       if (!sweeps.some((one) => key(one) === chosen))
         chosen = sweeps.length ? key(sweeps[0]) : null;
       drawList();
@@ -124,7 +137,7 @@ export function results({ shown, change }) {
         ),
       ),
     );
-    if (sweeps.length) return;
+    if (sweeps.length || !read) return;
     detail.replaceChildren(
       el(
         "p.empty",
@@ -227,6 +240,7 @@ export function results({ shown, change }) {
           .filter(Boolean)
           .join(", "),
       ),
+      Object.keys(found.problem).length ? el("p.soft.settings", {}, settings(found.problem)) : [],
       found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
       el("p.verdict", { role: "status" }, verdict(found)),
       el(
@@ -449,7 +463,10 @@ export function results({ shown, change }) {
             ? el(
                 "a",
                 {
-                  href: placeOf(kind, one.watch.problem, one.watch.seed, { missions: null }),
+                  href: placeOf(kind, one.watch.problem, one.watch.seed, {
+                    missions: null,
+                    run: true,
+                  }),
                   "aria-label": `Watch the first trial at ${words(one.axes)}`,
                 },
                 "Watch",
@@ -477,7 +494,7 @@ export function results({ shown, change }) {
       `${job.spec.store} ${job.spec.sweep}` === chosen &&
       element.checkVisibility()
     )
-      told(new Error(failure(job)));
+      sayFailed(job);
     if (!element.checkVisibility()) return;
     if (job.result?.warning) told(new Error(job.result.warning));
     due ??= setTimeout(

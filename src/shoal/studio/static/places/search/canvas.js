@@ -17,7 +17,8 @@ export class MetricCanvas {
   constructor(label, { tap, over }) {
     this.tap = tap;
     this.over = over;
-    this.earth = null;
+    /** @type {any} null: the canvas is nowhere on Earth; undefined: not known yet */
+    this.earth = undefined;
     this.marks = [];
     this.scale = 1; // pixels of a metre
     this.middle = [0, 0];
@@ -68,10 +69,12 @@ export class MetricCanvas {
   }
 
   resize() {
+    const [wide, high] = this.size;
     this.size = [Math.max(1, this.element.clientWidth), Math.max(1, this.element.clientHeight)];
     this.plane.setAttribute("viewBox", `0 0 ${this.size.join(" ")}`);
     if (!this.moved) this.fit();
-    else this.draw();
+    // the words below may take another line while a hand draws: nothing moves under it
+    else this.pan((wide - this.size[0]) / 2, (high - this.size[1]) / 2);
   }
 
   /** @param {number[]} point in metres */
@@ -170,6 +173,7 @@ export class MetricCanvas {
   }
 
   drawGraticule() {
+    if (this.earth === undefined) return; // neither in degrees nor in metres
     const [wide, high] = this.size,
       corners = [
         [0, 0],

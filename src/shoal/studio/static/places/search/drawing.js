@@ -1,5 +1,5 @@
-/* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers.
- */
+/* A drawn region: polygons to search, their holes and zones to keep out of, in metres; by hand and
+   by numbers. */
 import {
   CROSSES,
   CROSSES_CLOSED,
@@ -19,6 +19,7 @@ import { stepButtons } from "../../shared/store.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
 import { metres, surface } from "./measures.js";
+import { holesOf, KINDS } from "./outlines.js";
 import { Ruler } from "./ruler.js";
 import { Selection } from "./selection.js";
 
@@ -26,6 +27,7 @@ const LOOK = "look",
   SELECT = "select",
   RULER = "ruler",
   PART = "parts",
+  HOLE = "holes", // of a region that was opened
   ZONE = "zones",
   LAUNCH = "launch";
 const SHAPE_HINTS = {
@@ -33,7 +35,7 @@ const SHAPE_HINTS = {
   circle: "Drag from the middle to the rim.",
 };
 const DRAWS = new Set([LOOK, PART, ZONE]); // tools that give way to an outline that is open again
-const WORDS = { parts: "Region", zones: "No-go zone" };
+const WORDS = { parts: "Region", holes: "Hole", zones: "No-go zone" };
 const OPEN = "An outline is still open: finish it with Close, or drop it with Escape.";
 const SHAPES = { corners: null, rectangle, circle };
 const NEAR = 10; // pixels within which a corner snaps
@@ -73,8 +75,9 @@ export class Drawing {
 
   /** Show what is drawn, an outline that is not closed yet included. */
   load(told) {
-    const { frame = null, parts = [], zones = [], draft = null } = structuredClone(told ?? {});
-    this.told = { frame, parts, zones };
+    const given = structuredClone(told ?? {}),
+      { frame = null, parts = [], holes = [], zones = [], draft = null } = given;
+    this.told = { frame, parts, holes, zones };
     this.draft = draft;
     if (draft && this.buttons && DRAWS.has(this.tool)) this.pick(draft.kind);
   }
@@ -165,7 +168,7 @@ export class Drawing {
 
   /** A corner or side of the other outlines that is near, else the point itself. */
   snap(point, own = null) {
-    const others = [...this.told.parts, ...this.told.zones].filter((ring) => ring !== own);
+    const others = KINDS.flatMap((kind) => this.told[kind]).filter((ring) => ring !== own);
     return snapped(point, others, NEAR / this.canvas.scale);
   }
 
@@ -240,12 +243,19 @@ export class Drawing {
 
   /** Draw it, and return the marks of its corners. */
   show() {
-    const { parts, zones } = this.told,
+    const { parts, holes, zones } = this.told,
       draft = this.draft?.points ?? [];
     this.selection.refresh();
     const chosen = (kind, k) => (this.selection.keys.has(`${kind} ${k}`) ? " chosen" : "");
     this.layer.replaceChildren(
-      ...parts.map((ring, k) => svg("path", { class: `part${chosen(PART, k)}`, d: path(ring) })),
+      ...parts.map((ring, k) =>
+        svg("path", {
+          class: `part${chosen(PART, k)}`,
+          "fill-rule": "evenodd",
+          d: [ring, ...holesOf(ring, holes)].map(path).join(""),
+        }),
+      ),
+      ...holes.map((ring, k) => svg("path", { class: `hole${chosen(HOLE, k)}`, d: path(ring) })),
       ...zones.map((ring, k) => svg("path", { class: `zone${chosen(ZONE, k)}`, d: path(ring) })),
       this.ruler.line(),
       ...(draft.length
@@ -278,7 +288,7 @@ export class Drawing {
     this.guide.hidden = !this.hint.textContent && !this.measured.textContent;
     const corners =
       this.points.length <= MOST_HANDLES
-        ? [PART, ZONE].flatMap((kind) =>
+        ? KINDS.flatMap((kind) =>
             this.told[kind].flatMap((ring, k) => [
               ...(this.tool === SELECT || this.crowded(`${kind}${k}`, ring)
                 ? []
@@ -340,7 +350,10 @@ export class Drawing {
       {
         move: (to) => {
           const now = Math.atan2(to[1] - centre[1], to[0] - centre[0]);
-          this.told[kind][k] = turned(this.told[kind][k], centre, now - angle).map(rounded);
+          const turn = (one) => turned(one, centre, now - angle).map(rounded),
+            own = kind === PART ? holesOf(this.told[kind][k], this.told.holes) : [];
+          this.told.holes = this.told.holes.map((hole) => (own.includes(hole) ? turn(hole) : hole));
+          this.told[kind][k] = turn(this.told[kind][k]);
           angle = now;
           this.changed({ drawnOnly: true });
           this.measure(`turned by ${Math.round((now * 180) / Math.PI)}°`);
@@ -591,8 +604,7 @@ function byNumbers(drawing) {
     {
       type: "button",
       onclick: () => {
-        const [kind, k] = chosen();
-        drawing.edit((told) => told[kind].splice(k, 1));
+        drawing.selection.remove(new Set([which.value]));
       },
     },
     "Remove",
@@ -604,10 +616,11 @@ function byNumbers(drawing) {
   };
 
   function fill(changed = false) {
-    const { parts, zones, frame } = drawing.told,
+    const { parts, holes, zones, frame } = drawing.told,
       kept = which.value;
     const names = [
       ...parts.map((_, k) => [`parts ${k}`, `Region ${k + 1}`]),
+      ...holes.map((_, k) => [`holes ${k}`, `Hole ${k + 1}`]),
       ...zones.map((_, k) => [`zones ${k}`, `No-go zone ${k + 1}`]),
       [`parts ${parts.length}`, "A new region"],
       [`zones ${zones.length}`, "A new no-go zone"],

@@ -1,17 +1,8 @@
 /* Missions: files for vehicles, checked, as a zip. */
 import { fileAddress, run, state } from "../../shared/api.js";
 import { fieldRow, makeForm } from "../../shared/form.js";
-import {
-  dataTable,
-  el,
-  guarded,
-  number,
-  precise,
-  progressText,
-  say,
-  told,
-} from "../../shared/page.js";
-import { failure } from "../../shared/share.js";
+import { dataTable, el, guarded, number, precise, progressText, say } from "../../shared/page.js";
+import { sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 import { heightProfile } from "./profile.js";
 import { lasting } from "./simulate.js";
@@ -118,7 +109,7 @@ export function missionsPanel({ ready, current, lacking, changed, store }) {
         },
         failed: (now) => {
           free();
-          if (now.state !== "cancelled") told(new Error(failure(now)));
+          if (now.state !== "cancelled") sayFailed(now);
         },
       },
     ).catch((error) => {

@@ -2,6 +2,7 @@
 import { area, centreOf, inside, rectangle } from "../../shared/geometry.js";
 import { el, svg } from "../../shared/page.js";
 import { surface } from "./measures.js";
+import { holesOf, KINDS } from "./outlines.js";
 
 const SLIP = 5; // pixels that a click may move
 const STEP = 24; // pixels between outlines and their copies
@@ -32,9 +33,21 @@ export class Selection {
 
   /** Kind and number of each outline, those on top first. */
   every() {
-    return ["zones", "parts"].flatMap((kind) =>
+    return ["zones", "holes", "parts"].flatMap((kind) =>
       this.drawing.told[kind].map((ring, k) => ({ kind, k, ring, key: `${kind} ${k}` })),
     );
+  }
+
+  /** These keys, and those of the holes in their polygons. */
+  withHoles(keys) {
+    const all = this.every(),
+      holes = all
+        .filter(({ kind, key }) => kind === "parts" && keys.has(key))
+        .flatMap(({ ring }) => holesOf(ring, this.drawing.told.holes));
+    return new Set([
+      ...keys,
+      ...all.filter(({ ring }) => holes.includes(ring)).map(({ key }) => key),
+    ]);
   }
 
   get chosen() {
@@ -130,8 +143,9 @@ export class Selection {
 
   /** Move the outlines of these keys, or all that are chosen. */
   shift([east, north], keys = this.keys) {
+    const moved = this.withHoles(keys);
     for (const { kind, k, ring, key } of this.every())
-      if (keys.has(key))
+      if (moved.has(key))
         this.drawing.told[kind][k] = ring.map(([x, y]) =>
           this.drawing.rounded([x + east, y + north]),
         );
@@ -139,7 +153,9 @@ export class Selection {
 
   copy() {
     if (!this.keys.size) return;
-    this.copied = this.chosen.map(({ kind, ring }) => ({ kind, ring: structuredClone(ring) }));
+    const keys = this.withHoles(this.keys),
+      chosen = this.every().filter(({ key }) => keys.has(key));
+    this.copied = chosen.map(({ kind, ring }) => ({ kind, ring: structuredClone(ring) }));
     this.frame = String(this.drawing.told.frame);
     this.pasted = 0;
     this.drawing.changed({ drawnOnly: true });
@@ -172,12 +188,11 @@ export class Selection {
   }
 
   remove(keys = this.keys) {
-    const gone = new Set(keys);
+    const gone = this.withHoles(keys);
     if (!gone.size) return;
     this.keys = new Set();
     this.drawing.edit((told) => {
-      for (const kind of ["parts", "zones"])
-        told[kind] = told[kind].filter((_, k) => !gone.has(`${kind} ${k}`));
+      for (const kind of KINDS) told[kind] = told[kind].filter((_, k) => !gone.has(`${kind} ${k}`));
     });
   }
 

@@ -10,10 +10,9 @@ import {
   precise,
   progressText,
   say,
-  told,
 } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { exports, failure } from "../../shared/share.js";
+import { exports, sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const CRASH = /^crash:(\d+)@([\d.]+)$/;
@@ -231,7 +230,7 @@ export function simulation({ ready, lacking, question, fields, set, open, visibl
         }),
         failed: (now) => {
           free();
-          told(new Error(failure(now)));
+          sayFailed(now);
         },
       },
     ).catch((error) => {

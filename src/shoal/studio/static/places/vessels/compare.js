@@ -3,9 +3,9 @@
 import { ask, run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
 import { rowsChart } from "../../shared/charts.js";
-import { dataTable, el, guarded, number, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { failure } from "../../shared/share.js";
+import { sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const MOST = 4;
@@ -96,7 +96,7 @@ export function comparison({ names, problem, seed, current, look, view, below })
         }),
         failed: (now) => {
           finish();
-          told(new Error(failure(now)));
+          sayFailed(now);
         },
       },
     ).catch((error) => {

@@ -2,9 +2,9 @@
    same start. */
 import { run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
-import { el, guarded, say, symbol, told } from "../../shared/page.js";
+import { el, guarded, say, symbol } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { exports, failure } from "../../shared/share.js";
+import { exports, sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const PAD = [
@@ -138,7 +138,7 @@ export function driving({ names, problem, seed, current, look, view, below }) {
         done: ({ report }) => ended(report),
         failed: (job) => {
           ended({ status: job.state, moves: drive?.ghostLength ?? 0 });
-          told(new Error(failure(job)));
+          sayFailed(job);
         },
       },
     );
@@ -186,7 +186,7 @@ export function driving({ names, problem, seed, current, look, view, below }) {
           kept.replaceChildren(exports(file));
           say(`Your race is saved as ${file}`);
         },
-        failed: (job) => told(new Error(failure(job))),
+        failed: sayFailed,
       },
     );
   }

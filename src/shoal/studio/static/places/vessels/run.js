@@ -1,9 +1,9 @@
 /* Run: the episode in the player, move by move as it is computed, and earlier episodes of the
    folder. */
 import { ask, leftOut, on, run, state } from "../../shared/api.js";
-import { el, guarded, number, progressText, say, told } from "../../shared/page.js";
+import { el, guarded, number, progressText, say } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
-import { exports, failure } from "../../shared/share.js";
+import { exports, sayFailed } from "../../shared/share.js";
 import { dated } from "../../shared/store.js";
 
 const PRESS = "Press Run to watch the swarm here, move by move.";
@@ -122,7 +122,7 @@ export function running({ store, problem, open, below }) {
             return;
           }
           if (here()) dates.is(null);
-          told(new Error(failure(now)));
+          sayFailed(now);
         },
       },
     ).catch((error) => {
