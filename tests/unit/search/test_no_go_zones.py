@@ -433,3 +433,13 @@ def test_swapped_launch_points_outside_the_region_are_named(tmp_path, capsys):
     assert said in capsys.readouterr().err
     assert run([*command, "120.5,8.499"]) == 2
     assert "within 200 km" in capsys.readouterr().err
+
+
+def test_a_zone_along_the_border_leaves_no_sliver():
+    field = shapely.box(0, 0, 200, 100)
+    zone = shapely.Polygon([(50, -30), (150, -30), (150, 30), (50, 30), (50, -1e-5)])
+    beside = shapely.Polygon([(0, 2e-6), (0, 100), (-30, 100), (-30, 0)])
+    top = shapely.Polygon([(200, 99.9999), (0, 100.0001), (0, 99.99995), (100, 99.99995)])
+    region = region_of(field, no_go=shapely.union_all([zone, beside, top.buffer(0)]))
+    assert len(region.parts) == 1
+    assert region.area_m2 == pytest.approx(200 * 100 - 100 * 30, rel=1e-5)

@@ -20,6 +20,7 @@ MOST_LAYERS = 1000
 
 
 TOUCH = 1e-6  # metres: tolerance for points inside the region
+_SLIVER = 1e-3  # metres: narrower parts are rounding, as no position is known so well
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,12 +334,23 @@ def region_of(
         if no_go is not None
         else shapely.Polygon()
     )
-    free = whole if zones.is_empty else polygons_in(whole.difference(zones))
+    free = whole if zones.is_empty else _without_slivers(polygons_in(whole.difference(zones)))
     if free.is_empty or not free.area > 0:
         actual = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
         raise InvalidInputError(f"{name}: expected a region with an area to search, got {actual}")
     zone_count = len(shapely.get_parts(zones)) if no_go_zones is None else no_go_zones
     return SearchRegion(free, frame, zones, name, zone_count)
+
+
+def _without_slivers(free: Any) -> Any:
+    """Return an area without the parts that are mere rounding, as between a border of the region
+    and a no-go zone that is drawn along it.
+    """
+    import shapely
+
+    parts = shapely.get_parts(free)
+    wide = shapely.area(parts) > _SLIVER * shapely.length(parts) / 2  # the mean width of a strip
+    return free if wide.all() else polygons_in(shapely.union_all(parts[wide]))
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
