@@ -151,6 +151,9 @@ class MissionCheck:
         vehicle = self.options.chosen_vehicle
         if self.distance is not None and vehicle is not None:
             sentences += cautions_about_distance(self.distance, vehicle)
+        separation = self.options.required_separation
+        if separation is not None and vehicle is not None:
+            sentences += cautions_about_circling(self.missions, vehicle, separation.delay)
         low = self.smallest
         if low is not None and low.height < low.planned - self.options.terrain_error:
             sentences.append(
@@ -439,6 +442,29 @@ def cautions_about_distance(distance: float, vehicle: Vehicle) -> list[str]:
         f"paths come within {distance:.3g} m of a border or a no-go zone, and with errors of positions"
         f" and cut corners, a vehicle may be {vehicle.clearance:g} m off its path: up to"
         f" {beyond:.3g} m outside of the region or in the zone"
+    ]
+
+
+def cautions_about_circling(
+    missions: Sequence[Mission], vehicle: Vehicle, tolerance: float
+) -> list[str]:
+    """Return a sentence about the vehicle that would circle longest beyond its battery, or none.
+
+    A vehicle whose mission ends with loitering circles until somebody lands it. Separation holds as
+    long as it circles, which is until all others have landed.
+    """
+    if not np.isfinite(vehicle.usable_seconds) or all(one.loiter is None for one in missions):
+        return []
+    down = [(one.start or 0.0) + one.duration(vehicle) + tolerance for one in missions]
+    aloft, robot = max(
+        (max(down) - (one.start or 0.0), one.robot) for one in missions if one.loiter is not None
+    )
+    if aloft <= vehicle.usable_seconds:
+        return []
+    return [
+        f"robot {robot} circles until the last vehicle is down, up to {aloft / 60:.3g} min after its"
+        f" start, and its battery allows {vehicle.usable_seconds / 60:.3g} min: earlier landings are"
+        " not kept apart from other vehicles, unless all have landing points (--land)"
     ]
 
 

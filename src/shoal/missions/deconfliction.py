@@ -107,6 +107,13 @@ def plan_missions(
 
     robots = range(len(plan.places))
     by_robot = [sorties(robot, 0) for robot in robots]
+    for missions in by_robot:
+        if len(missions) > 1 and missions[0].loiter is not None:
+            raise InvalidInputError(
+                "ending: expected sorties that land, because a vehicle is recharged between them"
+                f" (robot {missions[0].robot} flies {len(missions)}), got vehicles that loiter: give"
+                " landing points with --land, or the ending land"
+            )
     if separation is not None:
         by_robot = _Schedule(plan, separation, sorties).keep_apart(by_robot)
     else:

@@ -28,6 +28,7 @@ from shoal.missions.approach import (
 from shoal.missions.checking import (
     MissionCheck,
     SmallestImage,
+    cautions_about_circling,
     cautions_about_distance,
     check_sheets,
     distance_of,
@@ -547,6 +548,14 @@ class MissionSet:
         distance = distance_of(paths, vehicle.kind, problem.place)
         if distance is not None:
             sentences += cautions_about_distance(distance, vehicle)
+        if any(one.altitude_frame == "sea" and one.elevation is None for one in self.missions):
+            sentences.append(
+                "altitudes count from the sea, and without --terrain nobody has looked how high home"
+                " and the ground lie: times, battery and separation are those of a home at the sea"
+            )
+        separation = self.options.required_separation
+        if separation is not None:
+            sentences += cautions_about_circling(self.missions, vehicle, separation.delay)
         if vehicle.cross_track - problem.row_reserve > ROUNDED:
             sentences.append(
                 f"rows keep a reserve of {problem.row_reserve:.3g} m, not of"

@@ -274,6 +274,28 @@ def test_vehicles_that_loiter_are_timed_by_flights_and_not_by_their_circles():
     assert max(mission.start or 0.0 for mission in missions) < 600
 
 
+def test_vehicles_that_are_recharged_land_and_circles_beyond_the_battery_are_said():
+    fields = {"footprint": 40.0, "launch": "-10,50;-10,150"}
+    problem = SearchProblem(
+        "rectangle:600x400", robots=2, vehicle="fixed-wing,endurance=8,recharge=5", **fields
+    )
+    with pytest.raises(InvalidInputError, match=r"sorties that land, .* \(robot 1 flies 2\)"):
+        plan_missions(plan_search(problem), separation=Separation())
+    one = problem.replaced(vehicle="fixed-wing,endurance=16", delays=(0.0, 900.0))
+    missions = MissionSet.from_problem(one, MissionOptions(separation=(40.0, 10.0)))
+    assert [sentence for sentence in missions.cautions if "robot 1 circles until" in sentence]
+    enough = one.replaced(vehicle="fixed-wing,endurance=60")
+    missions = MissionSet.from_problem(enough, MissionOptions(separation=(40.0, 10.0)))
+    assert not [sentence for sentence in missions.cautions if "circles" in sentence]
+
+
+def test_altitudes_above_an_unknown_sea_are_said():
+    problem = SearchProblem("rectangle:300x200", robots=1, footprint=40.0, vehicle="multirotor")
+    for frame, count in (("home", 0), ("sea", 1)):
+        missions = MissionSet.from_problem(problem, MissionOptions(altitude_frame=frame))
+        assert len([one for one in missions.cautions if "count from the sea" in one]) == count
+
+
 def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_path):
     plan = plan_search(
         SearchProblem(field([]), robots=1, footprint=40.0, vehicle="multirotor", angle=0.0)
