@@ -67,7 +67,7 @@ class MissionCheck:
     n_waypoints : int
         Number of waypoints in all checked files.
     missions : tuple of Mission
-        The checked missions, except for missions whose altitudes are given above ground.
+        The checked missions.
     approach : MissionApproach or None
         The nearest approach of two vehicles. The approach is None without a required separation, or
         if all vehicles always keep the vertical separation.
@@ -325,7 +325,6 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
             missions, terrain, region, wrong={diagnostic.file for diagnostic in _errors(sheets)}
         )
     )
-    missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     flights: tuple[dict[str, Any], ...] = ()
     if vehicle is not None:
         reports = {mission: _flight_report(mission, vehicle) for mission in missions}

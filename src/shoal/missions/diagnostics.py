@@ -129,8 +129,8 @@ RULES: dict[str, Rule] = {
     ),
     "terrain-frame": Rule(
         "warning",
-        "altitudes are above the terrain (frame 10); the check of separation leaves the"
-        " mission out",
+        "altitudes are above the terrain (frame 10); the check of separation counts them as any"
+        " height",
     ),
     "spline": Rule(
         "warning",
@@ -215,6 +215,11 @@ RULES: dict[str, Rule] = {
     "transit": Rule("warning", "a leg of a flight leaves the region"),
     "formats-differ": Rule(
         "error", "two files of one sortie in different formats have different contents"
+    ),
+    "same-robot": Rule(
+        "error",
+        "two files of one format are the same sortie of the same robot; the check compares them as"
+        " two vehicles",
     ),
     "sortie-missing": Rule("warning", "the sorties of a robot are not numbered 1, 2, 3, ..."),
 }

@@ -17,7 +17,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, step_lengths
 from shoal.missions.approach import near_homes
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
-from shoal.missions.files import mission_of, open_sheets
+from shoal.missions.files import mission_of, number_apart, open_sheets
 from shoal.missions.formats.fences import FENCE
 from shoal.missions.mission import CAPS
 from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, path_of
@@ -94,8 +94,10 @@ def lint(
         If no mission file exists, or if the region is in degrees and a mission in metres, or the
         reverse.
     """
-    sheets = open_sheets(source)
-    lint_sheets(sheets, region, Limits(**limits), together=Path(source).is_dir())
+    sheets, together = open_sheets(source), Path(source).is_dir()
+    if together:
+        number_apart(sheets)
+    lint_sheets(sheets, region, Limits(**limits), together=together)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
 
 
@@ -330,11 +332,21 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
-    """For each file format, add a diagnostic for each robot whose sortie numbers have a gap."""
+    """For each file format, add a diagnostic for each robot whose sortie numbers have a gap, and for
+    each file of a sortie that another file has.
+    """
     numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:
-            numbers[Path(sheet.file).suffix, sheet.robot][sheet.sortie] = sheet
+            by_sortie = numbers[Path(sheet.file).suffix, sheet.robot]
+            same = by_sortie.setdefault(sheet.sortie, sheet)
+            if same is not sheet:
+                sheet.add(
+                    "same-robot",
+                    "",
+                    f"expected one file of robot {sheet.robot}, sortie {sheet.sortie}, got one"
+                    f" besides {same.file}",
+                )
     for (_, robot), by_sortie in numbers.items():
         missing = next(number for number in count(1) if number not in by_sortie)
         if missing < max(by_sortie):

@@ -841,7 +841,8 @@ def test_every_rule_is_planted():
         "fence-near",
         "no-manifest",
         "fence-differs",
-    }  # below, and in test_safe_fences.py
+        "same-robot",
+    }  # below, in test_safe_fences.py and in test_separation_of_files.py
     assert {rule for rule, *_ in PLANTS} | others == {*RULES}
 
 

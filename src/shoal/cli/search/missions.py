@@ -197,9 +197,14 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
     sortie = (
         f" in sorties {' and '.join(map(str, near['sorties']))}" if max(near["sorties"]) > 1 else ""
     )
+    height = (
+        "heights are unknown on a return or above the terrain"
+        if near["vertical_m"] is None
+        else f"and {near['vertical_m']:.3g} m in height"
+    )
     return (
-        f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and"
-        f" {other} after {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or"
+        f"{near['horizontal_m']:.4g} m, {height}: robots {one} and {other} after"
+        f" {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or"
         f" {vertical:g} m in height"
     )
 
