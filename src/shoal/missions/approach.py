@@ -257,10 +257,11 @@ class _Flights:
             turn -= 1
         before = Trajectory(flown.times[: turn + 1], flown.points[: turn + 1])
         begin, climb = float(flown.times[turn]), max(RETURN_HEIGHT - float(last[2]), 0.0)
+        up, down = vehicle.vertical_seconds((climb, -climb)).tolist()
         times = np.append(flown.times[turn:] - begin, flown.duration - begin)
-        times[-1] += climb / vehicle.sink_speed
+        times[-1] += down
         home = Trajectory(times, np.vstack([flown.points[turn:], flown.points[-1:]]))
-        return [_Stretch(before), _Stretch(home, begin, climb / vehicle.climb_speed, False)]
+        return [_Stretch(before), _Stretch(home, begin, up, False)]
 
     def approach(self, first: int, second: int) -> tuple[Approach, float, bool] | None:
         """Return the nearest approach on two missions, the time at which the stretch of the first
@@ -281,8 +282,8 @@ class _Flights:
             if not earliest <= later <= mine.flown.duration + tolerance:
                 continue
             near = nearest_approach(
-                _raised(mine.flown, 0.0 if levels is None else levels[0]),
-                _raised(theirs.flown, 0.0 if levels is None else levels[1]),
+                raised(mine.flown, 0.0 if levels is None else levels[0]),
+                raised(theirs.flown, 0.0 if levels is None else levels[1]),
                 vertical=self.separation.vertical if known else np.inf,
                 later=later,
                 tolerance=tolerance,
@@ -292,7 +293,8 @@ class _Flights:
         return best
 
 
-def _raised(flown: Trajectory, height: float) -> Trajectory:
+def raised(flown: Trajectory, height: float) -> Trajectory:
+    """Return a trajectory ``height`` metres higher."""
     if not height:
         return flown
     return Trajectory(flown.times, flown.points + np.array([0.0, 0.0, height]), flown.circle)
