@@ -188,6 +188,23 @@ RULES: dict[str, Rule] = {
     "no-manifest": Rule(
         "warning", "several missions have no `missions.json`, so that all start at the same time"
     ),
+    "no-start": Rule(
+        "warning",
+        "missions of several vehicles have no start times, so that the check of separation starts"
+        " them at 0 s",
+    ),
+    "format-missing": Rule(
+        "error",
+        "a mission has no file of the format that the check measures, so nothing of it is measured",
+    ),
+    "elevation-missing": Rule(
+        "warning",
+        "some missions state the height of home above the sea and others do not; the check of"
+        " separation compares them as if all homes were equally high",
+    ),
+    "sorties-overlap": Rule(
+        "error", "a sortie starts before the earlier sortie of the same robot has ended"
+    ),
     "file-missing": Rule(
         "error",
         "`missions.json` lists a mission without a file, or a file of the fence or of rally points"

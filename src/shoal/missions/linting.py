@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from shoal.core.checks import check_choice, check_integer, check_number
+from shoal.core.checks import check_choice, check_integer, check_number, count_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, step_lengths
-from shoal.missions.approach import near_homes
+from shoal.missions.approach import constant_speed, near_homes
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
-from shoal.missions.files import mission_of, number_apart, open_sheets
+from shoal.missions.files import MANIFEST, mission_of, number_apart, open_sheets
 from shoal.missions.formats.fences import FENCE
 from shoal.missions.mission import CAPS
 from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, path_of
@@ -147,8 +147,11 @@ def lint_sheets(
         _check_sorties(sheets)
         _check_formats(sheets)
         _check_fences(sheets)
+        _check_overlaps(sheets, vehicle)
         if limits.separation is not None:
             _check_near_homes(sheets, limits.separation)
+            _check_starts(sheets)
+            _check_elevations(sheets)
 
 
 def _check_whole(sheet: Sheet) -> None:
@@ -281,11 +284,7 @@ def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
     """Add a diagnostic for each format in which homes or landing points of two vehicles are nearer
     than ``separation`` metres.
     """
-    by_format: dict[str, list[Sheet]] = defaultdict(list)
-    for sheet in sheets:
-        if sheet.readable and sheet.robot is not None:
-            by_format[Path(sheet.file).suffix].append(sheet)
-    for alike in by_format.values():
+    for alike in _by_format(sheet for sheet in sheets if sheet.robot is not None):
         try:
             frame = (
                 LocalFrame(*alike[0].home)
@@ -359,6 +358,71 @@ def _check_sorties(sheets: list[Sheet]) -> None:
             )
 
 
+def _by_format(sheets: Iterable[Sheet]) -> Iterable[list[Sheet]]:
+    """Return the readable sheets of each format."""
+    by_format: dict[str, list[Sheet]] = defaultdict(list)
+    for sheet in sheets:
+        if sheet.readable:
+            by_format[Path(sheet.file).suffix].append(sheet)
+    return by_format.values()
+
+
+def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
+    """Add diagnostics for sorties that start before the earlier sortie of their robot has ended."""
+    for alike in _by_format(sheets):
+        ends: dict[int, tuple[float, str]] = {}  # by robot
+        for sheet in sorted(alike, key=lambda sheet: sheet.sortie or 1):
+            if sheet.robot is None or sheet.start is None:
+                continue
+            end, before = ends.get(sheet.robot, (0.0, ""))
+            if sheet.start < end - ROUNDING:
+                sheet.add(
+                    "sorties-overlap",
+                    "",
+                    f"expected a start after {end:.4g} s, the end of {before}, got"
+                    f" {sheet.start:.4g} s",
+                )
+            try:
+                mission = mission_of(sheet, sheet.file)
+                lasts = mission.duration(vehicle or constant_speed(mission))
+            except InvalidInputError:
+                continue  # other rules report what is invalid
+            ends[sheet.robot] = max((end, before), (sheet.start + lasts, sheet.file))
+
+
+def _check_starts(sheets: list[Sheet]) -> None:
+    """Add a diagnostic for vehicles without start times, which the check starts at 0 s."""
+    told = any(one.rule == "no-manifest" for sheet in sheets for one in sheet.diagnostics)
+    for alike in _by_format(sheets):
+        without = [sheet for sheet in alike if sheet.start is None and (sheet.sortie or 1) == 1]
+        if without and len({sheet.robot for sheet in alike}) > 1 and not told:
+            without[0].add(
+                "no-start",
+                "",
+                f"expected start times in {MANIFEST} or in the files, got none for"
+                f" {len(without)} of {count_text(len(alike), 'mission')}: a first sortie without one"
+                " starts at 0 s",
+            )
+
+
+def _check_elevations(sheets: list[Sheet]) -> None:
+    """Add a diagnostic for homes of unknown height beside homes of known height."""
+    for alike in _by_format(sheets):
+        known = next((sheet for sheet in alike if sheet.elevation is not None), None)
+        unknown = [
+            sheet
+            for sheet in alike
+            if sheet.elevation is None and sheet.altitude_frame in (None, "home")
+        ]
+        if known is not None and unknown:
+            unknown[0].add(
+                "elevation-missing",
+                "home",
+                f"expected the height of home above the sea, as {known.file} has one, got none:"
+                " the check compares heights as if both homes were equally high",
+            )
+
+
 def _check_formats(sheets: list[Sheet]) -> None:
     """Add diagnostics for files that contradict another file of the same sortie."""
     first: dict[tuple[int, int], Sheet] = {}
@@ -375,11 +439,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
 
 def _check_fences(sheets: list[Sheet]) -> None:
     """Add diagnostics for missions without a fence, if others of the same format have one."""
-    by_format: dict[str, list[Sheet]] = defaultdict(list)
-    for sheet in sheets:
-        if sheet.readable:
-            by_format[Path(sheet.file).suffix].append(sheet)
-    for alike in by_format.values():
+    for alike in _by_format(sheets):
         fenced = next((sheet.file for sheet in alike if sheet.fence is not None), None)
         for sheet in alike:
             if fenced is not None and sheet.fence is None:

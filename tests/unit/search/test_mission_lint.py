@@ -186,7 +186,8 @@ def rover(plant=None, **changes):
 
 
 def beside(*missions):
-    return lambda folder, _suffix: write_missions([mission(), *missions], folder, formats=["plan"])
+    started = [replace(one, start=0.0) for one in (mission(), *missions)]
+    return lambda folder, _suffix: write_missions(started, folder, formats=["plan"])
 
 
 def every_axis(folder, suffix):
@@ -842,6 +843,10 @@ def test_every_rule_is_planted():
         "no-manifest",
         "fence-differs",
         "same-robot",
+        "no-start",
+        "format-missing",
+        "elevation-missing",
+        "sorties-overlap",
     }  # below, in test_safe_fences.py and in test_separation_of_files.py
     assert {rule for rule, *_ in PLANTS} | others == {*RULES}
 
@@ -937,10 +942,12 @@ def test_options_of_the_linter(options, tmp_path):
 
 def test_homes_of_different_vehicles_are_apart_by_the_separation(tmp_path):
     apart = [
-        mission(robot=number, home=(8.5 + east, 47.4001))
+        mission(robot=number, home=(8.5 + east, 47.4001), start=0.0)
         for number, east in ((1, 0.0), (2, 0.0002), (3, 0.00041))
     ]
-    write_missions([*apart, replace(apart[2], sortie=2)], tmp_path, formats=["plan", "wpl"])
+    write_missions(
+        [*apart, replace(apart[2], sortie=2, start=900.0)], tmp_path, formats=["plan", "wpl"]
+    )
     assert lint(tmp_path, separation=15.0) == []
     assert lint(tmp_path) == []
     found = lint(tmp_path, separation=16.0)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shoal.cli import run
 from shoal.missions import Mission, check_missions, write_missions
 from shoal.missions.approach import RETURN_HEIGHT, missions_approach
 from shoal.search import open_region
@@ -20,13 +21,18 @@ FRAME = LocalFrame(8.502, 47.401)
 SEPARATION = Separation(15.0, 5.0, 10.0)
 
 
-@pytest.fixture(scope="module")
-def region(tmp_path_factory):
-    path = tmp_path_factory.mktemp("field") / "field.json"
+def write_field(folder):
+    folder.mkdir(exist_ok=True)
     ring = FRAME.to_degrees(np.array([(-150, -150), (150, -150), (150, 150), (-150, 150)]))
     geometry = {"type": "Polygon", "coordinates": [[*ring.tolist(), ring[0].tolist()]]}
+    path = folder / "field.json"
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": geometry}))
-    return open_region(path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def region(tmp_path_factory):
+    return open_region(write_field(tmp_path_factory.mktemp("field")))
 
 
 def degrees(points):
@@ -148,3 +154,50 @@ def test_heights_above_the_terrain_count_as_any_height(tmp_path, region):
     found = check_missions(tmp_path, region, None, separation=SEPARATION, vehicle=short)
     assert "endurance" in rules(found)
     assert len(found.flights) == 2
+
+
+def test_homes_of_unknown_and_of_known_height_are_told(tmp_path, region):
+    write_missions([mission(elevation=400.0, start=0.0)], tmp_path, formats=["plan"])
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert "elevation-missing" not in rules(found)
+    missions = [mission(elevation=400.0, start=0.0), mission(robot=2, start=0.0)]
+    write_missions(missions, tmp_path, formats=["plan"])
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert "elevation-missing" in rules(found)
+    assert found.approach.horizontal < 0.01
+
+
+def test_a_mission_without_a_file_of_the_checked_format_is_told(tmp_path, region, capsys):
+    write_missions([mission()], tmp_path, formats=["plan"])
+    write_missions([mission(robot=2)], tmp_path / "other", formats=["wpl"])
+    (tmp_path / "other" / "robot-02.waypoints").rename(tmp_path / "robot-02.waypoints")
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert [one.file for one in found.errors if one.rule == "format-missing"] == [
+        "robot-02.waypoints"
+    ]
+    assert found.uncompared == ("robot-02.waypoints",)
+    field = write_field(tmp_path / "field")
+    assert run(["missions", "check", str(tmp_path), field, "--separation", "15,5"]) == 1
+    assert "not compared:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("second", "told"), [(5.0, True), (400.0, False)])
+def test_sorties_of_one_vehicle_do_not_overlap(second, told, tmp_path, region):
+    sorties = [mission(start=0.0), mission(sortie=2, start=second)]
+    write_missions(sorties, tmp_path, formats=["plan"])
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert ("sorties-overlap" in rules(found)) == told
+    assert (found.faults != []) == told
+
+
+def test_vehicles_without_start_times_are_told(tmp_path, region):
+    missions = [mission(start=0.0), mission(robot=2, start=300.0)]
+    write_missions(missions, tmp_path, formats=["plan"])
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert "no-start" not in rules(found)
+    manifest = json.loads((tmp_path / "missions.json").read_text())
+    del manifest["starts_s"]
+    (tmp_path / "missions.json").write_text(json.dumps(manifest))
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert "no-start" in rules(found)
+    assert found.approach.horizontal < 0.01

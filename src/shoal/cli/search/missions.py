@@ -128,6 +128,10 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
     if separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)
         nearest = approach_text(told, separation.horizontal, separation.vertical)
+        if result.uncompared:
+            some = result.uncompared[:_SHOWN]
+            more = len(result.uncompared) - len(some)
+            nearest += f"; not compared: {', '.join(some)}{f' and {more} more' * bool(more)}"
         rows.append(
             (
                 "nearest",
