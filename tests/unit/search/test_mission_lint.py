@@ -186,7 +186,7 @@ def rover(plant=None, **changes):
 
 
 def beside(*missions):
-    started = [replace(one, start=0.0) for one in (mission(), *missions)]
+    started = [replace(one, start=1000.0 * (one.sortie - 1)) for one in (mission(), *missions)]
     return lambda folder, _suffix: write_missions(started, folder, formats=["plan"])
 
 
@@ -1205,7 +1205,7 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
         tmp_path,
         formats=["plan"],
     )
-    drop(2)(tmp_path, ".plan")
+    drop(3)(tmp_path, ".plan")
     assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
     (tmp_path / "missions.json").write_text('{"ways": {"robot-01": 5}}')
     with pytest.raises(

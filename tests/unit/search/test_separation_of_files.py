@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from shoal.cli import run
-from shoal.missions import Mission, check_missions, write_missions
+from shoal.missions import Mission, check_missions, lint, read_mission, write_missions
 from shoal.missions.approach import RETURN_HEIGHT, missions_approach
+from shoal.missions.fence import Fence
 from shoal.search import open_region
 from shoal.search.flight.separation import Separation
 from shoal.search.regions.projection import LocalFrame
@@ -201,3 +202,23 @@ def test_vehicles_without_start_times_are_told(tmp_path, region):
     found = check_missions(tmp_path, region, None, separation=SEPARATION)
     assert "no-start" in rules(found)
     assert found.approach.horizontal < 0.01
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+@pytest.mark.parametrize(("autopilot", "flies"), [("px4", True), ("ardupilot", False)])
+def test_the_place_of_a_take_off_is_checked_like_a_waypoint(kind, autopilot, flies, tmp_path):
+    around = np.array(degrees([(-150, -150), (150, -150), (150, 150), (-150, 150)]))
+    one = mission(kind=kind, autopilot=autopilot, fence=Fence(around), waypoints_out=0)
+    write_missions([one], tmp_path, formats=["plan"])
+    path = tmp_path / "robot-01.plan"
+    before = read_mission(path)
+    assert len(before.waypoints) == 2
+    assert [fault for fault in lint(tmp_path) if fault.rule == "fence"] == []
+    data = json.loads(path.read_text())
+    (place,) = degrees([(-100, 4000)])
+    data["mission"]["items"][0]["params"][4:6] = place[::-1]
+    path.write_text(json.dumps(data))
+    far = read_mission(path)
+    assert ("fence" in {fault.rule for fault in lint(tmp_path)}) == flies
+    assert (far.length > before.length + 7000) == flies
+    assert len(far.waypoints) == 2 + flies
