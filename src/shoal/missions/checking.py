@@ -154,8 +154,10 @@ class MissionCheck:
             and separation is not None
             and near.horizontal < separation.horizontal - ROUNDING
         ):
+            known = near.vertical is not None
             faults.append(
                 f"robots {near.robots[0]} and {near.robots[1]} come within {near.horizontal:.3g} m"
+                f"{'' if known else ', and their difference in height is unknown'}"
             )
         if low is not None and low.lowest <= 0:
             faults.append(f"{low.missions[0]} meets the ground")

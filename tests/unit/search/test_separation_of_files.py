@@ -123,7 +123,9 @@ def test_a_return_may_climb_to_any_height(tmp_path, region):
     found = check_missions(tmp_path, region, None, separation=SEPARATION)
     assert found.approach.horizontal < 1
     assert found.approach.vertical is None
-    assert found.faults == ["robots 1 and 2 come within 0 m"]
+    assert found.faults == [
+        "robots 1 and 2 come within 0 m, and their difference in height is unknown"
+    ]
 
 
 def test_a_return_is_late_by_its_climb_to_the_return_height():
