@@ -370,11 +370,12 @@ def _by_format(sheets: Iterable[Sheet]) -> Iterable[list[Sheet]]:
 def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
     """Add diagnostics for sorties that start before the earlier sortie of their robot has ended."""
     for alike in _by_format(sheets):
-        ends: dict[int, tuple[float, str]] = {}  # by robot
+        ends: dict[int, list[tuple[int, float, str]]] = defaultdict(list)  # by robot
         for sheet in sorted(alike, key=lambda sheet: sheet.sortie or 1):
-            if sheet.robot is None or sheet.start is None:
+            if sheet.robot is None or sheet.sortie is None or sheet.start is None:
                 continue
-            end, before = ends.get(sheet.robot, (0.0, ""))
+            earlier = [(end, file) for k, end, file in ends[sheet.robot] if k < sheet.sortie]
+            end, before = max(earlier, default=(0.0, ""))
             if sheet.start < end - ROUNDING:
                 sheet.add(
                     "sorties-overlap",
@@ -387,7 +388,7 @@ def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
                 lasts = mission.duration(vehicle or constant_speed(mission))
             except InvalidInputError:
                 continue  # other rules report what is invalid
-            ends[sheet.robot] = max((end, before), (sheet.start + lasts, sheet.file))
+            ends[sheet.robot].append((sheet.sortie, sheet.start + lasts, sheet.file))
 
 
 def _check_starts(sheets: list[Sheet]) -> None:

@@ -221,6 +221,7 @@ def check_flown(
     required = None if options is None else options.required_separation
     approach = _nearest_approach(flown, np.inf if required is None else required.vertical)
     gaps, unknown = _unknown_distances(flown, np.inf if required is None else required.horizontal)
+    gaps += _unknown_ends(flown)
     reasons = _unknown_times(flown)
     return FlownCheck(
         flown,
@@ -495,6 +496,30 @@ def _unknown_distances(flown: Sequence[FlownMission], required: float) -> tuple[
             f" which it may have come within {distance:.3g} m of robot {beside}"
         )
     return sentences, sum(lasts.values())
+
+
+def _unknown_ends(flown: Sequence[FlownMission]) -> list[str]:
+    """Return which logs begin or end in flight while another vehicle flew before or after."""
+    sentences = []
+    for flight in flown:
+        others = [part for one in flown if one is not flight for part in one.parts]
+        track = flight.track
+        first, last = float(track.times[0]), float(track.times[-1])
+        if flight.mission.kind == "rover" or not flight.parts:
+            continue
+        for aloft, beside, verb in (
+            (track.heights[0] > ALOFT, any(part.begin < first - GAP for part in others), "begins"),
+            (
+                track.heights[-1] > ALOFT,
+                any(part.begin + part.way.duration > last + GAP for part in others),
+                "ends",
+            ),
+        ):
+            if aloft and beside:
+                sentences.append(
+                    f"robot {flight.mission.robot}: its log {verb} in flight, while others flew"
+                )
+    return sentences
 
 
 def assign_tracks(

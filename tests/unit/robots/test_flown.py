@@ -323,6 +323,17 @@ def test_a_short_gap_far_from_others_is_told_and_no_fault(field, tmp_path, capsy
     assert "no positions" not in err
 
 
+def test_a_log_that_ends_in_flight_is_told(field, tmp_path, capsys):
+    rows = {k: meeting(way) for k, way in CROSSING.items()}
+    rows[2] = rows[2][rows[2][:, 0] < BEGIN + 20]
+    log = write_tlog(tmp_path / "end.tlog", rows)
+    about = ["--systems", "1=1,2=2", "--separation", "15,5", "--least", "0"]
+    code, found, err = flown(capsys, field, log, *about)
+    assert code == 1
+    assert found["nearest_approach"]["horizontal_m"] > 40
+    assert "robot 2: its log ends in flight, while others flew" in err
+
+
 def test_a_clock_that_steps_back_is_told(field, tmp_path, capsys):
     rows = {k: meeting(way) for k, way in CROSSING.items()}
     for one in rows.values():
