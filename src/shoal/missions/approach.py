@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
-from typing import Any
+from itertools import combinations, product
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from shoal.search.regions.region import SearchRegion
 
 # metres: an eighth of this is the deviation of the ground from a straight line between two heights
 _FINE = 0.1
+RETURN_HEIGHT = 60.0
+"""Metres above home to which a return may climb first: RTL_RETURN_ALT of PX4, unless it is set."""
 
 
 def mission_trajectory(
@@ -88,8 +90,11 @@ class MissionApproach:
         Numbers of the two robots.
     sorties : tuple of int
         Number of the sortie that each of the two robots flies at the nearest approach.
-    horizontal, vertical : float
-        Horizontal and vertical distance of the two vehicles at the nearest approach, in metres.
+    horizontal : float
+        Horizontal distance of the two vehicles at the nearest approach, in metres.
+    vertical : float or None
+        Vertical distance of the two vehicles at the nearest approach, in metres, or None if one of
+        their heights is unknown: on the way home of a return, or above the terrain.
     time : float
         Time of the nearest approach in seconds after the start of the first missions, if the first
         vehicle has no unplanned delay.
@@ -100,7 +105,7 @@ class MissionApproach:
     robots: tuple[int, int]
     sorties: tuple[int, int]
     horizontal: float
-    vertical: float
+    vertical: float | None
     time: float
     place: Floats
 
@@ -148,7 +153,9 @@ def missions_approach(
         sorties with smaller numbers.
     separation : Separation
         The required separation. Moments at which two vehicles keep the vertical separation do not
-        count as an approach.
+        count as an approach. Where a height is unknown, it counts as any height: on the way home
+        of a return, and above the terrain. Two missions of one robot and one sortie count as those
+        of two vehicles.
     frame : LocalFrame or None
         Local frame in which distances are measured, or None for missions in metres.
     vehicle : Vehicle, optional
@@ -160,26 +167,35 @@ def missions_approach(
     MissionApproach or None
         The nearest approach, or None if all vehicles always keep the vertical separation.
     """
-    flights = _Flights(
-        {(mission.robot, mission.sortie): mission for mission in missions},
-        separation,
-        frame,
-        vehicle,
-    )
+    flights = _Flights(missions, separation, frame, vehicle)
     best: MissionApproach | None = None
-    for first, second in combinations(sorted(flights.missions), 2):
-        approach = None if first[0] == second[0] else flights.approach(first, second)
-        if approach is not None and (best is None or approach.horizontal < best.horizontal):
-            time = flights.starts[first] + approach.times[0]
+    for first, second in combinations(range(len(flights.missions)), 2):
+        one, other = flights.missions[first], flights.missions[second]
+        if one.robot == other.robot and one.sortie != other.sortie:
+            continue
+        near = flights.approach(first, second)
+        if near is not None and (best is None or near[0].horizontal < best.horizontal):
+            approach, begin, known = near
             best = MissionApproach(
-                (first[0], second[0]),
-                (first[1], second[1]),
+                (one.robot, other.robot),
+                (one.sortie, other.sortie),
                 approach.horizontal,
-                approach.vertical,
-                time,
+                approach.vertical if known else None,
+                begin + approach.times[0],
                 approach.places[0],
             )
     return best
+
+
+class _Stretch(NamedTuple):
+    """A part of a flight: when it begins after the start of the flight, how much later than planned
+    it may begin besides unplanned delays, and whether its heights are known.
+    """
+
+    flown: Trajectory
+    begin: float = 0.0
+    late: float = 0.0
+    heights_known: bool = True
 
 
 class _Flights:
@@ -187,61 +203,126 @@ class _Flights:
 
     def __init__(
         self,
-        missions: dict[tuple[int, int], Mission],
+        missions: Sequence[Mission],
         separation: Separation,
         frame: LocalFrame | None,
         vehicle: Vehicle | None,
     ) -> None:
-        self.missions, self.separation = missions, separation
-        self.vehicles = {
-            key: constant_speed(mission) if vehicle is None else vehicle
-            for key, mission in missions.items()
-        }
-        self.paths = {key: common_path(mission, frame) for key, mission in missions.items()}
-        self.trajectories = {key: self._trajectory(key, 0.0) for key in missions}
-        self.starts: dict[tuple[int, int], float] = {}
-        for key in sorted(missions, key=lambda key: key[::-1]):
-            before = [
-                start + self.trajectories[earlier].duration
-                for earlier, start in self.starts.items()
-                if earlier[1] < key[1]
-            ]
+        # two missions of one robot and one sortie stay two flights: another vehicle may fly each
+        self.missions = sorted(missions, key=lambda one: (one.robot, one.sortie))
+        self.separation = separation
+        self.vehicles = [
+            constant_speed(mission) if vehicle is None else vehicle for mission in self.missions
+        ]
+        self.paths = [mission.path_in(frame) for mission in self.missions]
+        numbers = range(len(self.missions))
+        self.trajectories = [self._trajectory(number, 0.0) for number in numbers]
+        self.starts = [0.0 for _ in numbers]
+        ends: dict[int, float] = {}  # by sortie
+        for number in sorted(numbers, key=lambda number: self.missions[number].sortie):
+            mission = self.missions[number]
+            before = [end for sortie, end in ends.items() if sortie < mission.sortie]
             earliest = max(before) + separation.delay if before else 0.0
-            planned = missions[key].start
-            self.starts[key] = earliest if planned is None else planned
-        last = (
-            max(
-                (start + self.trajectories[key].duration for key, start in self.starts.items()),
-                default=0.0,
-            )
-            + separation.delay
-        )
-        for key, mission in missions.items():
-            if mission.loiter is not None and (key[0], key[1] + 1) not in missions:
-                self.trajectories[key] = self._trajectory(
-                    key, last - self.starts[key] - self.trajectories[key].duration
+            start = earliest if mission.start is None else mission.start
+            self.starts[number] = start
+            end = start + self.trajectories[number].duration
+            ends[mission.sortie] = max(ends.get(mission.sortie, 0.0), end)
+        last = max(ends.values(), default=0.0) + separation.delay
+        flown = {(mission.robot, mission.sortie) for mission in self.missions}
+        for number, mission in enumerate(self.missions):
+            if mission.loiter is not None and (mission.robot, mission.sortie + 1) not in flown:
+                self.trajectories[number] = self._trajectory(
+                    number, last - self.starts[number] - self.trajectories[number].duration
                 )
+        self.stretches = [self._stretches(number) for number in numbers]
 
-    def _trajectory(self, key: tuple[int, int], stay: float) -> Trajectory:
-        mission, vehicle = self.missions[key], self.vehicles[key]
-        return mission_trajectory(mission, self.paths[key], vehicle, mission.rates(vehicle), stay)
+    def _trajectory(self, number: int, stay: float) -> Trajectory:
+        mission, vehicle = self.missions[number], self.vehicles[number]
+        return mission_trajectory(
+            mission, self.paths[number], vehicle, mission.rates(vehicle), stay
+        )
 
-    def approach(self, first: tuple[int, int], second: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach on two missions, or None if the vehicles always keep the
-        vertical separation.
+    def _stretches(self, number: int) -> list[_Stretch]:
+        """Return the flight of a mission, with its return as a stretch of its own.
+
+        A return begins with a climb to a height that only the autopilot's settings tell.
         """
-        first_flight, second_flight = self.trajectories[first], self.trajectories[second]
-        apart = self.separation
-        later = self.starts[second] - self.starts[first]
-        earliest, latest = (
-            -second_flight.duration - apart.delay,
-            first_flight.duration + apart.delay,
-        )
-        if not earliest <= later <= latest:
-            return None
-        return nearest_approach(
-            first_flight, second_flight, vertical=apart.vertical, later=later, tolerance=apart.delay
-        )
+        mission, flown = self.missions[number], self.trajectories[number]
+        if mission.landing is not None or mission.kind == "rover":
+            return [_Stretch(flown)]
+        vehicle, last = self.vehicles[number], self.paths[number][-3]
+        there = np.isclose(flown.points, last, rtol=0.0, atol=1e-6).all(axis=1)
+        turn = int(np.flatnonzero(there)[-1])
+        while turn and there[turn - 1]:
+            turn -= 1
+        before = Trajectory(flown.times[: turn + 1], flown.points[: turn + 1])
+        begin, climb = float(flown.times[turn]), max(RETURN_HEIGHT - float(last[2]), 0.0)
+        up, down = vehicle.vertical_seconds((climb, -climb)).tolist()
+        times = np.append(flown.times[turn:] - begin, flown.duration - begin)
+        times[-1] += down
+        home = Trajectory(times, np.vstack([flown.points[turn:], flown.points[-1:]]))
+        return [_Stretch(before), _Stretch(home, begin, up, False)]
+
+    def approach(self, first: int, second: int) -> tuple[Approach, float, bool] | None:
+        """Return the nearest approach on two missions, the time at which the stretch of the first
+        vehicle begins, and whether the heights of both are known; or None if the vehicles always
+        keep the vertical separation.
+        """
+        missions, delay = (self.missions[first], self.missions[second]), self.separation.delay
+        levels = common_levels(*missions)
+        # a vehicle that returns or follows the ground stays above those that drive
+        drives = any(mission.kind == "rover" for mission in missions)
+        best: tuple[Approach, float, bool] | None = None
+        for mine, theirs in product(self.stretches[first], self.stretches[second]):
+            known = drives or (levels is not None and mine.heights_known and theirs.heights_known)
+            begin = self.starts[first] + mine.begin
+            later = self.starts[second] + theirs.begin - begin + (theirs.late - mine.late) / 2
+            tolerance = delay + (mine.late + theirs.late) / 2
+            earliest = -theirs.flown.duration - tolerance
+            if not earliest <= later <= mine.flown.duration + tolerance:
+                continue
+            near = nearest_approach(
+                raised(mine.flown, 0.0 if levels is None else levels[0]),
+                raised(theirs.flown, 0.0 if levels is None else levels[1]),
+                vertical=self.separation.vertical if known else np.inf,
+                later=later,
+                tolerance=tolerance,
+            )
+            if near is not None and (best is None or near.horizontal < best[0].horizontal):
+                best = near, begin, known
+        return best
+
+
+def raised(flown: Trajectory, height: float) -> Trajectory:
+    """Return a trajectory ``height`` metres higher."""
+    if not height:
+        return flown
+    return Trajectory(flown.times, flown.points + np.array([0.0, 0.0, height]), flown.circle)
+
+
+def common_levels(first: Mission, second: Mission) -> tuple[float, float] | None:
+    """Return the heights of the homes of two missions above one level, or None if the heights of the
+    two cannot be compared.
+
+    The level is the sea if both say how high they are above it. Otherwise both homes count as
+    equally high: an unknown height is no height of 0 m.
+    """
+    seas = [_levels_of(mission) for mission in (first, second)]
+    for one, other in zip(*seas, strict=True):
+        if one is not None and other is not None:
+            return one, other
+    return None
+
+
+def _levels_of(mission: Mission) -> tuple[float | None, float | None]:
+    """Return what the heights of a mission's path count from, in metres above the sea and above
+    home; None if unknown.
+    """
+    if mission.altitude_frame == "ground" and mission.heights is None:
+        return None, None
+    if mission.elevation is not None:
+        return mission.elevation, 0.0
+    return (0.0, None) if mission.altitude_frame == "sea" else (None, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,10 +102,12 @@ class MissionCheck:
     n_waypoints : int
         Number of waypoints in all checked files.
     missions : tuple of Mission
-        The checked missions, except for missions whose altitudes are given above ground.
+        The checked missions.
     approach : MissionApproach or None
         The nearest approach of two vehicles. The approach is None without a required separation, or
         if all vehicles always keep the vertical separation.
+    uncompared : tuple of str
+        Files of missions that the nearest approach does not include; diagnostics say why.
     bands : tuple of float
         Altitudes in metres from each of which vehicles must see the whole region.
     clearance : Clearance or None
@@ -135,6 +137,7 @@ class MissionCheck:
     n_waypoints: int
     missions: tuple[Mission, ...] = ()
     approach: MissionApproach | None = None
+    uncompared: tuple[str, ...] = ()
     bands: tuple[float, ...] = ()
     clearance: Clearance | None = None
     flights: tuple[dict[str, Any], ...] = ()
@@ -198,8 +201,10 @@ class MissionCheck:
             and separation is not None
             and near.horizontal < separation.horizontal - ROUNDING
         ):
+            known = near.vertical is not None
             faults.append(
                 f"robots {near.robots[0]} and {near.robots[1]} come within {near.horizontal:.3g} m"
+                f"{'' if known else ', and their difference in height is unknown'}"
             )
         if low is not None and low.lowest <= 0:
             faults.append(f"{low.missions[0]} meets the ground")
@@ -256,6 +261,7 @@ class MissionCheck:
             "nearest_approach": (
                 None if self.approach is None else self.approach.report(self.region.frame)
             ),
+            "not_compared": list(self.uncompared),
             "above_ground": (
                 None if self.clearance is None else self.clearance.report(self.region.frame)
             ),
@@ -362,6 +368,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         for sheet, name in zip(sheets, present, strict=True)
         if name == chosen and sheet.readable
     ]
+    _check_chosen_format(sheets, present, chosen)
     smallest = _smallest_image(flown, region, options, terrain)
     coverages, errors, bands, region = _coverages(flown, region, options, terrain)
     read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
@@ -373,12 +380,17 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
             missions, terrain, region, wrong={diagnostic.file for diagnostic in _errors(sheets)}
         )
     )
-    missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     flights: tuple[dict[str, Any], ...] = ()
     if vehicle is not None:
         reports = {mission: _flight_report(mission, vehicle) for mission in missions}
         missions = tuple(mission for mission, report in reports.items() if report is not None)
         flights = tuple(report for report in reports.values() if report is not None)
+    compared = {(mission.robot, mission.sortie) for mission in missions}
+    left_out = {
+        (sheet.robot, sheet.sortie): sheet.file
+        for sheet in reversed(sheets)
+        if (sheet.robot, sheet.sortie) not in compared
+    }
     return MissionCheck(
         options=options,
         region=region,
@@ -393,6 +405,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
             if separation is None
             else missions_approach(missions, separation, region.frame, vehicle=vehicle)
         ),
+        uncompared=tuple(sorted(left_out.values())),
         bands=bands,
         clearance=clearance,
         flights=flights,
@@ -421,6 +434,24 @@ def seen_over_ground(
         for ground in (terrain, None)
     )
     return over, flat, smallest
+
+
+def _check_chosen_format(sheets: Sequence[Sheet], formats: Sequence[str], chosen: str) -> None:
+    """Add diagnostics for missions that have files only in other formats than the chosen one."""
+    found = {
+        (sheet.robot, sheet.sortie)
+        for sheet, name in zip(sheets, formats, strict=True)
+        if name == chosen
+    }
+    for sheet in sheets:
+        if (sheet.robot, sheet.sortie) not in found:
+            found.add((sheet.robot, sheet.sortie))
+            sheet.add(
+                "format-missing",
+                "",
+                f"expected a file of this mission in the format {chosen!r}, which the check"
+                " measures, got none: nothing of it is measured",
+            )
 
 
 def cautions_about_distance(distance: float, vehicle: Vehicle) -> list[str]:

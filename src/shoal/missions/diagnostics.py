@@ -129,8 +129,8 @@ RULES: dict[str, Rule] = {
     ),
     "terrain-frame": Rule(
         "warning",
-        "altitudes are above the terrain (frame 10); the check of separation leaves the"
-        " mission out",
+        "altitudes are above the terrain (frame 10); the check of separation counts them as any"
+        " height",
     ),
     "spline": Rule(
         "warning",
@@ -188,6 +188,23 @@ RULES: dict[str, Rule] = {
     "no-manifest": Rule(
         "warning", "several missions have no `missions.json`, so that all start at the same time"
     ),
+    "no-start": Rule(
+        "warning",
+        "missions of several vehicles have no start times, so that the check of separation starts"
+        " them at 0 s",
+    ),
+    "format-missing": Rule(
+        "error",
+        "a mission has no file of the format that the check measures, so nothing of it is measured",
+    ),
+    "elevation-missing": Rule(
+        "warning",
+        "some missions state the height of home above the sea and others do not; the check of"
+        " separation compares them as if all homes were equally high",
+    ),
+    "sorties-overlap": Rule(
+        "error", "a sortie starts before the earlier sortie of the same robot has ended"
+    ),
     "file-missing": Rule(
         "error",
         "`missions.json` lists a mission without a file, or a file of the fence or of rally points"
@@ -215,6 +232,11 @@ RULES: dict[str, Rule] = {
     "transit": Rule("warning", "a leg of a flight leaves the region"),
     "formats-differ": Rule(
         "error", "two files of one sortie in different formats have different contents"
+    ),
+    "same-robot": Rule(
+        "error",
+        "two files of one format are the same sortie of the same robot; the check compares them as"
+        " two vehicles",
     ),
     "sortie-missing": Rule("warning", "the sorties of a robot are not numbered 1, 2, 3, ..."),
 }

@@ -517,6 +517,27 @@ def open_sheets(source: str | os.PathLike[str]) -> list[Sheet]:
     return sheets
 
 
+def number_apart(sheets: Sequence[Sheet]) -> None:
+    """Give each mission whose files state no robot a robot of its own: the smallest free number, in
+    the order of the files.
+
+    Files of one name in several formats are one mission.
+    """
+    numbers = {
+        Path(sheet.file).stem: (sheet.robot, sheet.sortie)
+        for sheet in reversed(sheets)
+        if sheet.robot is not None
+    }
+    taken = {robot for robot, _ in numbers.values()}
+    free = (k for k in range(1, len(sheets) + len(taken) + 1) if k not in taken)
+    for sheet in sheets:
+        if sheet.robot is None:
+            stem = Path(sheet.file).stem
+            if stem not in numbers:
+                numbers[stem] = next(free), 1
+            sheet.robot, sheet.sortie = numbers[stem]
+
+
 def _check_folder(sheets: Sequence[Sheet], folder: Path) -> None:
     """Add diagnostics for files that the manifest of a folder lists and that are missing, for
     missions that it does not list, and for several missions without a manifest.

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from shoal.core.checks import check_choice, check_integer, check_number
+from shoal.core.checks import check_choice, check_integer, check_number, count_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, step_lengths
-from shoal.missions.approach import near_homes
+from shoal.missions.approach import constant_speed, near_homes
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
-from shoal.missions.files import mission_of, open_sheets
+from shoal.missions.files import MANIFEST, mission_of, number_apart, open_sheets
 from shoal.missions.formats.fences import FENCE
 from shoal.missions.mission import CAPS
 from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, path_of
@@ -94,8 +94,10 @@ def lint(
         If no mission file exists, or if the region is in degrees and a mission in metres, or the
         reverse.
     """
-    sheets = open_sheets(source)
-    lint_sheets(sheets, region, Limits(**limits), together=Path(source).is_dir())
+    sheets, together = open_sheets(source), Path(source).is_dir()
+    if together:
+        number_apart(sheets)
+    lint_sheets(sheets, region, Limits(**limits), together=together)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
 
 
@@ -145,8 +147,11 @@ def lint_sheets(
         _check_sorties(sheets)
         _check_formats(sheets)
         _check_fences(sheets)
+        _check_overlaps(sheets, vehicle)
         if limits.separation is not None:
             _check_near_homes(sheets, limits.separation)
+            _check_starts(sheets)
+            _check_elevations(sheets)
 
 
 def _check_whole(sheet: Sheet) -> None:
@@ -279,11 +284,7 @@ def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
     """Add a diagnostic for each format in which homes or landing points of two vehicles are nearer
     than ``separation`` metres.
     """
-    by_format: dict[str, list[Sheet]] = defaultdict(list)
-    for sheet in sheets:
-        if sheet.readable and sheet.robot is not None:
-            by_format[Path(sheet.file).suffix].append(sheet)
-    for alike in by_format.values():
+    for alike in _by_format(sheet for sheet in sheets if sheet.robot is not None):
         try:
             frame = (
                 LocalFrame(*alike[0].home)
@@ -330,11 +331,21 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
-    """For each file format, add a diagnostic for each robot whose sortie numbers have a gap."""
+    """For each file format, add a diagnostic for each robot whose sortie numbers have a gap, and for
+    each file of a sortie that another file has.
+    """
     numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:
-            numbers[Path(sheet.file).suffix, sheet.robot][sheet.sortie] = sheet
+            by_sortie = numbers[Path(sheet.file).suffix, sheet.robot]
+            same = by_sortie.setdefault(sheet.sortie, sheet)
+            if same is not sheet:
+                sheet.add(
+                    "same-robot",
+                    "",
+                    f"expected one file of robot {sheet.robot}, sortie {sheet.sortie}, got one"
+                    f" besides {same.file}",
+                )
     for (_, robot), by_sortie in numbers.items():
         missing = next(number for number in count(1) if number not in by_sortie)
         if missing < max(by_sortie):
@@ -344,6 +355,72 @@ def _check_sorties(sheets: list[Sheet]) -> None:
                 "",
                 f"expected sorties 1 to {max(by_sortie)} of robot {robot}, got none with number"
                 f" {missing}",
+            )
+
+
+def _by_format(sheets: Iterable[Sheet]) -> Iterable[list[Sheet]]:
+    """Return the readable sheets of each format."""
+    by_format: dict[str, list[Sheet]] = defaultdict(list)
+    for sheet in sheets:
+        if sheet.readable:
+            by_format[Path(sheet.file).suffix].append(sheet)
+    return by_format.values()
+
+
+def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
+    """Add diagnostics for sorties that start before the earlier sortie of their robot has ended."""
+    for alike in _by_format(sheets):
+        ends: dict[int, list[tuple[int, float, str]]] = defaultdict(list)  # by robot
+        for sheet in sorted(alike, key=lambda sheet: sheet.sortie or 1):
+            if sheet.robot is None or sheet.sortie is None or sheet.start is None:
+                continue
+            earlier = [(end, file) for k, end, file in ends[sheet.robot] if k < sheet.sortie]
+            end, before = max(earlier, default=(0.0, ""))
+            if sheet.start < end - ROUNDING:
+                sheet.add(
+                    "sorties-overlap",
+                    "",
+                    f"expected a start after {end:.4g} s, the end of {before}, got"
+                    f" {sheet.start:.4g} s",
+                )
+            try:
+                mission = mission_of(sheet, sheet.file)
+                lasts = mission.duration(vehicle or constant_speed(mission))
+            except InvalidInputError:
+                continue  # other rules report what is invalid
+            ends[sheet.robot].append((sheet.sortie, sheet.start + lasts, sheet.file))
+
+
+def _check_starts(sheets: list[Sheet]) -> None:
+    """Add a diagnostic for vehicles without start times, which the check starts at 0 s."""
+    told = any(one.rule == "no-manifest" for sheet in sheets for one in sheet.diagnostics)
+    for alike in _by_format(sheets):
+        without = [sheet for sheet in alike if sheet.start is None and (sheet.sortie or 1) == 1]
+        if without and len({sheet.robot for sheet in alike}) > 1 and not told:
+            without[0].add(
+                "no-start",
+                "",
+                f"expected start times in {MANIFEST} or in the files, got none for"
+                f" {len(without)} of {count_text(len(alike), 'mission')}: a first sortie without one"
+                " starts at 0 s",
+            )
+
+
+def _check_elevations(sheets: list[Sheet]) -> None:
+    """Add a diagnostic for homes of unknown height beside homes of known height."""
+    for alike in _by_format(sheets):
+        known = next((sheet for sheet in alike if sheet.elevation is not None), None)
+        unknown = [
+            sheet
+            for sheet in alike
+            if sheet.elevation is None and sheet.altitude_frame in (None, "home")
+        ]
+        if known is not None and unknown:
+            unknown[0].add(
+                "elevation-missing",
+                "home",
+                f"expected the height of home above the sea, as {known.file} has one, got none:"
+                " the check compares heights as if both homes were equally high",
             )
 
 
@@ -363,11 +440,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
 
 def _check_fences(sheets: list[Sheet]) -> None:
     """Add diagnostics for missions without a fence, if others of the same format have one."""
-    by_format: dict[str, list[Sheet]] = defaultdict(list)
-    for sheet in sheets:
-        if sheet.readable:
-            by_format[Path(sheet.file).suffix].append(sheet)
-    for alike in by_format.values():
+    for alike in _by_format(sheets):
         fenced = next((sheet.file for sheet in alike if sheet.fence is not None), None)
         for sheet in alike:
             if fenced is not None and sheet.fence is None:

@@ -315,7 +315,7 @@ class Mission:
         Raises
         ------
         InvalidInputError
-            If heights above home are unknown, or if a waypoint is too far from home.
+            If a waypoint is too far from home.
         """
         path = self.path_in(LocalFrame(*self.home) if self.geographic else None)
         return trajectory(path, vehicle, rate=self.rates(vehicle)).duration
@@ -352,11 +352,14 @@ class Mission:
         """Return the vehicle's path from take-off to landing, in metres of a local frame; float64,
         shape (n, 3).
 
-        The third column holds heights above home. For a mission in metres, ``frame`` is None.
+        The third column holds heights above home. If they are unknown, because a file has only
+        altitudes above ground, it holds these. For a mission in metres, ``frame`` is None.
         """
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
-        over = np.column_stack([points[2:], self.heights_above_home])
+        above_ground = self.altitude_frame == "ground" and self.heights is None
+        ups = self.levels if above_ground else self.heights_above_home
+        over = np.column_stack([points[2:], ups])
         return complete_path(
             points[0], over, points[1], climb=self.vertical_climb, glides=self.glides
         )

@@ -41,6 +41,7 @@ from shoal.missions.files import (
     format_of,
     mission_of,
     mission_texts,
+    number_apart,
     open_sheets,
     sheets_of_texts,
     write_missions,
@@ -435,9 +436,11 @@ class MissionSet:
 
     def _sheets(self) -> list[Sheet]:
         """Return what the files of the missions contain, fresh for a check, which adds to it."""
-        if self.folder is not None:
-            return open_sheets(self.folder)
-        return sheets_of_texts(self.texts())
+        if self.folder is None:
+            return sheets_of_texts(self.texts())
+        sheets = open_sheets(self.folder)
+        number_apart(sheets)
+        return sheets
 
     def texts(self) -> dict[str, str]:
         """Return the texts of the files that `write` writes, by file name."""

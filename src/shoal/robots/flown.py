@@ -5,10 +5,10 @@ and the rest as a new region.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,13 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.geometry import step_lengths
-from shoal.missions.approach import MissionApproach
+from shoal.missions.approach import MissionApproach, common_levels, raised
 from shoal.missions.checking import facing_of
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING
 from shoal.search.flight.legs import merge_straight_legs
-from shoal.search.flight.separation import nearest_approach
+from shoal.search.flight.separation import Approach, nearest_approach
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import image_of
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
@@ -42,6 +42,17 @@ _SMALL = 0.02  # footprints squared: area of such parts
 Floats = NDArray[np.float64]
 
 
+class FlownPart(NamedTuple):
+    """A part of a flight: a way from the time ``begin`` on, either with positions, or between two
+    positions without any. The latter has the distance in metres by which the vehicle may have been
+    off a straight way as its ``circle``.
+    """
+
+    begin: float
+    way: Trajectory
+    known: bool
+
+
 @dataclass(frozen=True, eq=False)
 class FlownMission:
     """What one robot has flown.
@@ -57,9 +68,12 @@ class FlownMission:
     farthest_m : float
         Largest distance of these parts from the mission's path.
     aloft : Trajectory or None
-        Its way from the first to the last moment in flight, in metres east, north and up.
+        Its way from the first to the last moment in flight, in metres east, north and up above
+        home.
     begin : float
         Time of the first moment in flight, as in the track.
+    parts : tuple of FlownPart
+        The parts of this way with and without positions.
     """
 
     mission: Mission
@@ -70,6 +84,7 @@ class FlownMission:
     farthest_m: float
     aloft: Trajectory | None
     begin: float
+    parts: tuple[FlownPart, ...] = ()
 
     def report(self) -> dict[str, Any]:
         """Return what was flown as a mapping for JSON."""
@@ -100,8 +115,14 @@ class FlownCheck:
         What was seen of the region, or None without a region or a footprint.
     region : SearchRegion or None
     approach : MissionApproach or None
-        The nearest approach of two vehicles in flight; its time counts from the first take-off.
+        The nearest approach of two vehicles in flight while the positions of both are known; its
+        time counts from the first take-off.
     notes : tuple of str
+    unmeasured : tuple of str
+        Sentences that say where two vehicles may have come nearer than the required separation,
+        because their positions or times are unknown.
+    unknown_s : float
+        Seconds of flight without positions, while another vehicle flew.
     uncovered : shapely geometry or None
         What is uncovered without thin and small parts, in metres.
     """
@@ -111,6 +132,8 @@ class FlownCheck:
     region: SearchRegion | None
     approach: MissionApproach | None
     notes: tuple[str, ...]
+    unmeasured: tuple[str, ...]
+    unknown_s: float
     uncovered: Any
 
     def report(self) -> dict[str, Any]:
@@ -124,7 +147,8 @@ class FlownCheck:
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
             "rest_m2": None if self.uncovered is None else float(self.uncovered.area),
             "nearest_approach": None if self.approach is None else self.approach.report(frame),
-            "notes": list(self.notes),
+            "without_positions_s": self.unknown_s,
+            "notes": [*self.notes, *self.unmeasured],
         }
 
     def write_uncovered(self, path: str | Path) -> bool:
@@ -194,11 +218,21 @@ def check_flown(
         region, coverage, uncovered = _check_coverage(
             region, options, stretches, widths, angle, flown, frame
         )
-    vertical = np.inf
-    if options is not None and options.required_separation is not None:
-        vertical = options.required_separation.vertical
-    approach, notes = _nearest_approach(flown, vertical)
-    return FlownCheck(flown, coverage, region, approach, tuple(notes), uncovered)
+    required = None if options is None else options.required_separation
+    approach = _nearest_approach(flown, np.inf if required is None else required.vertical)
+    gaps, unknown = _unknown_distances(flown, np.inf if required is None else required.horizontal)
+    gaps += _unknown_ends(flown)
+    reasons = _unknown_times(flown)
+    return FlownCheck(
+        flown,
+        coverage,
+        region,
+        None if reasons else approach,
+        tuple(_notes(flown)),
+        tuple(reasons or gaps),
+        unknown,
+        uncovered,
+    )
 
 
 _USUAL_SIDE = 10.0  # metres: how near to its path a vehicle must be, if no footprint is known
@@ -226,18 +260,41 @@ def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float
     else:
         moving = track.heights > ALOFT
     aloft, begin = None, float(track.times[0])
+    parts: tuple[FlownPart, ...] = ()
     if moving.any():
         first = int(np.argmax(moving))
         last = len(moving) - int(np.argmax(moving[::-1]))
         if last - first > 1:
             begin = float(track.times[first])
-            ups = track.heights + (mission.elevation or 0.0)
-            aloft = Trajectory(
-                track.times[first:last] - begin,
-                np.column_stack([points[first:last], ups[first:last]]),
-            )
+            way = np.column_stack([points, track.heights])
+            aloft = Trajectory(track.times[first:last] - begin, way[first:last])
+            # it took off or landed in a gap
+            first -= bool(first) and bool(track.times[first] - track.times[first - 1] > GAP)
+            last += bool(last < len(moving) and track.times[last] - track.times[last - 1] > GAP)
+            parts = _parts(track.times[first:last], way[first:last], _FASTEST * mission.speed)
     planned = float(step_lengths(path).sum())
-    return FlownMission(mission, track, stretches, searched, planned, farthest, aloft, begin)
+    return FlownMission(mission, track, stretches, searched, planned, farthest, aloft, begin, parts)
+
+
+def _parts(times: Floats, way: Floats, fastest: float) -> tuple[FlownPart, ...]:
+    """Return the parts of a flight with and without positions, in the order of time.
+
+    In a gap of t seconds, a vehicle of the speed v is at most v t / 2 from where a straight and
+    steady flight would be.
+    """
+    parts = []
+    gaps = np.flatnonzero(np.diff(times) > GAP)
+    for part in np.split(np.arange(len(times)), gaps + 1):
+        if len(part) > 1:
+            known = Trajectory(times[part] - times[part[0]], way[part])
+            parts.append(FlownPart(float(times[part[0]]), known, True))
+    for gap in gaps.tolist():
+        lasts = float(times[gap + 1] - times[gap])
+        length = float(np.hypot(*(way[gap + 1] - way[gap])[:2]))
+        reach = max(fastest * lasts, length) / 2
+        ends = Trajectory(np.array([0.0, lasts]), way[gap : gap + 2], reach)
+        parts.append(FlownPart(float(times[gap]), ends, False))
+    return tuple(sorted(parts, key=lambda part: part.begin))
 
 
 def _follow_path(
@@ -340,42 +397,129 @@ def _check_coverage(
     return region, coverage, shapely.MultiPolygon(parts)
 
 
-def _nearest_approach(
-    flown: Sequence[FlownMission], vertical: float
-) -> tuple[MissionApproach | None, list[str]]:
-    """Return the nearest approach of two vehicles in flight, and notes."""
-    aloft = [flight for flight in flown if flight.aloft is not None]
-    notes = [
-        f"robot {flight.mission.robot}: its log shows no flight"
-        for flight in flown
-        if flight.aloft is None
-    ]
-    if len(aloft) > 1 and not all(flight.track.absolute for flight in aloft):
-        one_log = len({flight.track.file for flight in aloft}) == 1
-        if not one_log:
-            notes.append("the nearest approach is not known, because a log has no time of day")
-            return None, notes
-    best: MissionApproach | None = None
-    begin = min((flight.begin for flight in aloft), default=0.0)
-    for flight, other in combinations(aloft, 2):
-        if flight.mission.robot == other.mission.robot:
-            continue
-        assert flight.aloft is not None
-        assert other.aloft is not None
-        later = other.begin - flight.begin
-        if not -other.aloft.duration <= later <= flight.aloft.duration:
-            continue
-        approach = nearest_approach(flight.aloft, other.aloft, vertical=vertical, later=later)
-        if approach is not None and (best is None or approach.horizontal < best.horizontal):
-            best = MissionApproach(
-                (flight.mission.robot, other.mission.robot),
-                (flight.mission.sortie, other.mission.sortie),
-                approach.horizontal,
-                approach.vertical,
-                flight.begin - begin + approach.times[0],
-                approach.places[0],
+def _notes(flown: Sequence[FlownMission]) -> Iterator[str]:
+    for flight in flown:
+        if flight.aloft is None:
+            yield f"robot {flight.mission.robot}: its log shows no flight"
+        if flight.track.stepped_back:
+            yield (
+                f"robot {flight.mission.robot}: the clock of its log steps back by"
+                f" {flight.track.stepped_back:.3g} s"
             )
-    return best, notes
+
+
+def _unknown_times(flown: Sequence[FlownMission]) -> list[str]:
+    """Return why the flights of several vehicles have no common time, if so."""
+    aloft = [flight for flight in flown if flight.aloft is not None]
+    if len(aloft) < 2:
+        return []
+    if any(flight.track.stepped_back for flight in aloft):
+        return ["the nearest approach is not known, because the clock of a log steps back"]
+    one_log = len({flight.track.file for flight in aloft}) == 1
+    if not one_log and not all(flight.track.absolute for flight in aloft):
+        return ["the nearest approach is not known, because a log has no time of day"]
+    return []
+
+
+def _part_approaches(
+    flight: FlownMission, other: FlownMission, vertical: float
+) -> Iterator[tuple[FlownPart, FlownPart, Approach]]:
+    """Yield the nearest approach on each two parts of two flights. Where a position is unknown, the
+    height is any height.
+    """
+    levels = common_levels(flight.mission, other.mission) or (0.0, 0.0)
+    for mine, theirs in product(flight.parts, other.parts):
+        later = theirs.begin - mine.begin
+        if not -theirs.way.duration <= later <= mine.way.duration:
+            continue
+        near = nearest_approach(
+            raised(mine.way, levels[0]),
+            raised(theirs.way, levels[1]),
+            vertical=vertical if mine.known and theirs.known else np.inf,
+            later=later,
+        )
+        if near is not None:
+            yield mine, theirs, near
+
+
+def _pairs(flown: Sequence[FlownMission]) -> Iterator[tuple[FlownMission, FlownMission]]:
+    for flight, other in combinations(flown, 2):
+        if flight.mission.robot != other.mission.robot:
+            yield flight, other
+
+
+def _nearest_approach(flown: Sequence[FlownMission], vertical: float) -> MissionApproach | None:
+    """Return the nearest approach of two vehicles in flight, while the positions of both are
+    known.
+    """
+    best: MissionApproach | None = None
+    begin = min((flight.begin for flight in flown if flight.aloft is not None), default=0.0)
+    for flight, other in _pairs(flown):
+        for mine, theirs, near in _part_approaches(flight, other, vertical):
+            if mine.known and theirs.known and (best is None or near.horizontal < best.horizontal):
+                best = MissionApproach(
+                    (flight.mission.robot, other.mission.robot),
+                    (flight.mission.sortie, other.mission.sortie),
+                    near.horizontal,
+                    near.vertical,
+                    mine.begin - begin + near.times[0],
+                    near.places[0],
+                )
+    return best
+
+
+def _unknown_distances(flown: Sequence[FlownMission], required: float) -> tuple[list[str], float]:
+    """Return where vehicles without positions may have come nearer to another one than a required
+    distance, and the seconds without positions while another vehicle flew.
+    """
+    nearest: dict[int, tuple[float, int]] = {}  # by robot: the distance and the other robot
+    lasts: dict[tuple[int, float], float] = {}  # by robot and begin of the gap
+    for flight, other in _pairs(flown):
+        for mine, theirs, near in _part_approaches(flight, other, np.inf):
+            begin = max(mine.begin, theirs.begin)
+            end = min(mine.begin + mine.way.duration, theirs.begin + theirs.way.duration)
+            for part, one, another in ((mine, flight, other), (theirs, other, flight)):
+                if part.known:
+                    continue
+                robot, beside = one.mission.robot, another.mission.robot
+                key = robot, part.begin
+                lasts[key] = min(lasts.get(key, 0.0) + end - begin, part.way.duration)
+                if near.horizontal < required:
+                    nearest[robot] = min(
+                        (near.horizontal, beside), nearest.get(robot, (np.inf, beside))
+                    )
+    sentences = []
+    for robot, (distance, beside) in sorted(nearest.items()):
+        unknown = sum(seconds for (one, _), seconds in lasts.items() if one == robot)
+        sentences.append(
+            f"robot {robot}: its log has no positions for {unknown:.3g} s while others flew, in"
+            f" which it may have come within {distance:.3g} m of robot {beside}"
+        )
+    return sentences, sum(lasts.values())
+
+
+def _unknown_ends(flown: Sequence[FlownMission]) -> list[str]:
+    """Return which logs begin or end in flight while another vehicle flew before or after."""
+    sentences = []
+    for flight in flown:
+        others = [part for one in flown if one is not flight for part in one.parts]
+        track = flight.track
+        first, last = float(track.times[0]), float(track.times[-1])
+        if flight.mission.kind == "rover" or not flight.parts:
+            continue
+        for aloft, beside, verb in (
+            (track.heights[0] > ALOFT, any(part.begin < first - GAP for part in others), "begins"),
+            (
+                track.heights[-1] > ALOFT,
+                any(part.begin + part.way.duration > last + GAP for part in others),
+                "ends",
+            ),
+        ):
+            if aloft and beside:
+                sentences.append(
+                    f"robot {flight.mission.robot}: its log {verb} in flight, while others flew"
+                )
+    return sentences
 
 
 def assign_tracks(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ import shapely
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import read_mission
+from shoal.missions import CheckOptions, read_mission
+from shoal.robots.flown import check_flown
 from shoal.search import LocalFrame, read_tracks, region_of
 from shoal.search.regions.places import swept_area
 
@@ -272,6 +274,97 @@ def test_logs_without_a_time_of_day_have_no_nearest_approach(field, tmp_path, ca
     _, found, err = flown(capsys, field, *logs)
     assert found["nearest_approach"] is None
     assert "no time of day" in err
+
+
+def meeting(way):
+    """Return the rows of a flight of 100 s over places in metres of the field, at 30 m."""
+    times = np.arange(0.0, 101.0, 0.5)
+    points = np.column_stack(
+        [np.interp(times, [0, 50, 100], axis) for axis in zip(*way, strict=True)]
+    )
+    heights = np.where((times > 2) & (times < 98), 30.0, 0.0)
+    degrees = LocalFrame(8.5, 47.4).to_degrees(points)
+    return np.column_stack([BEGIN + times, degrees, heights])
+
+
+CROSSING = {
+    1: [(0.0, 0.0), (50.0, 0.0), (100.0, 0.0)],
+    2: [(0.0, 80.0), (50.0, 0.0), (100.0, 80.0)],
+}
+
+
+def test_positions_that_a_log_lacks_are_not_straight_flights(field, tmp_path, capsys):
+    rows = {k: meeting(way) for k, way in CROSSING.items()}
+    about = ["--systems", "1=1,2=2", "--separation", "15,5", "--least", "0"]
+    code, found, err = flown(capsys, field, write_tlog(tmp_path / "all.tlog", rows), *about)
+    assert (code, found["nearest_approach"]["horizontal_m"] < 0.1) == (1, True)
+    assert found["without_positions_s"] == 0
+    times = rows[2][:, 0] - BEGIN
+    rows[2] = rows[2][(times < 20) | (times > 80)]
+    code, found, err = flown(capsys, field, write_tlog(tmp_path / "gap.tlog", rows), *about)
+    assert code == 1
+    assert found["nearest_approach"]["horizontal_m"] > 40
+    assert found["without_positions_s"] == pytest.approx(61.0, abs=0.1)
+    assert "robot 2: its log has no positions for 61 s while others flew" in err
+    assert "come within 0 m of robot 1" in err
+    assert "the separation is not known for the whole flights" in err
+
+
+def test_a_short_gap_far_from_others_is_told_and_no_fault(field, tmp_path, capsys):
+    rows = {k: meeting(way) for k, way in CROSSING.items()}
+    rows[2][:, 2] += 0.003  # 330 m farther north
+    times = rows[2][:, 0] - BEGIN
+    rows[2] = rows[2][(times < 20) | (times > 24)]
+    log = write_tlog(tmp_path / "gap.tlog", rows)
+    about = ["--systems", "1=1,2=2", "--separation", "15,5", "--least", "0"]
+    code, found, err = flown(capsys, field, log, *about)
+    assert (code, err) == (0, "")
+    assert found["without_positions_s"] == pytest.approx(5.0, abs=0.1)
+    assert "no positions" not in err
+
+
+def test_a_log_that_ends_in_flight_is_told(field, tmp_path, capsys):
+    rows = {k: meeting(way) for k, way in CROSSING.items()}
+    rows[2] = rows[2][rows[2][:, 0] < BEGIN + 20]
+    log = write_tlog(tmp_path / "end.tlog", rows)
+    about = ["--systems", "1=1,2=2", "--separation", "15,5", "--least", "0"]
+    code, found, err = flown(capsys, field, log, *about)
+    assert code == 1
+    assert found["nearest_approach"]["horizontal_m"] > 40
+    assert "robot 2: its log ends in flight, while others flew" in err
+
+
+def test_a_clock_that_steps_back_is_told(field, tmp_path, capsys):
+    rows = {k: meeting(way) for k, way in CROSSING.items()}
+    for one in rows.values():
+        one[one[:, 0] > BEGIN + 20, 0] -= 60
+    # packets stay in the order in which they came, so each vehicle has a log of its own here
+    logs = []
+    for k, one in rows.items():
+        path = write_tlog(tmp_path / f"{k}.tlog", {1: one[:41]})
+        later = write_tlog(tmp_path / "later.tlog", {1: one[41:]})
+        path.write_bytes(path.read_bytes() + later.read_bytes())
+        later.unlink()
+        logs.append(f"{k}={path}")
+    about = ["--separation", "15,5", "--least", "0"]
+    code, found, err = flown(capsys, field, *logs, *about)
+    assert code == 1
+    assert found["nearest_approach"] is None
+    assert found["robots"][0]["duration_s"] == pytest.approx(95, abs=1.5)
+    assert "robot 1: the clock of its log steps back by 59.5 s" in err
+    assert "not known, because the clock of a log steps back" in err
+
+
+def test_an_unknown_elevation_is_none_of_0_m(field, tmp_path):
+    missions = [
+        replace(read_mission(field / "missions" / f"robot-0{k}.plan"), elevation=height)
+        for k, height in ((1, 400.0), (2, None))
+    ]
+    log = write_tlog(tmp_path / "all.tlog", {k: meeting(way) for k, way in CROSSING.items()})
+    options = CheckOptions(field / "field.json", separation=(15.0, 5.0))
+    found = check_flown(list(zip(missions, read_tracks(log), strict=True)), options, angle=None)
+    assert found.approach.horizontal < 0.1
+    assert found.approach.vertical < 0.1
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,8 @@ def rover(plant=None, **changes):
 
 
 def beside(*missions):
-    return lambda folder, _suffix: write_missions([mission(), *missions], folder, formats=["plan"])
+    started = [replace(one, start=1000.0 * (one.sortie - 1)) for one in (mission(), *missions)]
+    return lambda folder, _suffix: write_missions(started, folder, formats=["plan"])
 
 
 def every_axis(folder, suffix):
@@ -841,7 +842,12 @@ def test_every_rule_is_planted():
         "fence-near",
         "no-manifest",
         "fence-differs",
-    }  # below, and in test_safe_fences.py
+        "same-robot",
+        "no-start",
+        "format-missing",
+        "elevation-missing",
+        "sorties-overlap",
+    }  # below, in test_safe_fences.py and in test_separation_of_files.py
     assert {rule for rule, *_ in PLANTS} | others == {*RULES}
 
 
@@ -936,10 +942,12 @@ def test_options_of_the_linter(options, tmp_path):
 
 def test_homes_of_different_vehicles_are_apart_by_the_separation(tmp_path):
     apart = [
-        mission(robot=number, home=(8.5 + east, 47.4001))
+        mission(robot=number, home=(8.5 + east, 47.4001), start=0.0)
         for number, east in ((1, 0.0), (2, 0.0002), (3, 0.00041))
     ]
-    write_missions([*apart, replace(apart[2], sortie=2)], tmp_path, formats=["plan", "wpl"])
+    write_missions(
+        [*apart, replace(apart[2], sortie=2, start=900.0)], tmp_path, formats=["plan", "wpl"]
+    )
     assert lint(tmp_path, separation=15.0) == []
     assert lint(tmp_path) == []
     found = lint(tmp_path, separation=16.0)
@@ -1197,7 +1205,7 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
         tmp_path,
         formats=["plan"],
     )
-    drop(2)(tmp_path, ".plan")
+    drop(3)(tmp_path, ".plan")
     assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
     (tmp_path / "missions.json").write_text('{"ways": {"robot-01": 5}}')
     with pytest.raises(

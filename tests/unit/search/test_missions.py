@@ -430,7 +430,7 @@ def test_check_sees_what_was_planned(field, tmp_path):
     assert len(missions) > 2
     assert len(mission_files(tmp_path)) == len(paths)
     for name in FORMATS:
-        result = check_missions(tmp_path, region, 20, format=name)
+        result = check_missions(tmp_path, region, 20, format=name, separation=0)
         assert not result.diagnostics
         assert result.coverage.covered_fraction > 0.99999
         assert result.coverage.outside_m == 0

@@ -128,6 +128,10 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
     if separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)
         nearest = approach_text(told, separation.horizontal, separation.vertical)
+        if result.uncompared:
+            some = result.uncompared[:_SHOWN]
+            more = len(result.uncompared) - len(some)
+            nearest += f"; not compared: {', '.join(some)}{f' and {more} more' * bool(more)}"
         rows.append(
             (
                 "nearest",
@@ -197,9 +201,14 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
     sortie = (
         f" in sorties {' and '.join(map(str, near['sorties']))}" if max(near["sorties"]) > 1 else ""
     )
+    height = (
+        "heights are unknown on a return or above the terrain"
+        if near["vertical_m"] is None
+        else f"and {near['vertical_m']:.3g} m in height"
+    )
     return (
-        f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and"
-        f" {other} after {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or"
+        f"{near['horizontal_m']:.4g} m, {height}: robots {one} and {other} after"
+        f" {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or"
         f" {vertical:g} m in height"
     )
 

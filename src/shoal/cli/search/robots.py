@@ -533,7 +533,7 @@ def flown(
     A vehicle sees while it follows the search of its mission. With --out, the rest of the region
     becomes the file rest.geojson, a region for a new search (with --transit, if it has several
     parts). The exit code is 1 if less than --least of the region was seen, or if vehicles came
-    nearer to each other than --separation.
+    nearer to each other than --separation, or may have, because the logs have gaps.
     """
     from shoal.core.files import write_json
     from shoal.missions.files import open_sheets
@@ -570,13 +570,15 @@ def flown(
         rest = out / "rest.geojson"
         if result.write_uncovered(rest):
             written.append(rest)
-    for note in result.notes:
+    for note in report["notes"]:
         say(f"shoal: {note}")
     if json_:
         print_json(report)
     else:
         print_table(_flown_rows(report), title="flown", written=written)
     faults = _flown_faults(report, options)
+    if result.unmeasured and separation is not None:
+        faults.append("the separation is not known for the whole flights")
     if faults:
         say(f"shoal: {' and '.join(faults)}")
         raise typer.Exit(1)
@@ -645,5 +647,9 @@ def _flown_rows(report: dict[str, Any]) -> list[tuple[str, str]]:
                     f" {near['time_s']:.0f} s"
                 ),
             )
+        )
+    if report["without_positions_s"]:
+        rows.append(
+            ("not compared", f"{report['without_positions_s']:.3g} s of flight without positions")
         )
     return rows

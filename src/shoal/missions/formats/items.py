@@ -56,6 +56,7 @@ _STEEP = 15.0  # degrees: pitch of fixed wings during take-off
 # of the first waypoint's height: there the take-off of a fixed wing ends, so that it goes on
 # straight to the waypoint
 _CLIMBED = 0.8
+_SAME_PLACE = 1e-5  # degrees: about a metre
 
 Params = tuple[float | None, ...]
 
@@ -154,8 +155,9 @@ def _placeless(command: int, *params: float) -> Item:
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     """Read the content of mission items into a mission sheet, and add diagnostics."""
-    waypoints = [item for item in items if item.command in _PASSED]
     sheet.n_items = len(items) + 1
+    items = _with_take_off_place(sheet, items)
+    waypoints = [item for item in items if item.command in _PASSED]
     sheet.points = np.array(
         [_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64
     ).reshape(-1, 2)
@@ -240,6 +242,32 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             last.place,
             f"expected a return (20) or a landing (21) at the end, got command {last.command}",
         )
+
+
+def _with_take_off_place(sheet: Sheet, items: Sequence[Item]) -> Sequence[Item]:
+    """Return items with a waypoint at the place of the first take-off, if the vehicle flies there on
+    its way to its first waypoint.
+
+    PX4 flies to the place of a take-off. ArduPilot takes off where the vehicle stands.
+    """
+    number = next((k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), None)
+    if sheet.autopilot == "ardupilot" or number is None or items[number].command != TAKE_OFF:
+        return items
+    take_off, after = items[number], [item for item in items[number:] if item.command in _PASSED]
+    latitude, longitude = _number(*take_off.params[4:6])
+    if not after or not math.isfinite(latitude + longitude) or not (latitude or longitude):
+        return items
+    following = after[0]
+    for y, x in (_number(*following.params[4:6]), (sheet.home or (math.nan, math.nan))[::-1]):
+        if abs(latitude - y) < _SAME_PLACE and abs(longitude - x) < _SAME_PLACE:
+            return items
+    frames = _frames(sheet)
+    (height,) = _number(take_off.params[6])
+    if frames.get(take_off.frame) != frames.get(following.frame) or not height > 0:
+        height = _number(following.params[6])[0]
+    params = (0.0, following.params[1], 0.0, following.params[3], latitude, longitude, height)
+    place = Item(WAYPOINT, following.frame, params, take_off.place)
+    return [*items[: number + 1], place, *items[number + 1 :]]
 
 
 def _check_order(sheet: Sheet, items: Sequence[Item]) -> None:

@@ -42,6 +42,8 @@ class Track:
     heights : ndarray of float64, shape (n,)
         Metres above home.
     absolute : bool
+    stepped_back : float
+        Seconds by which the clock of the log steps back in all. The times continue there.
     """
 
     file: str
@@ -50,6 +52,7 @@ class Track:
     places: NDArray[np.float64]
     heights: NDArray[np.float64]
     absolute: bool
+    stepped_back: float = 0.0
 
 
 Row = tuple[float, float, float, float]
@@ -117,15 +120,23 @@ def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
 
 
 def _track(file: str, system: int | None, rows: list[Row]) -> Track:
-    """Return the track of rows, without those that have no fix or go back in time."""
+    """Return the track of rows, without those that have no fix or come late by up to `GAP`.
+
+    Where the clock steps back by more, the times continue from there.
+    """
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     fixed = np.isfinite(table).all(axis=1) & (np.abs(table[:, 1:3]).sum(axis=1) > 1e-6)
     fixed &= (np.abs(table[:, 1]) <= 180) & (np.abs(table[:, 2]) <= 90)
     table = table[fixed]
+    steps = np.diff(table[:, 0])
+    back = np.where(steps < -GAP, -steps, 0.0)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    table[1:, 0] += np.cumsum(back + usual * (back > 0))
     latest = np.maximum.accumulate(table[:, 0])
     table = table[np.diff(latest, prepend=-np.inf) > 0]
     absolute = len(table) > 0 and bool(table[0, 0] > _SINCE_1970)
-    return Track(file, system, table[:, 0], table[:, 1:3], table[:, 3], absolute)
+    stepped = float(back.sum())
+    return Track(file, system, table[:, 0], table[:, 1:3], table[:, 3], absolute, stepped)
 
 
 def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
