@@ -17,8 +17,9 @@ from shoal.core.checks import count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
-from shoal.core.geometry import angles_of
+from shoal.core.geometry import angles_of, partial_sums, step_lengths
 from shoal.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
+from shoal.missions.camera import camera_views, heights_of
 from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
@@ -27,6 +28,7 @@ from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, path_of, search_slice
 from shoal.search.flight.deviation import deviate
+from shoal.search.flight.imaging import swept_views
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
 from shoal.search.regions.coverage import (
@@ -39,6 +41,8 @@ from shoal.search.regions.coverage import (
 from shoal.search.regions.margin import visible_region, without_margin
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
+
+Floats = NDArray[np.float64]
 
 _SEEN_WITH_ERRORS = 0.9995  # share of the region, below which a caution says so
 _RAISED = 0.1  # metres: tolerance for being below a band
@@ -121,6 +125,16 @@ class MissionCheck:
         return tuple(sentences)
 
     @property
+    def images(self) -> str | None:
+        """What tells which images a camera takes: the commands in the files (``"files"``) or, if
+        their format has none, the vehicle (``"vehicle"``); None if no camera sees the region.
+        """
+        sides, vehicle = self.options.sides, self.options.chosen_vehicle
+        if vehicle is None or vehicle.image_size is None or sides != vehicle.row_spacing:
+            return None
+        return "files" if FORMATS.get(self.format).camera else "vehicle"
+
+    @property
     def coverage(self) -> AreaCoverage | None:
         """The coverage of all altitude bands together, or None without a footprint."""
         return combine_coverages(self.coverages) if self.coverages else None
@@ -180,6 +194,7 @@ class MissionCheck:
             "files": list(self.files),
             "waypoints": self.n_waypoints,
             "footprint_m": list(sides) if isinstance(sides, tuple) else sides,
+            "images": self.images,
             **{
                 name: getattr(seen, name, None)
                 for name in ("length_m", "covered_fraction", "uncovered_m2", "outside_m")
@@ -315,7 +330,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         for sheet, name in zip(sheets, present, strict=True)
         if name == chosen and sheet.readable
     ]
-    coverages, errors, bands, region = _coverages(flown, region, options)
+    coverages, errors, bands, region = _coverages(flown, region, options, terrain)
     read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
@@ -419,7 +434,10 @@ def distance_of(
 
 
 def _coverages(
-    flown: list[Sheet], region: SearchRegion, options: CheckOptions
+    flown: list[Sheet],
+    region: SearchRegion,
+    options: CheckOptions,
+    terrain: Terrain | None = None,
 ) -> tuple[tuple[AreaCoverage, ...], AreaCoverage | None, tuple[float, ...], SearchRegion]:
     """Return the coverage of each altitude band, the coverage with the errors of the vehicles, the
     bands, and the region that can be seen.
@@ -430,7 +448,8 @@ def _coverages(
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
     paths = [
-        _search_path(sheet, region, side) for sheet, side in zip(flown, sides.tolist(), strict=True)
+        _search_path(sheet, region, side, terrain)
+        for sheet, side in zip(flown, sides.tolist(), strict=True)
     ]
     facing = options.angle
     if facing is None:
@@ -440,24 +459,70 @@ def _coverages(
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
-    stretches = [*_by_band(paths, sides, bands, _spread(bands, vehicle), least)]
+    stretches = [*_by_band(paths, sides, bands)]
     checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
+    views: Sequence[Any] = [None] * len(stretches)
+    if vehicle is not None and vehicle.image_size is not None and image is not None:
+        views = _views_by_band(flown, region, vehicle, bands, terrain)
     coverages = tuple(
-        coverage_check(region, own, widths if own else least, **checked)
-        for own, widths in stretches
+        coverage_check(
+            region, [path[:, :2] for path in own], widths or least, **checked, views=seen
+        )
+        for (own, widths), seen in zip(stretches, views, strict=True)
     )
     errors = None
     if vehicle is not None and vehicle.cross_track:
-        errors = _coverage_with_errors(stretches, vehicle, region, least, checked)
+        camera = views[0] is not None
+        errors = _coverage_with_errors(stretches, vehicle, region, least, checked, camera=camera)
+        if camera:
+            errors = _seen_in_both(errors, combine_coverages(coverages))
     return coverages, errors, tuple(bands or ()), region
 
 
+def _views_by_band(
+    flown: Sequence[Sheet],
+    region: SearchRegion,
+    vehicle: Vehicle,
+    bands: Sequence[float] | None,
+    terrain: Terrain | None,
+) -> list[Any]:
+    """Return what the camera sees from each band, or from everywhere without bands."""
+    seen: list[list[Any]] = [[np.zeros(0, dtype=object)] for _ in bands or (0.0,)]
+    for sheet in flown:
+        shapes, ups = camera_views(sheet, region, vehicle, terrain)
+        if not bands:
+            seen[0].append(shapes)
+            continue
+        lower, upper = (np.searchsorted(bands, end + _RAISED, side="right") - 1 for end in ups.T)
+        for number, own in enumerate(seen):
+            own.append(shapes[(lower == number) & (upper == number)])
+    return [np.concatenate(own) for own in seen]
+
+
+def _seen_in_both(errors: AreaCoverage, coverage: AreaCoverage) -> AreaCoverage:
+    """Return a coverage with errors, without what a camera does not see without them either: it
+    takes no image, or none there.
+    """
+    import shapely
+
+    uncovered = shapely.union(errors.uncovered, coverage.uncovered)
+    area = max(float(uncovered.area), errors.uncovered_m2, coverage.uncovered_m2)
+    return replace(
+        errors,
+        uncovered=uncovered,
+        uncovered_m2=area,
+        covered_fraction=1 - area / errors.area_m2,
+    )
+
+
 def _coverage_with_errors(
-    stretches: Sequence[tuple[list[NDArray[np.float64]], list[float] | float]],
+    stretches: Sequence[tuple[list[NDArray[np.float64]], list[float]]],
     vehicle: Vehicle,
     region: SearchRegion,
     least: float,
     checked: dict[str, Any],
+    *,
+    camera: bool,
 ) -> AreaCoverage:
     """Return the coverage of paths that a vehicle flies with its errors. Outside is what paths that
     are planned inside the region fly outside of it.
@@ -468,14 +533,31 @@ def _coverage_with_errors(
     shapely.prepare(inside)
     coverages, outside = [], 0.0
     for own, widths in stretches:
-        flown = [deviate(path, vehicle, rng) for path in own]
+        flown = [deviate(path[:, :2], vehicle, rng) for path in own]
         for planned, path in zip(own, flown, strict=True):
-            if len(path) > 1 and inside.covers(shapely.linestrings(planned)):
+            if len(path) > 1 and inside.covers(shapely.linestrings(planned[:, :2])):
                 line = shapely.linestrings(path)
                 if not inside.covers(line):
                     outside += float(line.difference(inside).length)
-        coverages.append(coverage_check(region, flown, widths if own else least, **checked))
+        seen = None
+        if camera:  # its view without interruption, as corners are at other places
+            seen = _swept([*zip(own, flown, strict=True)], vehicle)
+        coverages.append(coverage_check(region, flown, widths or least, **checked, views=seen))
     return replace(combine_coverages(coverages), outside_m=outside)
+
+
+def _swept(paths: Sequence[tuple[Floats, Floats]], vehicle: Vehicle) -> Any:
+    """Return what a camera sees along each leg of deviating paths, from the heights of the paths
+    that they deviate from.
+    """
+    starts, ends = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for planned, path in paths:
+        far, along = (partial_sums(step_lengths(one[:, :2])) for one in (planned, path))
+        ups = np.interp(along / max(along[-1], 1e-9) * far[-1], far, planned[:, 3])
+        raised = np.column_stack([path, ups])
+        starts.append(raised[:-1] if len(raised) > 1 else raised)
+        ends.append(raised[1:] if len(raised) > 1 else raised)
+    return swept_views(np.concatenate(starts), np.concatenate(ends), vehicle)
 
 
 def facing_of(
@@ -554,50 +636,36 @@ def _by_band(
     paths: Sequence[NDArray[np.float64]],
     sides: NDArray[np.float64],
     bands: Sequence[float] | None,
-    spread: NDArray[np.float64],
-    least: float,
-) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
+) -> Iterator[tuple[list[NDArray[np.float64]], list[float]]]:
     """Yield, for each band, the sections of paths in this band and the footprint on each section.
 
-    For a band without paths, the footprint is ``least``. Without bands, the function yields all
-    paths together.
+    Without bands, the function yields all paths together.
     """
+    runs = [
+        (run, side)
+        for path, side in zip(paths, sides.tolist(), strict=True)
+        for run in _runs(path)
+        if len(run)
+    ]
     if not bands:
-        runs = [
-            (run[:, :2], side)
-            for path, side in zip(paths, sides.tolist(), strict=True)
-            for run in _runs(path)
-            if len(run)
-        ]
         yield [run for run, _ in runs], [side for _, side in runs]
         return
     sections: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
-    for run, side in (
-        (run, side) for path, side in zip(paths, sides.tolist(), strict=True) for run in _runs(path)
-    ):
+    for run, side in runs:
         band = np.searchsorted(bands, run[:, 2] + _RAISED, side="right") - 1
         borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(run)]
         for begin, end in pairwise(borders):
             if begin < end and band[begin] >= 0:
-                sections[band[begin]][0].append(run[begin:end, :2])
-                sections[band[begin]][1].append(side * float(spread[band[begin]]))
-    for flown, footprints in sections:
-        yield flown, footprints if flown else least
+                sections[band[begin]][0].append(run[begin:end])
+                sections[band[begin]][1].append(side)
+    yield from sections
 
 
-def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Return the width of the camera's view from each band, divided by the width of the view from
-    the lowest band.
-    """
-    if vehicle is None or vehicle.image_size is None:
-        return np.ones(len(bands or ()))
-    seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
-    return np.asarray(seen / seen[:1])
-
-
-def _search_path(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
-    """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k,
-    3).
+def _search_path(
+    sheet: Sheet, region: SearchRegion, side: float, terrain: Terrain | None
+) -> NDArray[np.float64]:
+    """Return the waypoints of a mission as positions, altitudes and heights above the ground in
+    metres; float64, shape (k, 4).
 
     The result leaves out waypoints outside the region on the paths from home and back (see
     `search_slice`). In their place, the result contains the points where these paths cross the
@@ -612,8 +680,7 @@ def _search_path(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.
     near = np.asarray(np.isfinite(path).all(axis=1))
     inside = inside_of(region, path)
     searched = search_slice(inside, sheet.kind)
-    ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
-    path = np.column_stack([path, ups[np.clip(np.arange(len(path)) - 1, 0, len(ups) - 1)]])
+    path = np.column_stack([path, *heights_of(sheet, path, terrain, region)])
     if sheet.waypoints_out is not None:
         return path[1 + sheet.waypoints_out : len(path) - 1 - (sheet.waypoints_home or 0)]
     if sheet.kind == "fixed-wing":
@@ -640,7 +707,7 @@ def _border_crossing(
     region: SearchRegion, start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the first point at which a leg that starts inside the region leaves the region;
-    float64, shape (1, 3).
+    float64, shape (1, 4).
 
     The result has the altitude of the leg's start.
     """
@@ -654,7 +721,7 @@ def _border_crossing(
     nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(start[:2]))))]
     ends = shapely.get_coordinates(nearest)
     farthest = ends[int(np.argmax(np.hypot(*(ends - start[:2]).T)))]
-    return np.append(farthest, start[2])[None]
+    return np.append(farthest, start[2:])[None]
 
 
 def angle_of(paths: Sequence[NDArray[np.float64]]) -> float:
