@@ -71,7 +71,9 @@ def read_plan(path):
         assert all(value is None or type(value) in (int, float) for value in item["params"])
     commands = [item["command"] for item in mission["items"]]
     camera = [command for command in commands if command in (205, 206)]
-    assert camera in ([], [205], [206, 206], [205, 206, 206])
+    images = [command for command in camera if command == 206]
+    assert camera in ([], [205], images, [205, *images])
+    assert len(images) != 1
     begin = [93] * commands.count(93) + ([178] if mission["vehicleType"] == 10 else [22, 178])
     assert commands[-1] in (20, 21)
     assert [command for command in commands if command not in camera] == [

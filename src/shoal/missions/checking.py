@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from shoal.missions.approach import (
     heights_along,
     missions_approach,
 )
+from shoal.missions.camera import camera_views, heights_of
 from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
@@ -33,6 +34,7 @@ from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, path_of, search_slice
 from shoal.search.flight.deviation import deviate
+from shoal.search.flight.imaging import swept_views
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
 from shoal.search.regions.coverage import (
@@ -46,10 +48,10 @@ from shoal.search.regions.margin import visible_region, without_margin
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 
+Floats = NDArray[np.float64]
+
 _SEEN_WITH_ERRORS = 0.9995  # share of the region, below which a caution says so
 _RAISED = 0.1  # metres: tolerance for being below a band
-_SCALES = 100  # sizes of images up to the planned size; between two of them, the smaller counts
-_TINY = 1e-3  # metres
 _HAIR = 0.01  # metres: rounding of altitudes in files
 _ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded coordinates
 
@@ -171,6 +173,16 @@ class MissionCheck:
         return tuple(sentences)
 
     @property
+    def images(self) -> str | None:
+        """What tells which images a camera takes: the commands in the files (``"files"``) or, if
+        their format has none, the vehicle (``"vehicle"``); None if no camera sees the region.
+        """
+        sides, vehicle = self.options.sides, self.options.chosen_vehicle
+        if vehicle is None or vehicle.image_size is None or sides != vehicle.row_spacing:
+            return None
+        return "files" if FORMATS.get(self.format).camera else "vehicle"
+
+    @property
     def coverage(self) -> AreaCoverage | None:
         """The coverage of all altitude bands together, or None without a footprint."""
         return combine_coverages(self.coverages) if self.coverages else None
@@ -232,6 +244,7 @@ class MissionCheck:
             "files": list(self.files),
             "waypoints": self.n_waypoints,
             "footprint_m": list(sides) if isinstance(sides, tuple) else sides,
+            "images": self.images,
             **{
                 name: getattr(seen, name, None)
                 for name in ("length_m", "covered_fraction", "uncovered_m2", "outside_m")
@@ -553,7 +566,8 @@ def _coverages(
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
     paths = [
-        _search_path(sheet, region, side) for sheet, side in zip(flown, sides.tolist(), strict=True)
+        _search_path(sheet, region, side, terrain)
+        for sheet, side in zip(flown, sides.tolist(), strict=True)
     ]
     facing = options.angle
     if facing is None:
@@ -563,39 +577,32 @@ def _coverages(
     region = visible_region(region, least, angle)
     if bands is None and region.height:
         bands = region.layer_altitudes(least)
-    if terrain is not None and vehicle is not None and image is not None:
-        heights = _heights_over(flown, paths, region, vehicle, bands, terrain)
-        paths, sides = _over_ground(heights, sides, vehicle)
-    stretches = [*_by_band(paths, sides, bands, _spread(bands, vehicle), least)]
+    stretches = [*_by_band(paths, sides, bands)]
     checked: dict[str, Any] = {"tolerance": ROUNDING, "angle": angle, "image": image}
+    views: Sequence[Any] = [None] * len(stretches)
+    if vehicle is not None and vehicle.image_size is not None and image is not None:
+        views = _views_by_band(flown, region, vehicle, bands, terrain)
     coverages = tuple(
-        coverage_check(region, own, widths if own else least, **checked)
-        for own, widths in stretches
+        coverage_check(
+            region, [path[:, :2] for path in own], widths or least, **checked, views=seen
+        )
+        for (own, widths), seen in zip(stretches, views, strict=True)
     )
     errors = None
     if vehicle is not None and vehicle.cross_track:
-        errors = _coverage_with_errors(stretches, vehicle, region, least, checked)
+        camera = views[0] is not None
+        errors = _coverage_with_errors(stretches, vehicle, region, least, checked, camera=camera)
+        if camera:
+            errors = _seen_in_both(errors, combine_coverages(coverages))
     return coverages, errors, tuple(bands or ()), region
 
 
-@dataclass(frozen=True, eq=False)
-class _Heights:
-    """The heights of a mission above the ground of a terrain, on a section of its search.
-
-    Parameters
-    ----------
-    number : int
-        Index of the mission.
-    flight : ndarray of float64, shape (m, 3)
-        Points of the section, with altitudes as in the mission file.
-    above : ndarray of float64, shape (m - 1,)
-        Least height above ground between neighbouring points.
-    planned : ndarray of float64, shape (m - 1,)
-        Height above ground for which the camera is planned.
+class _Heights(NamedTuple):
+    """The heights of a mission above the ground of a terrain, between points of its search: the
+    least ones, and those for which the camera is planned; each float64, shape (m,).
     """
 
     number: int
-    flight: NDArray[np.float64]
     above: NDArray[np.float64]
     planned: NDArray[np.float64]
 
@@ -632,8 +639,7 @@ def _heights_over(
             far, own = (partial_sums(step_lengths(one[:, :2])) for one in (points, run))
             levels = np.interp(far, own, run[:, 2])
             band = np.searchsorted(planned, levels[:-1] + _RAISED, side="right") - 1
-            flight = np.column_stack([points[:, :2], levels])
-            yield _Heights(number, flight, above, planned[np.maximum(band, 0)])
+            yield _Heights(number, above, planned[np.maximum(band, 0)])
 
 
 def _smallest_image(
@@ -648,7 +654,7 @@ def _smallest_image(
         return None
     if bands is None and region.height:
         bands = region.layer_altitudes(side)
-    paths = [_search_path(sheet, region, side) for sheet in flown]
+    paths = [_search_path(sheet, region, side, terrain) for sheet in flown]
     smallest: SmallestImage | None = None
     for one in _heights_over(flown, paths, region, vehicle, bands, terrain):
         worst = int(np.argmin(one.above / one.planned))
@@ -658,68 +664,50 @@ def _smallest_image(
     return smallest
 
 
-def _over_ground(
-    heights: Iterable[_Heights], sides: NDArray[np.float64], vehicle: Vehicle
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return sections of search paths, and the footprint on each by its least height above ground.
-
-    Parameters
-    ----------
-    heights : iterable of _Heights
-    sides : ndarray of float64
-        Footprint of each mission at its planned height.
-    vehicle : Vehicle
-    """
-    sections, footprints = list[NDArray[np.float64]](), list[float]()
-    # smaller images leave gaps between one and the next in a row
-    least_scale = (vehicle.trigger_distance or 0.0) / (vehicle.image_size or (1.0, 1.0))[1] - 1e-4
-    for one in heights:
-        far = partial_sums(step_lengths(one.flight[:, :2]))
-        scales = np.floor((one.above + _HAIR) / one.planned * _SCALES) / _SCALES
-        borders = [0, *(np.flatnonzero(np.diff(scales)) + 1).tolist(), len(scales)]
-        for begin, end in pairwise(borders):
-            scale = float(scales[begin])
-            if scale <= 0:
-                continue
-            pieces = [one.flight[begin : end + 1]]
-            if scale < least_scale:
-                pieces = _images(one.flight, far, (begin, end), vehicle)
-            sections += pieces
-            footprints += [float(sides[one.number]) * scale] * len(pieces)
-    return sections, np.array(footprints)
-
-
-def _images(
-    flight: NDArray[np.float64],
-    far: NDArray[np.float64],
-    section: tuple[int, int],
+def _views_by_band(
+    flown: Sequence[Sheet],
+    region: SearchRegion,
     vehicle: Vehicle,
-) -> list[NDArray[np.float64]]:
-    """Return the places of single images in a section of a flight, as tiny legs that show the
-    direction of the vehicle.
+    bands: Sequence[float] | None,
+    terrain: Terrain | None,
+) -> list[Any]:
+    """Return what the camera sees from each band, or from everywhere without bands."""
+    seen: list[list[Any]] = [[np.zeros(0, dtype=object)] for _ in bands or (0.0,)]
+    for sheet in flown:
+        shapes, ups = camera_views(sheet, region, vehicle, terrain)
+        if not bands:
+            seen[0].append(shapes)
+            continue
+        lower, upper = (np.searchsorted(bands, end + _RAISED, side="right") - 1 for end in ups.T)
+        for number, own in enumerate(seen):
+            own.append(shapes[(lower == number) & (upper == number)])
+    return [np.concatenate(own) for own in seen]
 
-    Parameters
-    ----------
-    flight : ndarray of float64, shape (m, 3)
-    far : ndarray of float64, shape (m,)
-        Distance of each point from the beginning of the flight.
-    section : tuple of int
-        Index of the first and of the last point of the section.
-    vehicle : Vehicle
+
+def _seen_in_both(errors: AreaCoverage, coverage: AreaCoverage) -> AreaCoverage:
+    """Return a coverage with errors, without what a camera does not see without them either: it
+    takes no image, or none there.
     """
-    step = vehicle.trigger_distance or 1.0
-    begin, end = far[list(section)] / step
-    at = step * np.arange(np.ceil(begin), np.floor(end) + 1)
-    ends = np.stack([at, at + _TINY], axis=1)
-    return [*np.stack([np.interp(ends, far, axis) for axis in flight.T], axis=-1)]
+    import shapely
+
+    uncovered = shapely.union(errors.uncovered, coverage.uncovered)
+    area = max(float(uncovered.area), errors.uncovered_m2, coverage.uncovered_m2)
+    return replace(
+        errors,
+        uncovered=uncovered,
+        uncovered_m2=area,
+        covered_fraction=1 - area / errors.area_m2,
+    )
 
 
 def _coverage_with_errors(
-    stretches: Sequence[tuple[list[NDArray[np.float64]], list[float] | float]],
+    stretches: Sequence[tuple[list[NDArray[np.float64]], list[float]]],
     vehicle: Vehicle,
     region: SearchRegion,
     least: float,
     checked: dict[str, Any],
+    *,
+    camera: bool,
 ) -> AreaCoverage:
     """Return the coverage of paths that a vehicle flies with its errors. Outside is what paths that
     are planned inside the region fly outside of it.
@@ -730,14 +718,31 @@ def _coverage_with_errors(
     shapely.prepare(inside)
     coverages, outside = [], 0.0
     for own, widths in stretches:
-        flown = [deviate(path, vehicle, rng) for path in own]
+        flown = [deviate(path[:, :2], vehicle, rng) for path in own]
         for planned, path in zip(own, flown, strict=True):
-            if len(path) > 1 and inside.covers(shapely.linestrings(planned)):
+            if len(path) > 1 and inside.covers(shapely.linestrings(planned[:, :2])):
                 line = shapely.linestrings(path)
                 if not inside.covers(line):
                     outside += float(line.difference(inside).length)
-        coverages.append(coverage_check(region, flown, widths if own else least, **checked))
+        seen = None
+        if camera:  # its view without interruption, as corners are at other places
+            seen = _swept([*zip(own, flown, strict=True)], vehicle)
+        coverages.append(coverage_check(region, flown, widths or least, **checked, views=seen))
     return replace(combine_coverages(coverages), outside_m=outside)
+
+
+def _swept(paths: Sequence[tuple[Floats, Floats]], vehicle: Vehicle) -> Any:
+    """Return what a camera sees along each leg of deviating paths, from the heights of the paths
+    that they deviate from.
+    """
+    starts, ends = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for planned, path in paths:
+        far, along = (partial_sums(step_lengths(one[:, :2])) for one in (planned, path))
+        ups = np.interp(along / max(along[-1], 1e-9) * far[-1], far, planned[:, 3])
+        raised = np.column_stack([path, ups])
+        starts.append(raised[:-1] if len(raised) > 1 else raised)
+        ends.append(raised[1:] if len(raised) > 1 else raised)
+    return swept_views(np.concatenate(starts), np.concatenate(ends), vehicle)
 
 
 def facing_of(
@@ -816,50 +821,36 @@ def _by_band(
     paths: Sequence[NDArray[np.float64]],
     sides: NDArray[np.float64],
     bands: Sequence[float] | None,
-    spread: NDArray[np.float64],
-    least: float,
-) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
+) -> Iterator[tuple[list[NDArray[np.float64]], list[float]]]:
     """Yield, for each band, the sections of paths in this band and the footprint on each section.
 
-    For a band without paths, the footprint is ``least``. Without bands, the function yields all
-    paths together.
+    Without bands, the function yields all paths together.
     """
+    runs = [
+        (run, side)
+        for path, side in zip(paths, sides.tolist(), strict=True)
+        for run in _runs(path)
+        if len(run)
+    ]
     if not bands:
-        runs = [
-            (run[:, :2], side)
-            for path, side in zip(paths, sides.tolist(), strict=True)
-            for run in _runs(path)
-            if len(run)
-        ]
         yield [run for run, _ in runs], [side for _, side in runs]
         return
     sections: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
-    for run, side in (
-        (run, side) for path, side in zip(paths, sides.tolist(), strict=True) for run in _runs(path)
-    ):
+    for run, side in runs:
         band = np.searchsorted(bands, run[:, 2] + _RAISED, side="right") - 1
         borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(run)]
         for begin, end in pairwise(borders):
             if begin < end and band[begin] >= 0:
-                sections[band[begin]][0].append(run[begin:end, :2])
-                sections[band[begin]][1].append(side * float(spread[band[begin]]))
-    for flown, footprints in sections:
-        yield flown, footprints if flown else least
+                sections[band[begin]][0].append(run[begin:end])
+                sections[band[begin]][1].append(side)
+    yield from sections
 
 
-def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Return the width of the camera's view from each band, divided by the width of the view from
-    the lowest band.
-    """
-    if vehicle is None or vehicle.image_size is None:
-        return np.ones(len(bands or ()))
-    seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
-    return np.asarray(seen / seen[:1])
-
-
-def _search_path(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
-    """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k,
-    3).
+def _search_path(
+    sheet: Sheet, region: SearchRegion, side: float, terrain: Terrain | None
+) -> NDArray[np.float64]:
+    """Return the waypoints of a mission as positions, altitudes and heights above the ground in
+    metres; float64, shape (k, 4).
 
     The result leaves out waypoints outside the region on the paths from home and back (see
     `search_slice`). In their place, the result contains the points where these paths cross the
@@ -874,8 +865,7 @@ def _search_path(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.
     near = np.asarray(np.isfinite(path).all(axis=1))
     inside = inside_of(region, path)
     searched = search_slice(inside, sheet.kind)
-    ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
-    path = np.column_stack([path, ups[np.clip(np.arange(len(path)) - 1, 0, len(ups) - 1)]])
+    path = np.column_stack([path, *heights_of(sheet, path, terrain, region)])
     if sheet.waypoints_out is not None:
         return path[1 + sheet.waypoints_out : len(path) - 1 - (sheet.waypoints_home or 0)]
     if sheet.kind == "fixed-wing":
@@ -902,7 +892,7 @@ def _border_crossing(
     region: SearchRegion, start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the first point at which a leg that starts inside the region leaves the region;
-    float64, shape (1, 3).
+    float64, shape (1, 4).
 
     The result has the altitude of the leg's start.
     """
@@ -916,7 +906,7 @@ def _border_crossing(
     nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(start[:2]))))]
     ends = shapely.get_coordinates(nearest)
     farthest = ends[int(np.argmax(np.hypot(*(ends - start[:2]).T)))]
-    return np.append(farthest, start[2])[None]
+    return np.append(farthest, start[2:])[None]
 
 
 def angle_of(paths: Sequence[NDArray[np.float64]]) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.missions.fence import Fence
+from shoal.search.flight.imaging import CameraItem
 from shoal.search.regions.formats.kml import Element, XmlError, parse_xml
 from shoal.search.regions.outline import Points
 
@@ -140,7 +141,16 @@ RULES: dict[str, Rule] = {
         "warning", "an altitude is above 120 m; many countries forbid flights above 120 m"
     ),
     "altitude-varies": Rule("warning", "a waypoint has an altitude that no other waypoint has"),
-    "camera": Rule("warning", "a series of images has no beginning or no end"),
+    "camera": Rule(
+        "warning",
+        "a series of images has no beginning or no end, or the check does not know the pitch or the"
+        " heading of the vehicle's camera",
+    ),
+    "images": Rule(
+        "error",
+        "the images of the vehicle's camera are too far apart, or there are none, or the camera"
+        " aims elsewhere",
+    ),
     "gimbal": Rule(
         "error", "the pitch of a camera is beyond ±90°, or a gimbal item does not aim by angles"
     ),
@@ -330,6 +340,8 @@ class Sheet:
     trigger_distance: float | None = None
     gimbal_pitch: float | None = None
     yaw: float | None = None
+    headings: list[float | None] | None = None
+    camera_items: list[CameraItem] | None = None
     acceptance_radius: float | None = None
     speed: float | None = None
     speeds: list[float] | None = None

@@ -16,6 +16,7 @@ from shoal.core.checks import check_choice, check_integer, check_number, count_t
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import angles_of, step_lengths
 from shoal.missions.approach import constant_speed, near_homes
+from shoal.missions.camera import check_camera
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
 from shoal.missions.files import MANIFEST, mission_of, number_apart, open_sheets
 from shoal.missions.formats.fences import FENCE
@@ -136,6 +137,7 @@ def lint_sheets(
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
                 _check_duration(sheet, vehicle)
+                check_camera(sheet, vehicle)
             if vehicle is not None and vehicle.radius:
                 _check_climbs(sheet, vehicle)
             if region is not None:

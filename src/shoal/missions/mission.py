@@ -23,6 +23,7 @@ from shoal.core.geometry import step_lengths, unit_vectors
 from shoal.missions.fence import Fence
 from shoal.search.flight.dubins import Airspace
 from shoal.search.flight.flight import FRAMES, Altitudes, Flight
+from shoal.search.flight.imaging import CameraItem, planned_items
 from shoal.search.flight.legs import complete_path, merge_straight_legs
 from shoal.search.flight.sorties import PathFinder, Sorties
 from shoal.search.flight.timing import trajectory
@@ -41,10 +42,11 @@ CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}
 FASTEST = 100.0  # m/s: a mission's speed
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
 _RING = 37  # points of a circle
+_DEGREE = 111_195.0  # of a degree of latitude, about
 KINDS = ("multirotor", "fixed-wing", "rover")
 # items besides waypoints: home, take-off, speed, return
 OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}
-EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
+EXTRA = {"gimbal_pitch": 1}  # items of a camera besides those for its images
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,8 @@ class Mission:
     elevation : float, optional
         Height of home above sea level in metres, if known.
     trigger_distance : float, optional
-        Distance between two images in metres.
+        Distance between two images in metres. The camera also takes images where the search begins
+        and ends, and at its bends.
     gimbal_pitch : float, optional
         Pitch of the gimbal in degrees. At -90 degrees, the camera points down.
     yaw : float, optional
@@ -230,6 +233,7 @@ class Mission:
         """
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
         extra += 0 if self.speeds is None else int(np.count_nonzero(np.diff(self.speeds)))
+        extra += len(self.camera_items)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra
 
     @property
@@ -238,6 +242,19 @@ class Mission:
         waypoints (None means 0).
         """
         return slice(self.waypoints_out or 0, len(self.waypoints) - (self.waypoints_home or 0))
+
+    @property
+    def camera_items(self) -> list[CameraItem]:
+        """The commands with which the camera takes images; none without a trigger distance."""
+        if self.trigger_distance is None:
+            return []
+        points = self.waypoints[self.searched]
+        if self.geographic:
+            try:
+                points = LocalFrame(*points[0].tolist()).to_metres(points)
+            except InvalidInputError:  # on another continent, as diagnostics say
+                points = points * _DEGREE
+        return planned_items(points, self.searched.start, self.trigger_distance, self.kind)
 
     @property
     def end(self) -> tuple[float, float]:

@@ -482,6 +482,9 @@ class MissionSet:
             )
         sides = tuple(self.plan.footprints.tolist())
         planned = sides if len({*sides}) > 1 else sides[0]
+        terrain: dict[str, Any] = {}
+        if self.options.terrain is not None:
+            terrain = {name: getattr(self.options, name) for name in ("terrain", "terrain_error")}
         return CheckOptions(
             self.plan.grid.region if self.problem is None else self.problem.place,
             footprint=planned if self.problem is None else self.problem.view,
@@ -489,6 +492,7 @@ class MissionSet:
             cap=self.options.cap,
             separation=self.options.required_separation or (0.0,),
             vehicle=self.plan.vehicle,
+            **terrain,
         )
 
     @property

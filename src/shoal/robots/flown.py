@@ -22,6 +22,7 @@ from shoal.missions.checking import facing_of
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING
+from shoal.search.flight.imaging import swept_views
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.separation import Approach, nearest_approach
 from shoal.search.flight.timing import Trajectory
@@ -34,6 +35,7 @@ from shoal.search.regions.region import SearchRegion
 
 _LEFT = 3.0  # metres from its first position, from which on a rover is on its way
 _STRAIGHT = 0.05  # metres: positions of a track nearer to a straight line are left out
+_LEVEL = 0.02  # share of a height by which heights differ that count as one
 _END = 1.0  # metres before the end of a path, which a vehicle cuts
 _FASTEST = 2.0  # times the planned speed, at which progress on a path may go
 _THIN = 0.02  # footprints: half the width of parts of the rest that are left out
@@ -61,8 +63,9 @@ class FlownMission:
     ----------
     mission : Mission
     track : Track
-    stretches : list of ndarray of float64, shape (k, 2)
-        The parts of the track on which it followed the search of its mission, in metres.
+    stretches : list of ndarray of float64, shape (k, 3)
+        The parts of the track on which it followed the search of its mission, in metres, with
+        heights above home.
     searched_m, planned_m : float
         Length of the search of the mission that it followed, and in all.
     farthest_m : float
@@ -254,7 +257,8 @@ def _footprint_side(options: CheckOptions | None, mission: Mission) -> float:
 def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float) -> FlownMission:
     path = frame.to_metres(mission.waypoints[mission.searched])
     points = frame.to_metres(track.places)
-    stretches, searched, farthest = _follow_path(path, points, track.times, side, mission.speed)
+    raised = np.column_stack([points, track.heights])
+    stretches, searched, farthest = _follow_path(path, raised, track.times, side, mission.speed)
     if mission.kind == "rover":
         moving = np.hypot(*(points - points[0]).T) > _LEFT
     else:
@@ -316,9 +320,9 @@ def _follow_path(
     stretches: list[list[Floats]] = []
     before: float | None = None  # time of the last position that followed the path
     for point, now in zip(points, times.tolist(), strict=True):
-        position = shapely.Point(point)
+        position = shapely.Point(point[:2])
         if progress is None:
-            end_distance = float(np.hypot(*(point - path[0])))
+            end_distance = float(np.hypot(*(point[:2] - path[0])))
             if end_distance > side / 2 or end_distance < nearest:
                 nearest = end_distance  # on its way out, the camera takes no images
                 begin = point
@@ -334,7 +338,7 @@ def _follow_path(
         at = max(0.0, progress - side) + (float(window.project(position)) if total else 0.0)
         progress = max(at, progress)
         if total - progress < _END:
-            end_distance = float(np.hypot(*(point - path[-1])))
+            end_distance = float(np.hypot(*(point[:2] - path[-1])))
             if end_distance > nearest:
                 break  # the search is over: what follows is the way home
             nearest = end_distance
@@ -346,10 +350,24 @@ def _follow_path(
         before = now
     parts = [np.array(part) for part in stretches]
     return (
-        [merge_straight_legs(part, _STRAIGHT) if len(part) > 2 else part for part in parts],
+        [_thinned(part) if len(part) > 2 else part for part in parts],
         searched,
         farthest,
     )
+
+
+def _thinned(part: Floats) -> Floats:
+    """Return a part of a track without positions on straight lines at almost the same height, in
+    place of which it has the mean height.
+    """
+    heights, begin = part[:, 2].copy(), 0
+    low = high = float(part[0, 2])
+    for k, up in enumerate([*part[:, 2].tolist(), np.inf]):
+        low, high = min(low, up), max(high, up)
+        if high - low > _LEVEL * max(abs(low), 1.0):
+            heights[begin:k] = part[begin:k, 2].mean()
+            begin, low, high = k, up, up
+    return merge_straight_legs(np.column_stack([part[:, :2], heights]), _STRAIGHT)
 
 
 def _subline(line: Any, begin: float, end: float) -> Any:
@@ -379,13 +397,25 @@ def _check_coverage(
     facing = options.angle if options.angle is not None else angle
     angle, image = facing_of(facing, image, planned)
     region = visible_region(region, least, angle)
+    views = None
+    if vehicle is not None and vehicle.image_size is not None and footprint == vehicle.row_spacing:
+        legs = [
+            *zip((part[:-1] for part in stretches), (part[1:] for part in stretches), strict=True)
+        ]
+        starts, ends = (
+            (np.concatenate([np.zeros((0, 3)), *own]) for own in zip(*legs, strict=True))
+            if legs
+            else (np.zeros((0, 3)),) * 2
+        )
+        views = swept_views(starts, ends, vehicle)
     coverage = coverage_check(
         region,
-        stretches,
+        [part[:, :2] for part in stretches],
         widths if stretches else least,
         tolerance=ROUNDING,
         angle=angle,
         image=image,
+        views=views,
     )
     opened = coverage.uncovered.buffer(-_THIN * least, join_style="mitre")
     opened = opened.buffer(_THIN * least, join_style="mitre").intersection(region.free)

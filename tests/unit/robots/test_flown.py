@@ -183,6 +183,28 @@ def flown(capsys, field, *arguments):
     return code, (json.loads(out) if out else None), err
 
 
+def test_the_height_of_a_track_sets_the_size_of_images(field, tmp_path, capsys):
+    """A flight at 2 m counted as one at 30 m."""
+    systems = ["--systems", "1=1,2=2"]
+    logs = {}
+    for height in (2.0, 15.0, 30.0, 30.5):
+        path = tmp_path / f"{height}.tlog"
+        logs[height] = write_tlog(path, {n: flight(field, n, height=height) for n in (1, 2)})
+    lens = "sensor_width=6,sensor_height=6,focal_length=8"  # 22.5 m from 30 m
+    seen = {}
+    for height, log in logs.items():
+        about = ["--region", field / "field.json", "--vehicle", f"multirotor,{lens}", "--json"]
+        run(["missions", "flown", *map(str, [field / "missions", log, *systems, *about])])
+        seen[height] = json.loads(capsys.readouterr().out)["covered_fraction"]
+    assert seen[30.5] >= seen[30.0] > 0.999
+    assert seen[15.0] == pytest.approx(11.25 / 20, abs=0.1)
+    assert seen[2.0] == pytest.approx(1.5 / 20, abs=0.02)
+    # a detector sees as much from any height
+    about = ["--region", field / "field.json", "--footprint", "20", "--json"]
+    run(["missions", "flown", *map(str, [field / "missions", logs[15.0], *systems, *about])])
+    assert json.loads(capsys.readouterr().out)["covered_fraction"] > 0.999
+
+
 @pytest.mark.parametrize("suffix", ["tlog", "bin", "ulg"])
 def test_each_kind_of_log_has_the_track_that_was_written(field, tmp_path, suffix):
     if suffix == "ulg":

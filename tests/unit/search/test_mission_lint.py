@@ -670,7 +670,7 @@ PLANTS = [
         "camera",
         ".plan",
         instead(trigger_distance=8.0, then=items(lambda rows: rows.pop(-2) and numbered(rows))),
-        "item 4",
+        "item 10",
         (),
     ),
     (
@@ -847,7 +847,8 @@ def test_every_rule_is_planted():
         "format-missing",
         "elevation-missing",
         "sorties-overlap",
-    }  # below, in test_safe_fences.py and in test_separation_of_files.py
+        "images",
+    }  # below, and in the tests of fences, of the separation of files and of cameras
     assert {rule for rule, *_ in PLANTS} | others == {*RULES}
 
 

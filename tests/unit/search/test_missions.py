@@ -123,7 +123,7 @@ def test_a_camera_in_mission_items(tmp_path):
     (mission,) = missions_of(LANES, FRAME, vehicle=vehicle)
     plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
     rows = json.loads(plan.read_text())["mission"]["items"]
-    assert [row["command"] for row in rows] == [22, 178, 205, 16, 206, *[16] * 5, 206, 20]
+    assert [row["command"] for row in rows] == [22, 178, 205, *[16, 206] * 6, 206, 20]
     assert rows[2]["params"] == [-90, 0, 0, 0, 0, 0, 2]
     assert rows[4]["params"] == [7.5, 0, 1, 0, 0, 0, 0]  # a quarter of 30 m
     assert rows[-2]["params"] == [0] * 7
@@ -137,7 +137,7 @@ def test_a_camera_in_mission_items(tmp_path):
             90,
             1,
         )
-        assert read.n_items == mission.n_items == 13
+        assert read.n_items == mission.n_items == 18
     assert lint(tmp_path) == []
 
 
@@ -600,9 +600,7 @@ def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
     count = len(mission.waypoints) - 2
     assert [row["command"] for row in rows if row["command"] in (16, 206)] == [
         16,
-        16,
-        206,
-        *[16] * (count - 1),
+        *[16, 206] * count,
         206,
         16,
     ]

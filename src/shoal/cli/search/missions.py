@@ -102,7 +102,7 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
         rows += [
             (
                 "seen",
-                f"{100 * seen.covered_fraction:.6g} % with {_footprint(result.options.sides)}",
+                f"{100 * seen.covered_fraction:.6g} % with {_footprint(result)}",
             ),
             *(
                 ("", f"{100 * one.covered_fraction:.6g} % at {up:.4g} m")
@@ -235,7 +235,14 @@ def flights_rows(flights: Sequence[dict[str, Any]], usable: float | None) -> lis
     return rows + ([("", f"and {len(left)} more, of at most {max(left):.1f} min")] if left else [])
 
 
-def _footprint(sides: float | tuple[float, ...] | None) -> str:
+def _footprint(result: MissionCheck) -> str:
+    """Return a text about what vehicles see at once: images of a camera, or footprints."""
+    sides = result.options.sides
+    if result.images is not None:
+        return {
+            "files": "the images of the missions",
+            "vehicle": "the images of the vehicle; the files have no commands to its camera",
+        }[result.images]
     if not isinstance(sides, tuple):
         return f"a footprint of {sides:g} m"
     return f"footprints of {', '.join(f'{side:g}' for side in sides)} m"

@@ -33,6 +33,8 @@ class MissionFormat:
         missions of a folder share.
     xml : bool
         Whether files of the format are XML, whose encoding the file names.
+    camera : bool
+        Whether files of the format contain the commands to a camera.
     """
 
     suffix: str
@@ -41,11 +43,12 @@ class MissionFormat:
     metres: bool = False
     fence: Literal["inside", "beside", "none"] = "none"
     xml: bool = False
+    camera: bool = False
 
 
 FORMATS: Registry[MissionFormat] = Registry("mission format")
-FORMATS.add("plan", MissionFormat(".plan", plan.write, plan.scan, fence="inside"))
-FORMATS.add("wpl", MissionFormat(".waypoints", wpl.write, wpl.scan, fence="beside"))
+FORMATS.add("plan", MissionFormat(".plan", plan.write, plan.scan, fence="inside", camera=True))
+FORMATS.add("wpl", MissionFormat(".waypoints", wpl.write, wpl.scan, fence="beside", camera=True))
 FORMATS.add("geojson", MissionFormat(".geojson", geojson.write, geojson.scan))
 FORMATS.add("kml", MissionFormat(".kml", kml.write, kml.scan, xml=True))
 FORMATS.add("gpx", MissionFormat(".gpx", gpx.write, gpx.scan, xml=True))

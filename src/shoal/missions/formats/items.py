@@ -16,6 +16,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.missions.diagnostics import Sheet, decimals_of
 from shoal.missions.mission import CAPS, FASTEST, KINDS, SAME_LEVEL, Mission
 from shoal.search.flight.flight import FRAMES
+from shoal.search.flight.imaging import CameraItem
 from shoal.search.regions.projection import DECIMALS
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = (
@@ -49,6 +50,20 @@ _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT 
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}
 # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
 _TERRAIN = {10: "ground", 11: "ground"}
+AIMING = {
+    195: "a region of interest",
+    196: "a region of interest",
+    197: "the end of a region of interest",
+    201: "a region of interest",
+    531: "a zoom",
+    534: "another camera",
+    1000: "another pitch of the gimbal",
+    2003: "a control of the trigger",
+}
+"""Commands that change what a camera sees or whether it sees, which the check does not follow:
+MAV_CMD, and what each is about.
+"""
+
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
 _UNCHANGED, _USUAL = -1.0, -2.0  # values of a speed that are none
@@ -81,7 +96,7 @@ def items_of(mission: Mission) -> list[Item]:
     The first item is the take-off, and no wait precedes it: PX4 (COM_DISARM_PRFLT) and ArduPilot
     (DISARM_DELAY) disarm a vehicle that stays on the ground for some seconds after arming. The item
     after the take-off sets the speed for the whole mission. The camera takes images from the first
-    to the last waypoint of the search, and none on the ways out and home. The take-off of a fixed
+    to the last waypoint of the search, also at all bends, and none on the ways out and home. The take-off of a fixed
     wing has the position of the first waypoint, because the vehicle climbs toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
@@ -111,11 +126,9 @@ def items_of(mission: Mission) -> list[Item]:
     items = [speed(mission.speed)]
     if mission.gimbal_pitch is not None:
         items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
-    if mission.trigger_distance is not None:
-        searched = mission.searched
-        points.insert(searched.stop, _placeless(TRIGGER))
-        # first image immediately
-        points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))
+    # also images at once: the last image on a leg may be a whole distance before the leg's end
+    for image in reversed(mission.camera_items):
+        points.insert(image.after, _placeless(TRIGGER, image.value, 0.0, float(image.at_once)))
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
     if mission.speeds is not None:
         items[0], points = (
@@ -167,7 +180,12 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         first = waypoints[0]
         sheet.altitude_frame = _frames(sheet).get(first.frame)
         if first.command == WAYPOINT:
-            sheet.acceptance_radius, sheet.yaw = first.params[1] or None, first.params[3] or None
+            sheet.acceptance_radius = first.params[1] or None
+        sheet.headings = [
+            None if item.params[3] is None or not math.isfinite(item.params[3]) else item.params[3]
+            for item in waypoints
+        ]
+        sheet.yaw = sheet.headings[0] if first.command == WAYPOINT else None
         if sheet.altitude_frame == "ground":
             message = (
                 "expected altitudes above home or sea level, got altitudes above the terrain"
@@ -202,8 +220,26 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         for item, number in zip(items, numbers, strict=True)
         if item.command == TRIGGER
     ]
-    if [begins for _, begins in images] == [True, False] and images[0][0] > 0:
-        sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[1][0]
+    # an end before a beginning at the same waypoint only begins to measure the distance anew
+    images = [
+        one
+        for number, one in enumerate(images)
+        if one[1] or images[number + 1 : number + 2] != [(one[0], True)]
+    ]
+    begun = [begins for _, begins in images]
+    if begun == [True] * (len(begun) - 1) + [False] and len(begun) > 1 and images[0][0] > 0:
+        sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[-1][0]
+    sheet.camera_items = [
+        CameraItem(
+            int(number),
+            item.command,
+            _number(item.params[0])[0],
+            at_once=_number(item.params[2])[0] > 0,
+            place=item.place,
+        )
+        for item, number in zip(items, numbers, strict=True)
+        if item.command in (GIMBAL, TRIGGER, *AIMING)
+    ]
     aloft = next(
         (k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items)
     )
@@ -386,16 +422,17 @@ def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
                 f"expected a pitch within ±90 and mode 2 (by angles), got {pitch:g} and {mode:g}",
             )
     triggers = [item for item in items if item.command == TRIGGER]
-    for number, item in enumerate(triggers):
-        distance = _number(item.params[0])[0]
-        if (distance > 0) != (number % 2 == 0):
-            expected = (
-                "a distance between images above 0"
-                if number % 2 == 0
-                else "the end of images, a distance of 0"
+    begun = False
+    for item in triggers:
+        (distance,) = _number(item.params[0])
+        if not (distance > 0 or begun):
+            sheet.add(
+                "camera",
+                item.place,
+                f"expected a distance between images above 0, got {distance:g}",
             )
-            sheet.add("camera", item.place, f"expected {expected}, got {distance:g}")
-    if len(triggers) % 2:
+        begun = distance > 0
+    if begun:
         sheet.add(
             "camera",
             triggers[-1].place,

@@ -92,6 +92,8 @@ def scan(text: str, sheet: Sheet) -> None:
     sheet.home, sheet.elevation = (longitude, latitude), items[0].params[6] or None
     sheet.decimals = max(decimals_of(field) for _, fields in rows for field in fields[8:10])
     read_items(sheet, items[1:])
+    if not any(sheet.headings or ()):
+        sheet.yaw = sheet.headings = None  # north, or none
     sheet.kind = kind_of(sheet, items[1:])
     check_take_off(sheet, items[1:])
     for place, (number, fields) in enumerate(rows):

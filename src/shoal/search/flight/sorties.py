@@ -14,6 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
 from shoal.search.flight.dubins import NEAR
 from shoal.search.flight.flight import Flight
+from shoal.search.flight.imaging import image_waypoints
 from shoal.search.flight.timing import Trajectory
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 
@@ -42,7 +43,7 @@ class Sorties:
         Path in metres, with altitudes in the third column.
     flight : Flight
     most_waypoints : int
-        Maximum number of waypoints in a sortie.
+        Maximum number of waypoints in a sortie, together with the images of a camera at waypoints.
     find_path : callable or None
         Function that computes the path between home and a point of the route; see
         `shoal.missions.split_missions`.
@@ -186,9 +187,17 @@ class Sorties:
 
     def _fits(self, begin: float, until: float) -> bool:
         return (
-            len(self._sortie(begin, until)) <= self.most_waypoints
+            self._n_items(self._sortie(begin, until)) <= self.most_waypoints
             and self._trajectory(begin, until).duration <= self.limit
         )
+
+    def _n_items(self, waypoints: NDArray[np.float64]) -> int:
+        """Return the largest number of mission items of waypoints and of images there."""
+        vehicle = self.flight.vehicle
+        if vehicle.trigger_distance is None:
+            return len(waypoints)
+        images = image_waypoints(waypoints, vehicle.trigger_distance, vehicle.kind)
+        return len(waypoints) + 2 * len(images)  # two at sharp turns
 
     def _trajectory(self, begin: float, until: float) -> Trajectory:
         """Return the trajectory of a sortie, from take-off to landing."""
@@ -269,7 +278,7 @@ class Sorties:
         shortest = self._sortie(begin, begin)
         if (
             self.flight.trajectory(shortest).duration <= self.limit
-            and len(shortest) + 1 > self.most_waypoints
+            and self._n_items(shortest) + 1 > self.most_waypoints
         ):
             raise InvalidInputError(
                 f"cap: expected room for more waypoints of robot {self.robot}, got {self.most_waypoints}: the"

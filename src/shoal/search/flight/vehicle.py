@@ -428,12 +428,14 @@ class Vehicle(Problem):
     def trigger_distance(self) -> float | None:
         """Distance between two images in metres, rounded to a millimetre, or None
         without a camera.
+
+        After a turn, the images before and behind it must meet, so that the distance is at most
+        half the sum of the sides of an image.
         """
-        return (
-            None
-            if self.image_size is None
-            else round(self.image_size[1] * (1.0 - (self.front_overlap or 0.0)), 3)
-        )
+        if self.image_size is None:
+            return None
+        across, along = self.image_size
+        return round(min(along * (1.0 - (self.front_overlap or 0.0)), (across + along) / 2), 3)
 
     @property
     def ground_sample(self) -> float | None:
@@ -456,8 +458,10 @@ def image_of(vehicle: Vehicle) -> Image | None:
     """
     if vehicle.image_size is None or vehicle.row_spacing is None:
         return None
-    across, along = (length / vehicle.row_spacing for length in vehicle.image_size)
-    return Image(across, along, vehicle.yaw if vehicle.kind == "multirotor" else None)
+    lengths = *vehicle.image_size, vehicle.trigger_distance or 0.0
+    across, along, spacing = (length / vehicle.row_spacing for length in lengths)
+    yaw = vehicle.yaw if vehicle.kind == "multirotor" else None
+    return Image(across, along, yaw, spacing)
 
 
 def vehicle_of(value: Any) -> Vehicle:

@@ -25,6 +25,7 @@ _GRID = TOUCH / 10  # metres
 # a block is divided only if it is larger than this fraction of a footprint; footprints mostly cover
 # smaller blocks
 _SMALLEST = 0.5
+_SLANTED = np.sin(np.radians(0.5))  # images turned by more against a leg lie slanted
 
 
 @dataclass(frozen=True)
@@ -39,32 +40,77 @@ class Image:
     yaw : float, optional
         Heading that the vehicle keeps, in degrees clockwise from north. By default, the vehicle
         faces its direction of motion.
+    spacing : float, optional
+        Distance between images on a leg. The last image is at the end of the leg, and the first
+        one this distance behind its beginning, where the vehicle still faces another way. By
+        default, the camera sees without interruption.
     """
 
     across: float
     along: float
     yaw: float | None = None
+    spacing: float | None = None
 
     def scaled(self, factor: float) -> Image:
-        """Return an image of which both sides are multiplied by ``factor``."""
-        return replace(self, across=self.across * factor, along=self.along * factor)
+        """Return an image of which all lengths are multiplied by ``factor``."""
+        spacing = None if self.spacing is None else self.spacing * factor
+        return replace(
+            self, across=self.across * factor, along=self.along * factor, spacing=spacing
+        )
 
-    def along_legs(self, starts: Points, ends: Points, side: float, angle: float) -> Any:
+    def of_legs(
+        self, starts: Points, ends: Points, opening: NDArray[np.bool_], side: float, angle: float
+    ) -> Any:
+        """Return the areas that the camera sees on legs; those in ``opening`` begin a route."""
+        if self.spacing is None:
+            return self.along_legs(*_distinct_legs(starts, ends), side, angle)
+        gap, legs = self.spacing * side, ends - starts
+        lengths = np.hypot(*legs.T)
+        first = np.where(opening, 0.0, np.minimum(gap, lengths))
+        ahead = legs / np.where(lengths > 0, lengths, 1.0)[:, None]
+        begins, last = starts + first[:, None] * ahead, ends
+        if self.yaw is not None:
+            kept = np.radians(90.0 - self.yaw)
+            along = np.abs(ahead @ (np.cos(kept), np.sin(kept)))
+            slanted = np.minimum(along, np.sqrt(1 - np.minimum(along, 1.0) ** 2)) > _SLANTED
+            # what images that lie slanted see is no strip
+            count = (
+                np.where(slanted, np.ceil((lengths - first) / gap - 1e-9), 0).astype(np.int64) + 1
+            )
+            number = np.repeat(np.arange(len(legs)), count)
+            step = np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count)
+            begins = begins[number] + (step * gap)[:, None] * ahead[number]
+            ending = step == count[number] - 1
+            begins = np.where((ending & slanted[number])[:, None], ends[number], begins)
+            last = np.where(slanted[number][:, None], begins, ends[number])
+        places = np.unique(
+            np.hstack([begins, last, ahead if self.yaw is None else 0 * begins]), axis=0
+        )
+        return self.along_legs(places[:, :2], places[:, 2:4], side, angle, places[:, 4:])
+
+    def along_legs(
+        self,
+        starts: Points,
+        ends: Points,
+        side: float,
+        angle: float,
+        directions: Points | None = None,
+    ) -> Any:
         """Return the area that the camera sees along each leg: the convex hull of the images at
         both ends of the leg.
 
-        On a leg of length 0, a vehicle faces the direction ``angle``, in degrees counter-clockwise
-        from the x axis.
+        A vehicle faces its direction in ``directions``, or by default along the leg; on a leg of
+        length 0, it faces the direction ``angle``, in degrees counter-clockwise from the x axis.
         """
         import shapely
 
         legs = ends - starts
         lengths = np.hypot(*legs.T)
         facing = np.radians(angle if self.yaw is None else 90.0 - self.yaw)
-        moving = lengths[:, None] > 0
-        ahead = np.where(
-            moving, legs / np.where(moving, lengths[:, None], 1.0), (np.cos(facing), np.sin(facing))
-        )
+        if directions is None:
+            directions = legs / np.where(lengths > 0, lengths, 1.0)[:, None]
+        moving = np.asarray(directions.any(axis=1))[:, None]
+        ahead = np.where(moving, directions, (np.cos(facing), np.sin(facing)))
         ahead = (
             ahead
             if self.yaw is None
@@ -123,6 +169,7 @@ def coverage_check(
     tolerance: float = TOUCH,
     angle: float = 0.0,
     image: Image | None = None,
+    views: Any = None,
 ) -> AreaCoverage:
     """Measure the area that vehicles on given routes see, and the legs that leave the region.
 
@@ -144,6 +191,8 @@ def coverage_check(
         Angle of the footprint's sides in degrees, counter-clockwise from the x axis.
     image : Image, optional
         Image of a camera, which turns with the vehicle. It replaces the square.
+    views : ndarray of shapely Polygon, optional
+        All that the vehicles see, in metres, in place of footprints along the routes.
 
     Examples
     --------
@@ -162,25 +211,27 @@ def coverage_check(
     check_number(tolerance, what="tolerance", least=0)
     check_number(angle, what="angle", least=-360, most=360)
     paths = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
-    starts, ends = _legs(paths)
+    starts, ends, _ = _legs(paths)
     swept, squares = [], [np.zeros((0, 4))]
     # in the frame of the footprints, where most of what they cover are upright rectangles
     turn = unit_vectors(np.radians(np.array([-angle, 90.0 - angle])))
-    for side in np.unique(sides).tolist():
-        legs = _distinct_legs(
-            *_legs([path for path, own in zip(paths, sides, strict=True) if own == side])
+    if views is not None:
+        swept.append(_rotate(views, -angle))
+    for side in np.unique(sides).tolist() if views is None else ():
+        begins, stops, opening = _legs(
+            [path for path, own in zip(paths, sides, strict=True) if own == side]
         )
         if image is None:
-            legs = (legs[0] @ turn, legs[1] @ turn)
-            swept.append(footprints_along(*legs, side / 2, 0.0))
-            places = np.unique(np.concatenate(legs), axis=0)
+            begins, stops = (end @ turn for end in _distinct_legs(begins, stops))
+            swept.append(footprints_along(begins, stops, side / 2, 0.0))
+            places = np.unique(np.concatenate([begins, stops]), axis=0)
             squares.append(np.hstack([places - side / 2, places + side / 2]))
         else:
-            swept.append(_rotate(image.along_legs(*legs, side, angle), -angle))
+            swept.append(_rotate(image.of_legs(begins, stops, opening, side, angle), -angle))
     uncovered = region.area
     if swept:
         area, shapes = _rotate(region.area, -angle), np.concatenate(swept)
-        unseen_part = _subtract(area, shapes, np.concatenate(squares), float(sides.min()))
+        unseen_part = _subtract(area, shapes, np.concatenate(squares), float(np.min(footprint)))
         uncovered = _rotate(unseen_part, angle)
     uncovered = _remove_slivers(uncovered)
     uncovered_m2 = float(uncovered.area)
@@ -229,11 +280,11 @@ def combine_coverages(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
     )
 
 
-def _legs(paths: list[Points]) -> tuple[Points, Points]:
-    """Return the start and the end of each leg of all routes. The function merges consecutive
-    collinear legs.
+def _legs(paths: list[Points]) -> tuple[Points, Points, NDArray[np.bool_]]:
+    """Return the start and the end of each leg of all routes, and whether it begins a route. The
+    function merges consecutive collinear legs.
     """
-    starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    starts, ends, opening = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, dtype=np.bool_)]
     for path in paths:
         if len(path) == 0:
             continue
@@ -242,7 +293,8 @@ def _legs(paths: list[Points]) -> tuple[Points, Points]:
             bends = np.repeat(bends, 2, axis=0)
         starts.append(bends[:-1])
         ends.append(bends[1:])
-    return np.concatenate(starts), np.concatenate(ends)
+        opening.append(np.arange(len(bends) - 1) == 0)
+    return np.concatenate(starts), np.concatenate(ends), np.concatenate(opening)
 
 
 def _bends(path: Points) -> Points:
