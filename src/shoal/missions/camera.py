@@ -4,7 +4,7 @@ the vehicle.
 
 from __future__ import annotations
 
-from contextlib import suppress
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -106,7 +106,7 @@ def heights_of(
     """Return the altitudes in a file and the heights above the ground in metres of home, the
     waypoints and the end, whose positions in metres are ``places``; each float64, shape (n,).
 
-    Without a terrain, the ground is as high as home.
+    Without a terrain, the ground is as high as home. Beside a terrain, heights are unknown (NaN).
     """
     count = len(sheet.points)
     ups = np.resize(np.array(sheet.altitudes or [0.0]), count)
@@ -115,10 +115,24 @@ def heights_of(
         return ups, ups
     heights = ups - (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else ups
     if terrain is not None and np.isfinite(places).all():
-        with suppress(InvalidInputError):  # the check of heights above the ground tells
+        try:
             ground = terrain.at(places, region.frame)
-            heights = heights + ground[0] - ground
+        except InvalidInputError:  # the check of heights above the ground tells
+            ground = np.array([_ground_at(terrain, place, region) for place in places])
+        heights = heights + _base(sheet, float(ground[0])) - ground
     return ups, heights
+
+
+def _ground_at(terrain: Terrain, place: NDArray[np.float64], region: SearchRegion) -> float:
+    try:
+        return float(terrain.at(place[None], region.frame)[0])
+    except InvalidInputError:
+        return nan
+
+
+def _base(sheet: Sheet, ground: float) -> float:
+    """Return how high the heights of a file begin, where the ground at home has some height."""
+    return 0.0 if sheet.altitude_frame == "sea" and sheet.elevation is None else ground
 
 
 def camera_views(
@@ -153,7 +167,7 @@ def camera_views(
     path = np.column_stack([places, heights])
     at = np.arange(count + 2)
     if terrain is not None and sheet.altitude_frame != "ground" and np.isfinite(path).all():
-        path, at = _above_terrain(path, terrain, region)
+        path, at = _above_terrain(sheet, path, terrain, region)
         items = [item._replace(after=int(at[item.after])) for item in items]
         if headings is not None:
             headings = [headings[leg] for leg in np.repeat(np.arange(count + 1), np.diff(at))]
@@ -163,7 +177,7 @@ def camera_views(
 
 
 def _above_terrain(
-    path: NDArray[np.float64], terrain: Terrain, region: SearchRegion
+    sheet: Sheet, path: NDArray[np.float64], terrain: Terrain, region: SearchRegion
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return a path with heights above the ground in place of heights above home, with more points
     where the ground bends, and the numbers of its points among them.
@@ -171,8 +185,9 @@ def _above_terrain(
     try:
         profile = ground_profile(terrain, path[:, :2], region.frame, error=_FINE)
     except InvalidInputError:  # the check of heights above the ground tells
-        return path, np.arange(len(path))
+        _, heights = heights_of(sheet, path[:, :2], terrain, region)
+        return np.column_stack([path[:, :2], heights]), np.arange(len(path))
     far = np.append(0.0, np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T)))
     vertices = np.asarray(profile.vertices, dtype=np.int64)
-    ups = np.interp(far, far[vertices], path[:, 2]) + profile.heights[0]
+    ups = np.interp(far, far[vertices], path[:, 2]) + _base(sheet, float(profile.heights[0]))
     return np.column_stack([profile.points, ups - profile.heights]), vertices

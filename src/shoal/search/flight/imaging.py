@@ -98,7 +98,8 @@ def image_sides(vehicle: Vehicle, heights: Any) -> NDArray[np.float64]:
     assert vehicle.sensor_height
     assert vehicle.focal_length
     sensor = np.array([vehicle.sensor_width, vehicle.sensor_height]) / vehicle.focal_length
-    above = np.clip(np.asarray(heights, dtype=np.float64), 0.0, _HIGHEST)
+    # from an unknown height, an image shows nothing that is known
+    above = np.clip(np.nan_to_num(heights, posinf=_HIGHEST, nan=0.0), 0.0, _HIGHEST)
     return np.asarray(above[..., None] * sensor)
 
 
