@@ -23,6 +23,8 @@ from shoal.rigs.calibration import RESIDUAL, TieKind, transform_points
 from shoal.rigs.cameras import grey, load_opencv
 from shoal.swarm.maps.workspace import check_free
 
+HIDDEN = 3.0  # times the residual that an error of a lens may be between marks
+
 Points = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -111,7 +113,34 @@ def tie_by_marks(marks: ArrayLike, *, limit: float = RESIDUAL) -> Tie:
         )
     if residual is None:
         notes.append("three marks cannot show an error; give four or more")
+    elif _hidden_by_marks(table) > HIDDEN:
+        notes.append(
+            "these marks do not show whether the lens bends lines, so that cells between them may be"
+            " farther off than the residual: give more marks, at other distances from their middle"
+        )
     return Tie("marks", matrix, residual, tuple(notes))
+
+
+def _hidden_by_marks(table: Points) -> float:
+    """Return how many times as large as the residual an error of a place between the marks may be,
+    if a lens with its axis in their middle draws points nearer to it, with the cube of the distance.
+    """
+    pixels = table[:, :2]
+    middle, size = pixels.mean(0), float(np.abs(pixels - pixels.mean(0)).max())
+
+    def bend(points: Points) -> Points:
+        away = (points - middle) / size
+        return np.asarray(points - 1e-3 * size * away * np.sum(away**2, axis=1)[:, None])
+
+    plain = _fit(table, projective=False)
+    steps = np.linspace(pixels.min(0), pixels.max(0), 9)
+    places = np.stack(np.meshgrid(*steps.T), axis=-1).reshape(-1, 2)
+    bent = np.column_stack([bend(pixels), transform_points(plain, pixels)])
+    wrong = transform_points(_fit(bent, projective=False), bend(places)) - transform_points(
+        plain, places
+    )
+    residual = _leave_one_out_error(bent, projective=False) or 0.0
+    return float(np.linalg.norm(wrong, axis=1).max() / max(residual, 1e-12))
 
 
 def _check_spread(points: Points, expected: str) -> None:

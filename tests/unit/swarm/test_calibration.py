@@ -60,6 +60,27 @@ def test_a_tilted_camera_is_tied_by_a_homography():
     )
 
 
+@pytest.mark.parametrize(
+    ("cells", "hidden"),
+    [
+        ([(0, 0), (20, 0), (0, 20), (20, 20)], True),
+        ([(0, 0), (20, 0), (0, 20), (20, 20), (10, 10)], True),
+        ([(0, 0), (20, 0), (0, 20), (20, 20), (5, 12)], False),
+        (CORNERS, False),
+    ],
+)
+def test_marks_that_hide_the_error_of_a_lens_are_said(cells, hidden):
+    cells = np.array(cells, dtype=float)
+    away = cells - 10
+    pixels = 20 * (10 + away * (1 - 2e-4 * np.sum(away**2, axis=1))[:, None])[:, ::-1]
+    tie = tie_by_marks(np.hstack([pixels, cells]), limit=9.0)
+    between = np.array([(10.0, 0.0), (0.0, 10.0)])
+    seen = 20 * (10 + (between - 10) * (1 - 2e-4 * 100))[:, ::-1]
+    wrong = np.linalg.norm(transform_points(tie.matrix, seen) - between, axis=1).max()
+    assert (wrong > 3 * tie.residual) == hidden
+    assert any("whether the lens bends lines" in note for note in tie.notes) == hidden
+
+
 def test_a_mark_that_contradicts_the_others_is_left_out_and_named():
     matrix, _ = view_of((21, 21), turn=70, mirror=True)
     marks = np.hstack([transform_points(matrix, CORNERS), CORNERS])
