@@ -1,4 +1,4 @@
-"""Long straight rows: the fewest strips, links with few turns, and what is preferred."""
+"""Long straight rows: few strips, links with few turns, and what is preferred."""
 
 import itertools
 
@@ -20,7 +20,13 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.kernels import runs
 from shoal.search.tours.headland import border_of
-from shoal.search.tours.strips import detours_of, fewest_strips
+from shoal.search.tours.strips import (
+    STRIP,
+    along_rows,
+    detours_of,
+    preferences,
+    straight_strips,
+)
 
 
 def strips_with(mask, along):
@@ -31,18 +37,24 @@ def strips_with(mask, along):
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_no_other_division_has_fewer_strips(seed):
+def test_no_other_division_costs_less(seed):
     rng = np.random.default_rng(seed)
     mask = rng.random((3, 4)) < 0.75
     mask[1, 1] = True
     count = int(mask.sum())
-    least = mask.sum()
+
+    def cost(along):
+        return STRIP * strips_with(mask, along) - preferences(mask)[along].sum()
+
+    least = np.inf
     for bits in range(2**count):
         along = np.zeros(mask.shape, dtype=bool)
         along[mask] = [bits >> k & 1 for k in range(count)]
-        least = min(least, strips_with(mask, along))
-    strips = fewest_strips(mask)
-    assert len(strips) == least
+        least = min(least, cost(along))
+    chosen = along_rows(mask)
+    assert cost(chosen) == least
+    strips = straight_strips(mask)
+    assert len(strips) == strips_with(mask, chosen)
     seen = np.zeros(mask.shape, dtype=int)
     for (row, col), (last_row, last_col) in strips:
         seen[row : last_row + 1, col : last_col + 1] += 1
@@ -61,6 +73,13 @@ def test_arms_in_two_directions_have_fewer_turns():
     strips, rows = (make_tour(name, comb()).metrics() for name in ("strips", "boustrophedon"))
     assert strips.turns < 0.6 * rows.turns
     assert strips.cells == comb().sum()
+
+
+def test_strips_of_two_arms_turn_once_at_the_corner():
+    mask = np.ones((30, 40), dtype=bool)
+    mask[12:, 12:] = False
+    # twelve lanes with three turns each; rows and columns that end at each other's sides have four
+    assert make_tour("strips", mask).metrics().turns <= 3 * 12
 
 
 @pytest.mark.parametrize("seed", range(8))

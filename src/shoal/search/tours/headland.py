@@ -14,7 +14,7 @@ from shoal.search.tours.rows import (
     BoustrophedonTour,
     join_strips,
 )
-from shoal.search.tours.strips import cells_of_strip, detours_of, fewest_strips, runs_in
+from shoal.search.tours.strips import cells_of_strip, detours_of, runs_in, straight_strips
 from shoal.search.tours.tour import TOURS
 
 Cells = NDArray[np.int64]
@@ -33,7 +33,7 @@ class HeadlandTour(BoustrophedonTour):
     As on the headland of a field, the other strips end at the lane with room to turn, where they
     would have to follow a slanted border. The lane may also lead back from the last strip to the
     first one. The lane follows one side or several sides of the border. The other strips are rows,
-    or the fewest strips along rows and columns (`fewest_strips`), whichever gives the best tour by
+    or few strips along rows and columns (`straight_strips`), whichever gives the best tour by
     its length and its turns. In a rectangle with an even number of rows, the tour is a comb.
 
     Parameters
@@ -55,8 +55,8 @@ class HeadlandTour(BoustrophedonTour):
         sides = min(_SIDES, int((_WORK / np.count_nonzero(region)) ** 0.5))
         if not sides or components(region).max() > 1:
             return super()._in_order(region)
-        columns = bool((np.diff(fewest_strips(region), axis=1)[..., 0] != 0).any())
-        divisions = (runs_in, fewest_strips) if columns else (runs_in,)
+        columns = bool((np.diff(straight_strips(region), axis=1)[..., 0] != 0).any())
+        divisions = (runs_in, straight_strips) if columns else (runs_in,)
         detours = detours_of(region)
         padded, candidates = np.pad(region, 2), list[tuple[float, int, list[Cells]]]()
         for lane, bends, inner in _likely_lanes(region, sides):

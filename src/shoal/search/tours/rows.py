@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
-from shoal.search.tours.strips import Detours, cells_of_strip, detours_of, fewest_strips
+from shoal.search.tours.strips import Detours, cells_of_strip, detours_of, straight_strips
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
 MOST_RUNS = 1500
@@ -81,10 +81,11 @@ class BoustrophedonTour(TourByOrder):
 
 @TOURS.register("strips")
 class StripsTour(TourByOrder):
-    """A tour along the fewest straight strips of cells, in rows and in columns, with about two
-    turns for each strip; see `fewest_strips`.
+    """A tour along few straight strips of cells, in rows and in columns, with at most about two
+    turns for each strip; see `straight_strips`.
 
-    Where a region has arms in two directions, rows run along one arm and columns along the other.
+    Where a region has arms in two directions, rows run along one arm and columns along the other,
+    and meet at a mitred corner.
     The strips are joined as the rows of `BoustrophedonTour` are.
 
     Parameters
@@ -105,7 +106,7 @@ class StripsTour(TourByOrder):
         self.turn, self.disturbances = float(turn), disturbances
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        strips = [cells_of_strip(strip) for strip in fewest_strips(region)]
+        strips = [cells_of_strip(strip) for strip in straight_strips(region)]
         return np.concatenate(join_strips(strips, detours_of(region), self.turn, self.disturbances))
 
 

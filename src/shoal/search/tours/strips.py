@@ -1,5 +1,5 @@
-"""Strips: the division of cells into the fewest straight strips, along rows and columns, and the
-detours of links between them.
+"""Strips: the division of cells into few straight strips, along rows and columns, and the detours of
+links between them.
 """
 
 from __future__ import annotations
@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 MOST_CELLS = 30_000
 """Maximum number of cells that are divided; in larger regions, all strips are rows."""
 
-_UNIT = 1000  # capacity of half a strip: capacities are whole numbers
+STRIP = 2000
+"""Cost of a strip: costs of strips and preferences of cells are whole numbers."""
+
 _MOST_SEARCHED = 60_000  # cells times ends of strips: larger regions take all links as straight
 _DENT = 0.75  # cells: dents of a border that are less deep are those of cells
 _AROUND = 0.05  # cells by which a link around a corner is longer at least
-_BIAS = 10  # for rows: columns must save strips
+_ROWS = 2  # preference for rows where nothing else decides
+_BORDER = 800  # preference for the direction of the nearest border, in an arm of two cells
 
 
-def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the fewest strips that contain all True cells of a mask; int64, shape (S, 2, 2): first
-    and last cell of each strip as (row, column).
+def straight_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return few strips that contain all True cells of a mask; int64, shape (S, 2, 2): first and
+    last cell of each strip as (row, column).
 
     A strip is a sequence of neighbouring cells in a row or in a column. Let x_c be 1 if the strip
     of the cell c runs along its row, and 0 otherwise. Strips have as many cells as steps plus one,
@@ -32,15 +35,16 @@ def fewest_strips(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     over all neighbours (a, b) in a row and (a, d) in a column. The products enter with a minus, so
     a minimum cut finds the best x (Ramesh, Imeson, Fidan and Smith, "Optimal partitioning of
     non-convex environments for minimum turn coverage planning", RA-L 7, 2022, solve the same
-    problem as a linear program).
+    problem as a linear program). The cut minimizes the number minus what `preferences` of the cells
+    in rows add up to.
 
     Examples
     --------
     >>> shape = np.array([[True, True, True], [True, False, False], [True, False, False]])
-    >>> fewest_strips(shape).tolist()
+    >>> straight_strips(shape).tolist()
     [[[0, 0], [0, 2]], [[1, 0], [2, 0]]]
     """
-    along = mask if np.count_nonzero(mask) > MOST_CELLS else _along_rows(mask)
+    along = mask if np.count_nonzero(mask) > MOST_CELLS else along_rows(mask)
     across = np.ascontiguousarray((mask & ~along).T)
     return np.concatenate([runs_in(along), runs_in(across)[..., ::-1]])
 
@@ -51,8 +55,8 @@ def cells_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(strip[0] + np.arange(np.abs(step).max() + 1)[:, None] * np.sign(step))
 
 
-def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the cells whose strips run along their rows."""
+def along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the cells whose strips run along their rows; bool, of the shape of the mask."""
     from shoal.search.kernels.cuts import source_side
 
     number = np.full(mask.shape, -1)
@@ -63,10 +67,15 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     columns = np.stack([number[:-1][below], number[1:][below]])
     # x_a x_b = (x_a + x_b - |x_a - x_b|) / 2: each step in a row rewards both of its cells for
     # being in a row, and each step between cells of different strips costs half a strip.
-    gain = _UNIT * (
-        np.bincount(rows.ravel(), minlength=count) - np.bincount(columns.ravel(), minlength=count)
+    gain = (
+        STRIP
+        // 2
+        * (
+            np.bincount(rows.ravel(), minlength=count)
+            - np.bincount(columns.ravel(), minlength=count)
+        )
     )
-    gain += _BIAS
+    gain += preferences(mask)[mask]
     first, second = np.concatenate([rows, columns], axis=1)
     begins, ends = np.concatenate([first, second]), np.concatenate([second, first])
     order = np.argsort(begins, kind="stable")
@@ -76,13 +85,42 @@ def _along_rows(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         np.searchsorted(begins[order], np.arange(count + 1)),
         ends[order],
         place[(order + len(first)) % max(1, len(order))],
-        np.full(len(order), _UNIT),
+        np.full(len(order), STRIP // 2),
         np.maximum(gain, 0),
         np.maximum(-gain, 0),
     )
     along = np.zeros(mask.shape, dtype=np.bool_)
     along[mask] = inside
     return along
+
+
+def preferences(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return by how much each cell prefers a row to a column, in units of which a strip costs
+    `STRIP`.
+
+    Cells prefer the direction of the nearest border. Where two arms of a region meet, the strips of
+    one then end beside those of the other along a diagonal, as at a mitred corner, and a tour turns
+    there once for each strip in place of twice. In a wider arm, where more cells lie between the
+    borders, each of them counts less.
+
+    Examples
+    --------
+    >>> preferences(np.ones((3, 5), dtype=bool)).tolist()
+    [[2, 402, 402, 402, 2], [-398, 2, 402, 2, -398], [2, 402, 402, 402, 2]]
+    """
+    vertical, horizontal = _to_border(mask), _to_border(mask.T).T
+    half_width = int(np.minimum(vertical, horizontal).max(initial=1))
+    return np.asarray(_ROWS + _BORDER // half_width * np.sign(horizontal - vertical))
+
+
+def _to_border(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the number of steps along its column from each True cell to the nearest other cell, up
+    or down.
+    """
+    rows = np.arange(len(mask))[:, None]
+    above = np.maximum.accumulate(np.where(mask, -1, rows), axis=0)
+    below = np.minimum.accumulate(np.where(mask, len(mask), rows)[::-1], axis=0)[::-1]
+    return np.asarray(np.minimum(rows - above, below - rows))
 
 
 def runs_in(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
