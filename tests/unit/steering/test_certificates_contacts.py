@@ -13,6 +13,7 @@ from shoal.steering.certificates import search
 from shoal.steering.certificates.check_contacts import (
     Contacts,
     Sector,
+    changed_at_last_contact,
     contact_values,
     cross_product,
     flat_monomials,
@@ -146,6 +147,37 @@ def test_no_plan_is_shorter_than_the_bound_for_where_it_ends():
             ]
             assert min(values) >= found.lower
     assert compared
+
+
+@pytest.mark.parametrize("particle", [0, 1])
+def test_a_tolerance_changes_the_potential_at_the_last_contact_by_at_most_its_bound(particle):
+    rng, near = np.random.default_rng(11), 0.01
+    goal = np.array([[0.3, -0.2], [-0.1, 0.25]])
+    ends = [[Fraction(x) for x in place.ravel().tolist()] for place in (goal[::-1], goal)]
+    contacts = Contacts(*ends, Fraction(near), Fraction(9), Fraction(0))
+    powers = np.array(monomials(5)[1:])
+    for width in (0.02, 0.5):
+        angle = rng.uniform(0, 2 * np.pi)
+        turns = angle + np.array([-width, width])
+        directions = [(Fraction(float(np.cos(x))), Fraction(float(np.sin(x)))) for x in turns]
+        sector = Sector(particle, *directions)
+        numbers = rng.integers(-(1 << 36), 1 << 36, size=len(powers))
+        potential = {tuple(key): int(x) for key, x in zip(powers.tolist(), numbers, strict=True)}
+        bound = float(changed_at_last_contact(contacts, sector, potential))
+
+        def value(contact, other, coefficients=numbers / 2**36):
+            place = [contact, other] if particle == 0 else [other, contact]
+            return float(np.prod(np.ravel(place) ** powers, axis=1) @ coefficients)
+
+        apart = (goal[1] - goal[0]) * (1 - 2 * particle)
+        greatest = 0.0
+        for _ in range(400):
+            turn = rng.uniform(*turns)
+            contact = np.array([np.cos(turn), np.sin(turn)])
+            moved = contact + apart + rng.choice([-2 * near, 2 * near], size=2)
+            greatest = max(greatest, abs(value(contact, moved) - value(contact, contact + apart)))
+        assert 0 < greatest <= bound
+        assert width > 0.1 or bound < 3 * greatest
 
 
 @pytest.fixture(scope="module", params=["disk", "regular:60"])

@@ -138,6 +138,12 @@ class Contacts:
         size = root(x * x + y * y, up=True)
         return x / size, y / size
 
+    def width(self, sector: Sector) -> Fraction:
+        """Return an upper bound on the distance of contacts of a sector from its `center`."""
+        center = self.center(sector)
+        square = 1 + dot(center, center) - 2 * self.least(sector, center)
+        return root(max(square, Fraction(0)), up=True)
+
     def region(self, first: Sector, last: Sector) -> list[Polynomial] | None:
         """Return quadratic polynomials, times 2**40, that are at least 0 at all states between the
         first and the last contact; None if there are no plans within the limit.
@@ -153,8 +159,7 @@ class Contacts:
             if outside > (1 + (slack if end else 0)) ** 2:
                 return None
             center = self.center(sector)
-            square = 1 + dot(center, center) - 2 * self.least(sector, center)
-            wide += root(max(square, Fraction(0)), up=True)
+            wide += self.width(sector)
             place = self.place(end, sector.particle)
             apart = (center[0] - place[0], center[1] - place[1])
             size = root(dot(apart, apart), up=True)
@@ -295,10 +300,27 @@ def part_value(
     if len(part["ends"]) != 2:
         raise WrongPotentialError("a potential has another number of ends")
     potential, rest = excess(around, contacts.ring, part)
-    total = -2 * contacts.near - changed_by(potential, 2 * contacts.near)
+    total = -2 * contacts.near - changed_at_last_contact(contacts, pair[1], potential)
     for end, (sector, given) in enumerate(zip(pair, part["ends"], strict=True)):
         total += _end(contacts, end, sector, potential, given)
     return max(total, Fraction(0)) / (1 + rest)
+
+
+def changed_at_last_contact(
+    contacts: Contacts, sector: Sector, potential: Mapping[Any, int]
+) -> Fraction:
+    """Return how much a potential changes at most at the last contact, if the difference of the
+    particles there is not that of the goals, but one within the tolerance.
+    """
+    other, middle = contacts.to_other(1, sector.particle), contacts.center(sector)
+    there = middle[0] + other[0], middle[1] + other[1]
+    still, moved = (Fraction(0),) * 2, (2 * contacts.near,) * 2
+    places, moves = [middle, there], [still, moved]
+    if sector.particle == 1:
+        places, moves = places[::-1], moves[::-1]
+    return changed_by(
+        potential, [*places[0], *places[1]], contacts.width(sector), [*moves[0], *moves[1]]
+    )
 
 
 def _end(

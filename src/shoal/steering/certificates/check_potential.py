@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 from itertools import product
-from math import ceil, floor, isfinite, isqrt
+from math import ceil, comb, floor, isfinite, isqrt, prod
 from typing import Any
 
 DEGREE = 5  # of a potential
@@ -163,7 +163,8 @@ def potential_value(
     potential, rest = excess(around, ring, proof)
     # places within the tolerance of the goals
     fall = (_at(potential, start) - _at(potential, goal)) / Fraction(1 << BITS)
-    return max(fall - changed_by(potential, tolerance), Fraction(0)) / (1 + rest)
+    change = changed_by(potential, goal, Fraction(0), [tolerance] * 4)
+    return max(fall - change, Fraction(0)) / (1 + rest)
 
 
 def degree_of(numbers: Collection[Any]) -> int:
@@ -174,12 +175,38 @@ def degree_of(numbers: Collection[Any]) -> int:
     raise WrongPotentialError("a potential has another number of coefficients")
 
 
-def changed_by(potential: Mapping[Monomial, int], distance: Fraction) -> Fraction:
-    """Return how much a potential changes at most if each coordinate moves by ``distance``."""
-    return sum(
-        (abs(x) * ((1 + distance) ** sum(powers) - 1) for powers, x in potential.items()),
-        Fraction(0),
-    ) / (1 << BITS)
+def changed_by(
+    potential: Mapping[Monomial, int],
+    middle: Sequence[Fraction],
+    width: Fraction,
+    moved: Sequence[Fraction],
+) -> Fraction:
+    """Return how much a potential changes at most if each coordinate moves by the number in ``moved``,
+    from a place whose coordinates are within ``width`` of those of ``middle``.
+
+    For this, the potential becomes a polynomial of the vector from the middle, whose coefficients say
+    how steep it is there. Those from the origin are far larger, because many take each other away.
+    """
+    degree, unit = degree_of(potential), 1 << BITS
+    total = {powers: x * unit ** (degree - sum(powers)) for powers, x in potential.items()}
+    for axis, place in enumerate(middle):
+        begin = floor(place * unit)
+        shifted: Polynomial = {}
+        for powers, x in total.items():
+            own, key = powers[axis], list(powers)
+            for power in range(own + 1):
+                key[axis] = power
+                part = comb(own, power) * begin ** (own - power) * x
+                at = key[0], key[1], key[2], key[3]
+                shifted[at] = shifted.get(at, 0) + part
+        total = shifted
+    near = [ceil(width * unit) + 1] * 4
+    far = [x + ceil(size * unit) for x, size in zip(near, moved, strict=True)]
+    change = sum(
+        abs(x) * (prod(map(pow, far, powers)) - prod(map(pow, near, powers)))
+        for powers, x in total.items()
+    )
+    return Fraction(change, unit**degree << BITS)
 
 
 def excess(

@@ -16,6 +16,8 @@ from shoal.steering.certificates.check_potential import BITS, DEGREES
 from shoal.steering.certificates.potential import contact_potential
 
 _WIDEST = 1.4  # angle of a sector for which a potential of the higher degree is tried
+_NARROW = 0.2  # angle of sectors in which a bound is not worth less time of the solver
+_ACCURACIES = 1e-5, 1e-6  # of the solver in other sectors, and in these
 
 
 @dataclass(frozen=False, eq=False)
@@ -94,7 +96,8 @@ class ContactSearch:
             part.least = part.own = inf
             return
         self.tried += 1
-        value, proof = contact_potential(self.contacts, part.pair, around, degree)
+        accuracy = _ACCURACIES[max(map(_width, part.pair)) < _NARROW]
+        value, proof = contact_potential(self.contacts, part.pair, around, degree, accuracy)
         if value > part.own:
             part.own, part.proof = value, proof
         part.degree, part.least = degree, max(part.least, value)

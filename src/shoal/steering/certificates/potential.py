@@ -216,13 +216,13 @@ class _Program:
             self.put(begin + entry * high + rows_of, columns, -sign * turned * values)
         self.cases.append({"squares": squares, "zero": multipliers, "holds": []})
 
-    def solve(self) -> tuple[Floats, list[list[float]]] | None:
+    def solve(self, accuracy: float = _ACCURACY) -> tuple[Floats, list[list[float]]] | None:
         """Return the variables and the positive definite matrices with the least cost, or None."""
         from scipy.sparse import csc_matrix
 
         clarabel = import_extra("clarabel", "certificates need Clarabel", extra="certify")
         settings = solver_settings(clarabel)
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         settings.iterative_refinement_enable = False
         height, firsts, cones = self.height, [], [clarabel.ZeroConeT(self.height)]
         for variable, size in self.matrices:
@@ -420,13 +420,16 @@ def contact_potential(
     pair: tuple[Sector, Sector],
     around: Sequence[Polynomial],
     degree: int,
+    accuracy: float,
 ) -> tuple[float, dict[str, Any] | None]:
     """Return the bound of a potential for the plans with their first and last contacts in two sectors,
     in units of the radius, with its proof; 0 and None if there is none.
+
+    What the solver leaves of its equations is lost for the bound.
     """
     most = 1.01 * float(contacts.limit)
     program = _ContactProgram(contacts, pair, [_scaled(one) for one in around], most, degree)
-    found = program.solve()
+    found = program.solve(accuracy)
     if found is None:
         return 0.0, None
     proof = program.proof(*found)

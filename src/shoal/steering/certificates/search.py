@@ -31,11 +31,11 @@ _PIECES = 256  # of the least distance in the law of growth
 _EASY = 250  # divisions that are enough for easy problems; a potential takes the time of as many
 _BETTER = 0.9  # gap of a potential that is much smaller than that of the patterns, relative
 _DOUBLED = (
-    400  # divisions after which, and after twice as many again and again, the gap is compared
+    250  # divisions after which, and after twice as many again and again, the gap is compared
 )
 _FAIR = 36  # programs of potentials between contacts that show whether these are of use
 _WORSE = 1.25  # gap of those with which they are of none, relative to that of the patterns
-_STALLED = 0.86, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
+_STALLED = 0.88, 0.93  # a gap above 5 %, and a smaller one, after twice as many divisions, relative
 _TARGETS = 1.0499, 1.0099, 1.00099  # lengths of plans, in units of those that potentials exclude
 _OFTEN = 6  # holds of a gap next to it: it has been divided in vain
 
