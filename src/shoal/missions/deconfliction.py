@@ -67,7 +67,8 @@ def plan_missions(
         by any distance.
     ending : "return", "land" or "loiter", optional
         Ending of missions. By default, if a separation is given, multirotors land, and fixed wings
-        without a landing point loiter. If no separation is given, `Flight` chooses the
+        without a landing point loiter, or land at home if a robot flies several sorties, because a
+        vehicle is recharged between them. If no separation is given, `Flight` chooses the
         default. On a return, vehicles might not keep the separation, because the autopilot chooses
         the altitude of the return.
     fenced : bool
@@ -78,12 +79,13 @@ def plan_missions(
     altitudes : Altitudes, optional
         What the altitudes of missions mean. By default, heights above home.
     """
+    chosen = True
     if (
         ending is None
         and separation is not None
         and (plan.landing is None or plan.vehicle.kind == "multirotor")
     ):
-        ending = _ENDINGS[plan.vehicle.kind]
+        ending, chosen = _ENDINGS[plan.vehicle.kind], False
     region = plan.grid.region
     if airspace is None and not region.barriers:
         where = plan.airspace  # its curves are known already
@@ -108,12 +110,25 @@ def plan_missions(
     robots = range(len(plan.places))
     by_robot = [sorties(robot, 0) for robot in robots]
     for missions in by_robot:
-        if len(missions) > 1 and missions[0].loiter is not None:
+        if len(missions) < 2 or missions[0].loiter is None:
+            continue
+        if chosen:
             raise InvalidInputError(
                 "ending: expected sorties that land, because a vehicle is recharged between them"
                 f" (robot {missions[0].robot} flies {len(missions)}), got vehicles that loiter: give"
                 " landing points with --land, or the ending land"
             )
+        return plan_missions(
+            plan,
+            separation=separation,
+            rally=rally,
+            airspace=airspace,
+            ending="land",
+            fenced=fenced,
+            autopilot=autopilot,
+            cap=cap,
+            altitudes=altitudes,
+        )
     if separation is not None:
         by_robot = _Schedule(plan, separation, sorties).keep_apart(by_robot)
     else:

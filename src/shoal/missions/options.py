@@ -144,7 +144,7 @@ class MissionOptions(Problem):
         help=(
             "End of each mission: return (by the autopilot), land (fixed wings on a straight"
             " approach) or loiter (stay in the air). Default with a separation: multirotors land;"
-            " fixed wings loiter, or land if --land is given."
+            " fixed wings loiter, or land if --land is given or one flies several sorties."
         ),
         choices=ENDINGS,
     )

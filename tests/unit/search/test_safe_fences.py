@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -280,7 +281,14 @@ def test_vehicles_that_are_recharged_land_and_circles_beyond_the_battery_are_sai
         "rectangle:600x400", robots=2, vehicle="fixed-wing,endurance=8,recharge=5", **fields
     )
     with pytest.raises(InvalidInputError, match=r"sorties that land, .* \(robot 1 flies 2\)"):
-        plan_missions(plan_search(problem), separation=Separation())
+        plan_missions(plan_search(problem), separation=Separation(), ending="loiter")
+    plan = plan_search(problem)
+    sorties = plan_missions(plan, separation=Separation())
+    assert {mission.loiter for mission in sorties} == {None}
+    for before, after in pairwise(sorties):
+        if after.sortie == before.sortie + 1:
+            ready = before.start + before.duration(plan.vehicle) + plan.vehicle.recharge_seconds
+            assert after.start >= ready - 1e-6
     one = problem.replaced(vehicle="fixed-wing,endurance=16", delays=(0.0, 900.0))
     missions = MissionSet.from_problem(one, MissionOptions(separation=(40.0, 10.0)))
     assert [sentence for sentence in missions.cautions if "robot 1 circles until" in sentence]
