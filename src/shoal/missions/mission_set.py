@@ -47,6 +47,7 @@ from shoal.missions.files import (
     write_missions,
 )
 from shoal.missions.formats import FORMATS
+from shoal.missions.linting import Limits, lint_sheets
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions, MissionOptions
 from shoal.search.episode import SearchEpisode
@@ -555,6 +556,16 @@ class MissionSet:
         distance = distance_of(paths, vehicle.kind, problem.place)
         if distance is not None:
             sentences += cautions_about_distance(distance, vehicle)
+        if vehicle.radius:
+            sheets = self._sheets()
+            same = [one for one in sheets if Path(one.file).suffix == Path(sheets[0].file).suffix]
+            lint_sheets(same, None, Limits(vehicle=vehicle))
+            sentences += [
+                f"{found.file}, {found.place}, as written: {found.sentence}"
+                for sheet in same
+                for found in sheet.diagnostics
+                if found.rule in ("turn-radius", "climb", "approach")
+            ]
         if any(one.altitude_frame == "sea" and one.elevation is None for one in self.missions):
             sentences.append(
                 "altitudes count from the sea, and without --terrain nobody has looked how high home"

@@ -619,3 +619,17 @@ def test_a_fence_that_crosses_itself_is_refused_before_a_file_exists(tmp_path):
     with pytest.raises(InvalidInputError, match="neither touch nor cross themselves"):
         write_missions([flown], tmp_path / "m", formats=["plan"])
     assert not (tmp_path / "m").exists()
+
+
+def test_a_fixed_wings_mission_that_cannot_be_flown_as_written_is_said():
+    problem = SearchProblem("rectangle:300x200", robots=1, footprint=40.0, vehicle="fixed-wing")
+    missions = MissionSet.from_problem(problem)
+    assert not [one for one in missions.cautions if "as written" in one]
+    (mission,) = missions.missions
+    sharp = mission.waypoints.copy()
+    middle = len(sharp) // 2
+    sharp[middle] = sharp[middle - 1] + 0.3 * (sharp[middle - 2] - sharp[middle - 1])
+    missions._missions = (replace(mission, waypoints=sharp),)
+    del missions.__dict__["missions"]
+    (said,) = [one for one in missions.cautions if "as written" in one]
+    assert "expected a radius of at least 40 m" in said
