@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.missions.diagnostics import Sheet
-from shoal.missions.formats.items import AIMING
 from shoal.missions.rules import inside_of, metres_of, search_slice
 from shoal.search.flight.imaging import (
     GIMBAL,
@@ -70,14 +69,6 @@ def check_camera(sheet: Sheet, vehicle: Vehicle) -> None:
             "",
             f"expected the pitch of the camera (205), got none: the check assumes {pitch:g}°",
         )
-    for item in items:
-        if item.command in AIMING:
-            sheet.add(
-                "images",
-                item.place,
-                "expected no command after which the check does not know what the camera sees, got"
-                f" {AIMING[item.command]} ({item.command})",
-            )
     if sheet.headings is not None and sheet.kind == "multirotor":
         for place, heading in zip(sheet.places, sheet.headings, strict=True):
             if _differs(heading, vehicle.yaw):

@@ -109,26 +109,16 @@ def plan_missions(
 
     robots = range(len(plan.places))
     by_robot = [sorties(robot, 0) for robot in robots]
-    for missions in by_robot:
-        if len(missions) < 2 or missions[0].loiter is None:
-            continue
-        if chosen:
-            raise InvalidInputError(
-                "ending: expected sorties that land, because a vehicle is recharged between them"
-                f" (robot {missions[0].robot} flies {len(missions)}), got vehicles that loiter: give"
-                " landing points with --land, or the ending land"
-            )
-        return plan_missions(
-            plan,
-            separation=separation,
-            rally=rally,
-            airspace=airspace,
-            ending="land",
-            fenced=fenced,
-            autopilot=autopilot,
-            cap=cap,
-            altitudes=altitudes,
+    circling = next((own for own in by_robot if len(own) > 1 and own[0].loiter is not None), None)
+    if circling is not None and chosen:
+        raise InvalidInputError(
+            "ending: expected sorties that land, because a vehicle is recharged between them"
+            f" (robot {circling[0].robot} flies {len(circling)}), got vehicles that loiter: give"
+            " landing points with --land, or the ending land"
         )
+    if circling is not None:
+        ending = "land"
+        by_robot = [sorties(robot, 0) for robot in robots]
     if separation is not None:
         by_robot = _Schedule(plan, separation, sorties).keep_apart(by_robot)
     else:

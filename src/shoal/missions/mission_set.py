@@ -612,6 +612,7 @@ class MissionSet:
             "nearest_approach": None if near is None else near.report(region.frame),
             "near_homes": None if homes is None else homes.report(),
             "airspace_m": airspace_of(self.missions, region),
+            "fenced": any(mission.fence is not None for mission in self.missions),
             "starts": [
                 {
                     **mission.flight_report(vehicle),

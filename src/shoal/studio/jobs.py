@@ -214,7 +214,7 @@ class _Running:
             None  # amount done at the start: a sweep continues where it was
         )
         self.pieces: list[dict[str, Any]] = []
-        self.size = self.said = 0  # characters and number of pieces
+        self.size = self.n_pieces = 0  # characters and number of pieces
 
     @property
     def seconds_left(self) -> float | None:
@@ -345,8 +345,8 @@ class JobQueue:
         running.size += sum(len(value) for value in what.values() if isinstance(value, str))
         if running.size < MOST_PIECES:
             running.pieces.append(what)
-        self.tell({"piece": what, "nth": running.said, "of": running.job["id"]})
-        running.said += 1
+        self.tell({"piece": what, "nth": running.n_pieces, "of": running.job["id"]})
+        running.n_pieces += 1
 
     def _end(self, number: int, state: str, result: dict[str, Any]) -> None:
         self._unsaved[number] = state, result

@@ -188,7 +188,7 @@ def test_pieces_that_come_before_a_browser_watches_are_told_once(tmp_path):
         studio, socket = Studio(tmp_path), SlowSocket()
         live = asyncio.create_task(studio.live(socket))
         await asyncio.sleep(0)
-        running = SimpleNamespace(job={"id": 7}, pieces=[], size=0, said=0)
+        running = SimpleNamespace(job={"id": 7}, pieces=[], size=0, n_pieces=0)
         studio.queue._running[7] = running
         studio.tell({"files": True})  # which keeps the browser busy
         await asyncio.sleep(0)

@@ -221,8 +221,8 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
             (
                 "airspace",
                 (
-                    f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence"
-                    " contains them"
+                    f"turns lead up to {told['airspace_m']:.3g} m outside of the region"
+                    f"{'; the fence contains them' if told['fenced'] else ''}"
                 ),
             )
         )

@@ -50,7 +50,7 @@ _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT 
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}
 # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
 _TERRAIN = {10: "ground", 11: "ground"}
-AIMING = {
+_AIMING = {
     195: "a region of interest",
     196: "a region of interest",
     197: "the end of a region of interest",
@@ -59,10 +59,7 @@ AIMING = {
     534: "another camera",
     1000: "another pitch of the gimbal",
     2003: "a control of the trigger",
-}
-"""Commands that change what a camera sees or whether it sees, which the check does not follow:
-MAV_CMD, and what each is about.
-"""
+}  # MAV_CMD: after these, the check does not know whether a camera sees the ground
 
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
@@ -96,8 +93,9 @@ def items_of(mission: Mission) -> list[Item]:
     The first item is the take-off, and no wait precedes it: PX4 (COM_DISARM_PRFLT) and ArduPilot
     (DISARM_DELAY) disarm a vehicle that stays on the ground for some seconds after arming. The item
     after the take-off sets the speed for the whole mission. The camera takes images from the first
-    to the last waypoint of the search, also at all bends, and none on the ways out and home. The take-off of a fixed
-    wing has the position of the first waypoint, because the vehicle climbs toward this waypoint.
+    to the last waypoint of the search, also at all bends, and none on the ways out and home. The
+    take-off of a fixed wing has the position of the first waypoint, because the vehicle climbs
+    toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
@@ -238,7 +236,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             place=item.place,
         )
         for item, number in zip(items, numbers, strict=True)
-        if item.command in (GIMBAL, TRIGGER, *AIMING)
+        if item.command in (GIMBAL, TRIGGER, *_AIMING)
     ]
     aloft = next(
         (k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items)
@@ -264,10 +262,11 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             sheet.add("stay", item.place, f"expected no stay on the way, got {_stay(item)}")
         elif item.command not in _KNOWN | _WAITS.keys():
             commands = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
+            about = f" ({_AIMING[item.command]})" if item.command in _AIMING else ""
             sheet.add(
                 "unknown-command" if item.command in _HARMLESS else "unchecked-command",
                 item.place,
-                f"expected one of the commands {commands}, got {item.command}",
+                f"expected one of the commands {commands}, got {item.command}{about}",
             )
     _check_order(sheet, items)
     _check_camera(sheet, items)

@@ -174,6 +174,8 @@ def views_of(
         for item in by_waypoint.get(leg, ()):
             if item.command == GIMBAL:
                 aimed = abs(item.value - pitch) <= PITCH_ERROR
+            if item.command not in (GIMBAL, TRIGGER):
+                aimed = False  # nobody knows what the camera sees, until it is aimed again
             if item.command != TRIGGER:
                 continue
             begins, distance = distance <= 0, item.value if item.value > 0 else 0.0
