@@ -337,7 +337,7 @@ def test_the_first_trial_of_a_point_is_watched(page: Page, studio: Studio, mazes
     page.get_by_role(
         "link", name="Watch the first trial at policy greedy-classify, particles 4"
     ).click()
-    page.wait_for_selector(".panel:not([hidden]) .exports")
+    page.locator(".panel:not([hidden]) .stageHead .exports").wait_for()  # the sweep has its own
     episode: Any = shoal.load(
         max(studio.folder.glob("maze-9x7-greedy*.npz"), key=lambda path: path.stat().st_mtime)
     )
