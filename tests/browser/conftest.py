@@ -189,6 +189,7 @@ def page(studio_page: Page, studio: Studio, form: Form, console: list[str]) -> I
         for other in studio_page.context.pages[1:]:  # files that it shows after a download
             other.close()
     yield studio_page
+    studio_page.unroute_all(behavior="ignoreErrors")
     for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
         path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
     written, console[:] = console[:], []

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Page, expect
 from tests.browser.studio import Studio, run_and_load, tab
 from tests.browser.test_studio_truth import (
     DRAWN,
@@ -199,17 +199,11 @@ def vessels_hash(problem: dict[str, object], seed: int) -> str:
 
 def test_an_old_plan_under_new_zones_wears_a_veil(page: Page, studio: Studio) -> None:
     drawn(page, studio)
-    held: list[Route] = []
-
-    def hold(route: Route) -> None:
-        held.append(route)
-
-    page.route("**/api/ask/plan", hold)
-    add_zone(page)  # drawn at once, although no answer has come
-    until(page, "document.querySelector('.metric').dataset.aged === 'out of date'")
-    assert held
-    held[0].continue_()
-    page.unroute("**/api/ask/plan")
+    page.route("**/api/ask/plan", lambda route: None)  # which holds the request
+    with page.expect_request("**/api/ask/plan"):
+        add_zone(page)  # drawn at once, although no answer has come
+        until(page, "document.querySelector('.metric').dataset.aged === 'out of date'")
+    page.unroute("**/api/ask/plan")  # which lets it go on
     until(page, "document.querySelector('.metric').dataset.aged === undefined")
     corner = page.get_by_role("button", name="No-go zone 1, corner 1")
     corner.press("Delete")  # the last three corners: the zone goes
