@@ -485,6 +485,24 @@ def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
     complete(page, "keys")
 
 
+def test_a_sweep_stays_chosen_when_an_answer_is_older_than_its_run(
+    page: Page, studio: Studio, mazes: str
+) -> None:
+    studio.open(page, "lab", {"tab": "new", "toml": as_toml(small("late", trials=1))})
+    page.get_by_text("2 points, 2 trials").wait_for()
+    before = page.evaluate("""fetch("/api/ask/sweeps", {
+        method: "POST", headers: {"content-type": "application/json"}, body: "{}"
+    }).then((answer) => answer.text())""")
+    held: list[Route] = []
+    page.route("**/api/ask/sweeps", lambda route: held.append(route), times=1)  # noqa: PLW0108 - its argument is inspected
+    page.get_by_role("button", name="Run the sweep").click()
+    while not held:
+        page.wait_for_timeout(20)
+    until(page, "document.querySelector('#busy').hidden")  # the run has ended
+    held[0].fulfill(body=before, content_type="application/json")
+    complete(page, "late")
+
+
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
 STATES: dict[str, tuple[str, dict[str, Any], str]] = {
     "vessels": (

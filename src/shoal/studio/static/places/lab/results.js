@@ -75,24 +75,29 @@ export function results({ shown, change }) {
 
   // ---- the list ----
 
+  /** The sweeps that jobs of the studio run now. */
+  const begun = () =>
+    [...state.jobs.values()]
+      .filter((job) => job.kind === "sweep" && !ended(job))
+      .map(({ spec }) => ({
+        store: spec.store,
+        name: spec.sweep,
+        done: 0,
+        total: 0,
+        begins: true,
+      }));
+
   const load = newest(
     guarded(async () => {
+      const asked = chosen,
+        before = begun();
       const { sweeps: found } = await ask("sweeps", { slow: true });
-      const begun = [...state.jobs.values()]
-        .filter((job) => job.kind === "sweep" && !ended(job))
-        .map((job) => ({
-          store: job.spec.store,
-          name: job.spec.sweep,
-          done: 0,
-          total: 0,
-          begins: true,
-        }));
-      sweeps = [
-        ...begun.filter((one) => !found.some((other) => key(other) === key(one))),
-        ...found,
-      ];
+      // an answer may be older than a sweep that has ended since
+      const others = new Map([...before, ...begun()].map((one) => [key(one), one]));
+      for (const one of found) others.delete(key(one));
+      sweeps = [...others.values(), ...found];
       read = true;
-      if (!sweeps.some((one) => key(one) === chosen))
+      if (chosen === asked && !sweeps.some((one) => key(one) === chosen))
         chosen = sweeps.length ? key(sweeps[0]) : null;
       drawList();
       await look();
