@@ -1,8 +1,8 @@
 """python -m benchmarks.certificates: gaps of certificates by class of problems, and whether a bound
 is above any plan of any planner.
 
-Options: --problems N (a class), --seconds S (of the processor, ascending, for example 10,60; the
-search goes on to the last one), --seed K, --only CLASS, --first N (number of the first problem),
+Options: --problems N (a class), --seconds S (ascending, for example 10,60; the search goes on to the
+last one), --workers N (threads; with one, seconds are those of the processor), --seed K, --only CLASS, --first N (number of the first problem),
 --plans N (other plans with which each bound is compared), --runs (how far the programs of runs are
 below the plans of disks that certificates find, if the arcs of all contacts are known), --results FILE (one JSON object a line,
 appended as they come; problems in the file are not run again), --figure FILE (drawn from all
@@ -16,7 +16,7 @@ import json
 from collections.abc import Callable, Iterator
 from itertools import groupby
 from pathlib import Path
-from time import process_time
+from time import monotonic, process_time
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ CLASSES: dict[str, Callable[[Generator], dict[str, Any]]] = {
 
 
 def result_of(
-    name: str, number: int, *, seed: int, seconds: list[float], plans: int
+    name: str, number: int, *, seed: int, seconds: list[float], plans: int, workers: int
 ) -> dict[str, Any] | None:
     """Return the gaps of one problem after each time, and check the certificate and the bound."""
     rng = np.random.default_rng([seed, number, list(CLASSES).index(name)])
@@ -85,14 +85,16 @@ def result_of(
     if not episode:
         return None
     bounds: list[tuple[float, float]] = []
-    begun = process_time()
+    clock = process_time if workers == 1 else monotonic
+    begun = clock()
     found = certify(
         episode,
         seconds=seconds[-1],
         progress=lambda passed, bound: bounds.append((passed, bound)),
-        clock=process_time,
+        clock=clock,
+        workers=workers,
     )
-    spent = process_time() - begun
+    spent = clock() - begun
     assert found.proof is not None
     assert check_certificate(found.proof)
     # the last bound before each time; the last one is that of the certificate
@@ -221,6 +223,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", default="10")
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=tuple(CLASSES))
     parser.add_argument("--plans", type=int, default=10)
@@ -241,7 +244,14 @@ def main() -> None:
         for name in [given.only] if given.only else CLASSES:
             if (name, number) in known:
                 continue
-            result = result_of(name, number, seed=given.seed, seconds=seconds, plans=given.plans)
+            result = result_of(
+                name,
+                number,
+                seed=given.seed,
+                seconds=seconds,
+                plans=given.plans,
+                workers=given.workers,
+            )
             if result is None:
                 continue
             results.append(result)

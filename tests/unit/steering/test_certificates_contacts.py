@@ -1,5 +1,6 @@
 """Potentials between the first and the last contact: bounds are right, and wrong ones are refused."""
 
+from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from fractions import Fraction
 from itertools import pairwise
@@ -131,15 +132,15 @@ def test_the_first_and_the_last_contact_are_in_a_pair_of_sectors_whose_region_ha
     assert met > 300
 
 
-def test_no_plan_is_shorter_than_the_bound_for_where_it_ends():
+@pytest.mark.parametrize("workers", [1, 3])
+def test_no_plan_is_shorter_than_the_bound_for_where_it_ends(workers):
     compared = 0
-    for states, _, _, length in _plans(4):
-        found = ContactSearch(states[0], states[-1], NEAR, 1.2 * length, 0.0)
-        for _ in range(12 if found.possible else 0):
-            if found.lower >= found.limit:
-                break
-            found.step()
-            assert found.lower <= length + 4 * NEAR
+    for states, _, _, length in _plans(2):
+        with ThreadPoolExecutor(workers) as pool:
+            found = ContactSearch(pool, states[0], states[-1], NEAR, 1.2 * length, 0.0)
+            while found.possible and found.tried < 18 and found.lower < found.limit:
+                found.step(workers, patient=True)
+                assert found.lower <= length + 4 * NEAR
         if found.possible and found.lower:
             compared += found.lower > 0.5 * length
             values = [
@@ -187,7 +188,9 @@ def certificate(request):
     patch.setattr(search, "_STALLED", (-1.0, -1.0))
     patch.setattr(search, "potential_bound", lambda relaxation: (0.0, None))
     seed = {"disk": 570671312, "regular:60": 536368455}[request.param]
-    found = certify(run(SteeringProblem(request.param), seed=seed), seconds=3, clock=process_time)
+    found = certify(
+        run(SteeringProblem(request.param), seed=seed), seconds=3, clock=process_time, workers=1
+    )
     patch.undo()
     assert "parts" in found.proof["trees"][0]["proof"]
     assert check_certificate(found.proof)
@@ -252,9 +255,32 @@ def test_a_damaged_proof_is_refused(certificate, damage):
     assert "certificate" in checked.message
 
 
+def test_other_processors_look_for_potentials_while_patterns_are_divided(monkeypatch):
+    monkeypatch.setattr(search, "_EASY", 2)
+    monkeypatch.setattr(search, "_BETTER", -1.0)  # patterns are never given up
+    monkeypatch.setattr(search, "_STALLED", (9.0, 9.0))
+    monkeypatch.setattr(search, "potential_bound", lambda relaxation: (0.0, None))
+    steps = []
+    step = ContactSearch.step
+
+    def noted(self, workers, *, patient):
+        step(self, workers, patient=patient)
+        steps.append((workers, patient, self.tried))
+
+    monkeypatch.setattr(ContactSearch, "step", noted)
+    episode = run(SteeringProblem("disk"), seed=570671312)
+    for workers, used in ((3, {(2, False)}), (1, set())):
+        steps.clear()
+        found = certify(episode, seconds=1.5, clock=process_time, workers=workers)
+        assert check_certificate(found.proof)
+        assert found.lower_bound <= episode.length
+        assert {first[:2] for first in steps} == used
+        assert (max(steps)[2] > 0) if used else not steps
+
+
 def test_plans_without_contacts_have_no_such_proof():
     places = np.array([(0.1, 0.2), (-0.3, 0.4)])
-    found = ContactSearch(places, places + 0.1, NEAR, 1.0, 0.0)
+    found = ContactSearch(ThreadPoolExecutor(1), places, places + 0.1, NEAR, 1.0, 0.0)
     assert not found.possible
     assert found.lower == 0
     with pytest.raises(WrongPotentialError):

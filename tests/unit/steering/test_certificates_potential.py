@@ -80,7 +80,10 @@ def certificate(request):
         patch.setattr(search, "_BETTER", 0.0)
         patch.setattr(search, "_STALLED", (9.0, 9.0))
         found = certify(
-            run(SteeringProblem(request.param), seed=seed), seconds=3, clock=process_time
+            run(SteeringProblem(request.param), seed=seed),
+            seconds=3,
+            clock=process_time,
+            workers=1,
         )
     assert isinstance(found.proof["trees"][0]["proof"], dict)
     assert check_certificate(found.proof)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count
 from math import inf
@@ -11,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.core.checks import check_kind, check_number
+from shoal.core.checks import check_integer, check_kind, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Verification
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
+from shoal.core.version import count_processors
 from shoal.steering.certificates.geodesics import geodesic_bound
 from shoal.steering.certificates.verdict import check_certificate
 from shoal.steering.episode import SteeringEpisode
@@ -32,6 +34,8 @@ FOR_MOVES = 0.1
 """Share of the time of a search that is left for the number of moves."""
 FOR_WIDER = 0.5
 """Largest share of the time of a search in a disk for plans, before the search for a bound."""
+MOST_WORKERS = 8
+"""Largest default number of threads; beside more, the search for patterns would wait for Python's lock."""
 FOR_PLANS = 0.3
 """Share of the time of a search with obstacles that is left for other plans, if there is a gap."""
 _ENOUGH = 1e-4  # gap at which the search ends
@@ -118,6 +122,7 @@ def certify(
     seconds: float = 60.0,
     progress: Callable[[float, float], None] | None = None,
     clock: Callable[[], float] = monotonic,
+    workers: int | None = None,
 ) -> Certificate:
     """Return a lower bound on the length of all plans for the problem of an episode, and its proof.
 
@@ -132,6 +137,9 @@ def certify(
     clock : callable, optional
         Returns the seconds that ``seconds`` limits, in every part of the search; `time.process_time`
         counts the time of the processor, so that a busy computer changes nothing.
+    workers : int, optional
+        Threads that look for potentials at round walls; by default one for each processor,
+        but at most 8.
 
     Raises
     ------
@@ -151,6 +159,9 @@ def certify(
     """
     problem = check_kind(episode, SteeringEpisode, what="episode").problem
     check_certifiable(problem, seconds)
+    if workers is not None:
+        check_integer(workers, what="workers", least=1)
+    workers = min(count_processors(), MOST_WORKERS) if workers is None else workers
     place = problem.place
     start, goal = problem.endpoints(episode.seed)
     # with more particles, there is no proof
@@ -162,8 +173,11 @@ def certify(
     limit = episode.length
     ends = [goal[list(order)] for order in orders]
     least_moves = int(_is_away(problem, start, goal))
+    pool = ThreadPoolExecutor(workers)
     searches, more = (
-        _searches(problem, start, ends, limit) if (episode and has_proof(problem)) else ([], {})
+        _searches(problem, start, ends, limit, pool, workers)
+        if (episode and has_proof(problem))
+        else ([], {})
     )
     bound_of_planner = episode.lower_bound or 0.0
     if not searches:
@@ -174,15 +188,18 @@ def certify(
         return _with_bound(episode, bounds, None, least_moves)
     shares = {"polygon": 1 - FOR_MOVES, "region": 1 - FOR_PLANS}
     for_length = seconds * shares.get(place.kind, 1.0)
-    while (now := clock()) - begun < for_length:
-        search = min(searches, key=lambda search: search.lower)
-        least = search.lower
-        if least * (1 + _ENOUGH) >= min(search.upper for search in searches):
-            break
-        search.step(clock)
-        if progress is not None and now - reported > 1:
-            reported = now
-            progress(now - begun, least)
+    try:
+        while (now := clock()) - begun < for_length:
+            search = min(searches, key=lambda search: search.lower)
+            least = search.lower
+            if least * (1 + _ENOUGH) >= min(search.upper for search in searches):
+                break
+            search.step(clock)
+            if progress is not None and now - reported > 1:
+                reported = now
+                progress(now - begun, least)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     bound = max(min(search.lower for search in searches) * (1 - _SLACK), 0.0)
     proof = {
         "kind": KIND,
@@ -293,7 +310,12 @@ def has_proof(problem: SteeringProblem) -> bool:
 
 
 def _searches(
-    problem: SteeringProblem, start: Points, goals: Sequence[Points], limit: float
+    problem: SteeringProblem,
+    start: Points,
+    goals: Sequence[Points],
+    limit: float,
+    pool: Executor,
+    workers: int,
 ) -> tuple[list[Any], dict[str, Any]]:
     """Return a search for each assignment of goals, and what else their certificate states; no
     search if there is no proof.
@@ -303,7 +325,10 @@ def _searches(
         from shoal.steering.certificates.relaxation import Relaxation, round_directions
         from shoal.steering.certificates.search import Search
 
-        searches = [Search(Relaxation(place, start, goal, tolerance, limit)) for goal in goals]
+        searches = [
+            Search(Relaxation(place, start, goal, tolerance, limit), pool, workers)
+            for goal in goals
+        ]
         more = {"directions": round_directions().tolist()} if place.round else {}
         return list(searches), more | {"runs": searches[0].relaxation.walls.runs}
     from shoal.steering.certificates.cells import cells_of_place

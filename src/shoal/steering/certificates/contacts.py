@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from fractions import Fraction
 from math import atan2, cos, floor, inf, pi, sin
 from typing import Any
@@ -36,8 +37,12 @@ class _Part:
 class ContactSearch:
     """Best-first search: the part of the plans with the least bound is divided.
 
+    Several parts can be tried at once, because the solver works without Python's lock.
+
     Parameters
     ----------
+    pool : Executor
+        Its threads try the parts.
     start, goal : ndarray of float64, shape (2, 2)
         In units of the radius, around the middle.
     tolerance, limit, ring : float
@@ -46,6 +51,7 @@ class ContactSearch:
 
     def __init__(
         self,
+        pool: Executor,
         start: NDArray[np.float64],
         goal: NDArray[np.float64],
         tolerance: float,
@@ -57,13 +63,13 @@ class ContactSearch:
         sizes = [Fraction(x) for x in (tolerance, self.limit, ring)]
         self.contacts = Contacts(first, last, *sizes)
         self.possible = self.contacts.possible
+        self._pool = pool
         self._heap: list[tuple[float, int, _Part]] = []
+        self._running: dict[Future[tuple[float, dict[str, Any] | None]], tuple[_Part, int]] = {}
         self._made = 0
         self.tried = 0
-        roots = self.contacts.roots() if self.possible else []
-        self.roots = [_Part(pair, 0.0) for pair in roots]
+        self.roots = [_Part(pair, 0.0) for pair in (self.contacts.roots() if self.possible else [])]
         for part in self.roots:
-            self._try(part, DEGREES[0])
             self._push(part)
 
     @property
@@ -71,36 +77,53 @@ class ContactSearch:
         """Lower bound on the length of all plans, at most the limit."""
         if not self.possible:
             return 0.0
-        return min(self._heap[0][0], self.limit) if self._heap else self.limit
+        running = [part.least for part, _ in self._running.values()]
+        return min(*running, self._heap[0][0] if self._heap else inf, self.limit)
 
-    def step(self) -> None:
-        """Find a potential of a higher degree for the part with the least bound, or divide it."""
-        part = heapq.heappop(self._heap)[-1]
-        widths = [_width(sector) for sector in part.pair]
-        if max(widths) <= _WIDEST and part.degree < DEGREES[-1]:
-            self._try(part, DEGREES[-1])
+    def step(self, workers: int, *, patient: bool) -> None:
+        """Try parts in as many threads as ``workers``, and take what they have found; ``patient``
+        waits until one has found something.
+        """
+        while len(self._running) < workers and (found := self._next()) is not None:
+            self._running[self._pool.submit(self._potential, *found)] = found
+        done, _ = wait(self._running, timeout=None if patient else 0, return_when=FIRST_COMPLETED)
+        for future in done:
+            part, degree = self._running.pop(future)
+            value, proof = future.result()
+            part.degree = degree
+            self.tried += value < inf
+            if value > part.own:
+                part.own, part.proof = value, proof
+            part.least = max(part.least, value)
             self._push(part)
-            return
-        end = int(widths[1] > widths[0])
-        part.cut = ("first", "last")[end], _middle(part.pair[end])
-        part.children = [
-            _Part(pair, part.least) for pair in split(part.pair, part.cut[0], part.cut[1])
-        ]
-        for child in part.children:
-            self._try(child, DEGREES[0])
-            self._push(child)
 
-    def _try(self, part: _Part, degree: int) -> None:
+    def _next(self) -> tuple[_Part, int] | None:
+        """Return the part with the least bound, and the degree of a potential to try for it; None if
+        all bounds are enough. A part without such a degree is divided.
+        """
+        while self._heap and self._heap[0][0] < self.limit:
+            part = heapq.heappop(self._heap)[-1]
+            widths = [_width(sector) for sector in part.pair]
+            if not part.degree:
+                return part, DEGREES[0]
+            if max(widths) <= _WIDEST and part.degree < DEGREES[-1]:
+                return part, DEGREES[-1]
+            end = int(widths[1] > widths[0])
+            part.cut = ("first", "last")[end], _middle(part.pair[end])
+            part.children = [_Part(pair, part.least) for pair in split(part.pair, *part.cut)]
+            for child in part.children:
+                self._push(child)
+        return None
+
+    def _potential(self, part: _Part, degree: int) -> tuple[float, dict[str, Any] | None]:
+        """Return the bound of a potential for the plans of a part, with its proof; infinity if it has
+        no plans.
+        """
         around = self.contacts.region(*part.pair)
         if around is None:
-            part.least = part.own = inf
-            return
-        self.tried += 1
+            return inf, None
         accuracy = _ACCURACIES[max(map(_width, part.pair)) < _NARROW]
-        value, proof = contact_potential(self.contacts, part.pair, around, degree, accuracy)
-        if value > part.own:
-            part.own, part.proof = value, proof
-        part.degree, part.least = degree, max(part.least, value)
+        return contact_potential(self.contacts, part.pair, around, degree, accuracy)
 
     def _push(self, part: _Part) -> None:
         if part.least < inf:

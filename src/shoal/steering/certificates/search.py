@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from concurrent.futures import Executor
 from math import inf
 from typing import Any
 
@@ -259,11 +260,20 @@ class Search:
 
     With few flat walls, these are two, each with half of the time. Otherwise there is one, and a
     potential comes in between, if the first patterns were not enough. When more patterns
-    are of little use, potentials between the first and the last contact take their place.
+    are of little use, potentials between the first and the last contact take their place; with
+    several processors, all but one begin with these at once.
+
+    Parameters
+    ----------
+    relaxation : Relaxation
+    pool : Executor
+        Threads for potentials between contacts.
+    workers : int
+        Number of these threads.
     """
 
-    def __init__(self, relaxation: Relaxation) -> None:
-        self.relaxation = relaxation
+    def __init__(self, relaxation: Relaxation, pool: Executor, workers: int) -> None:
+        self.relaxation, self._pool, self._workers = relaxation, pool, workers
         variants = (False,) if relaxation.walls.runs else (False, True)
         self._trees = [PatternTree(relaxation, by_use=by_use) for by_use in variants]
         self._spent = [0.0] * len(variants)
@@ -304,14 +314,16 @@ class Search:
 
     def step(self, clock: Callable[[], float]) -> None:
         """Go on with the tree that had less time, or with potentials."""
+        if self._contacts is not None:
+            self._step_contacts(self._contacts)
         if self._stalled:
-            self._step_contacts()
             return
         self._steps += 1
         if self.relaxation.walls.runs and self._steps == _EASY:
+            began = self._workers > 1 and self._next_contacts()
             self._potentials.append(potential_bound(self.relaxation))
             if self._gap(self._potentials[0][0]) < _BETTER * self._gap_of_patterns:
-                self._stalled = self._next_contacts()
+                self._stalled = began or self._next_contacts()
         number = min(range(len(self._trees)), key=lambda k: self._spent[k])
         begun = clock()
         self._trees[number].step()
@@ -335,14 +347,12 @@ class Search:
         unit, _ = self.relaxation.walls.rings or (0.0, 0.0)
         return min(bound * unit * (1 - 1e-12), self.relaxation.limit) * self.relaxation.scale
 
-    def _step_contacts(self) -> None:
-        contacts = self._contacts
-        assert contacts is not None
-        contacts.step()
+    def _step_contacts(self, contacts: ContactSearch) -> None:
+        contacts.step(self._workers - (not self._stalled), patient=self._stalled)
         if contacts.lower >= contacts.limit:
             self._potentials.append((self._length(contacts.limit), contacts.proof(contacts.limit)))
-            self._stalled = self._next_contacts()
-        elif contacts.tried >= _FAIR and not self._compared:
+            self._stalled = self._next_contacts() and self._stalled
+        elif self._stalled and contacts.tried >= _FAIR and not self._compared:
             self._compared = True
             gap = self._gap(self._length(contacts.lower))
             self._stalled = gap < _WORSE * self._gap_of_patterns
@@ -356,6 +366,7 @@ class Search:
             target = self.upper / shorter
             if target > self.lower * (1 + 1e-9):
                 contacts = ContactSearch(
+                    self._pool,
                     (relaxation.start - walls.middle) / unit,
                     (relaxation.goal - walls.middle) / unit,
                     relaxation.tolerance / unit,
@@ -364,6 +375,7 @@ class Search:
                 )
                 if contacts.possible:
                     self._contacts = contacts
+                    contacts.step(self._workers - 1, patient=False)
                 break
         return self._contacts is not None
 
