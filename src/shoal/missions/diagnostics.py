@@ -58,7 +58,9 @@ RULES: dict[str, Rule] = {
     "no-home": Rule("error", "the mission has no home position", fatal=True),
     "zero-waypoints": Rule("error", "the mission has no waypoint", fatal=True),
     "not-a-number": Rule(
-        "error", "a coordinate, an altitude or a speed is NaN, infinite or null", fatal=True
+        "error",
+        "a coordinate, an altitude, the height of home or a speed is NaN, infinite or null",
+        fatal=True,
     ),
     "out-of-range": Rule(
         "error", "a longitude is beyond ±180° or a latitude is beyond ±90°", fatal=True
@@ -122,7 +124,9 @@ RULES: dict[str, Rule] = {
     ),
     "altitude": Rule(
         "error",
-        "a flight is nowhere above its home or is above 10 km, or a rover is not on the ground",
+        "a flight is nowhere above its home or is above 10 km, ends with a hold at another height"
+        " than that of its last waypoint, or has a home that is nowhere on Earth; or a rover is not"
+        " on the ground",
     ),
     "below-home": Rule(
         "warning",
@@ -209,8 +213,9 @@ RULES: dict[str, Rule] = {
     ),
     "elevation-missing": Rule(
         "warning",
-        "some missions state the height of home above the sea and others do not; the check of"
-        " separation compares them as if all homes were equally high",
+        "altitudes are above the sea, and the height of home is unknown; or some missions state the"
+        " height of home above the sea and others do not, and the check of separation compares them"
+        " as if all homes were equally high",
     ),
     "sorties-overlap": Rule(
         "error", "a sortie starts before the earlier sortie of the same robot has ended"
@@ -343,6 +348,7 @@ class Sheet:
     headings: list[float | None] | None = None
     camera_items: list[CameraItem] | None = None
     acceptance_radius: float | None = None
+    acceptance_radii: list[float] = field(default_factory=list)
     speed: float | None = None
     speeds: list[float] | None = None
     geographic: bool = True

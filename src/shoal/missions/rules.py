@@ -25,6 +25,7 @@ _RADIUS = 6_371_000.0  # metres: radius of the Earth
 _FAR_HOME = 5_000.0
 _ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
+_LOWEST_HOME, _HIGHEST_HOME = -500.0, 9_000.0  # metres above the sea
 _SAME_HEIGHT = 0.01  # metres
 _SAME = 1e-8  # degrees
 
@@ -68,6 +69,12 @@ def _check_numbers(sheet: Sheet) -> None:
             sheet.add("not-a-number", place, f"expected a finite altitude, got {altitude}")
     if sheet.home is not None and not all(map(math.isfinite, sheet.home)):
         sheet.add("not-a-number", "home", f"expected finite coordinates, got {text_of(sheet.home)}")
+    if sheet.elevation is not None and not math.isfinite(sheet.elevation):
+        sheet.add(
+            "not-a-number",
+            "home",
+            f"expected a finite height of home above the sea, got {sheet.elevation}",
+        )
     if sheet.speed is not None and not math.isfinite(sheet.speed):
         sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
 
@@ -179,6 +186,20 @@ def _check_altitude(sheet: Sheet) -> None:
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     # otherwise the height of home is unknown
     comparable = sheet.altitude_frame != "sea" or sheet.elevation is not None
+    if not _LOWEST_HOME <= (sheet.elevation or 0.0) <= _HIGHEST_HOME:
+        sheet.add(
+            "altitude",
+            "home",
+            f"expected a home from {_LOWEST_HOME:g} to {_HIGHEST_HOME:g} m above the sea, got"
+            f" {sheet.elevation:g} m",
+        )
+    if flies and not comparable and sheet.n_items is not None:  # other formats have no place for it
+        sheet.add(
+            "elevation-missing",
+            "home",
+            "expected the height of home above the sea beside altitudes above the sea, got none: how"
+            " high the mission is above home, the check cannot tell",
+        )
     lowest = min(sheet.altitudes, default=0.0)
     if flies and comparable and lowest <= base:
         place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
@@ -193,7 +214,10 @@ def _check_altitude(sheet: Sheet) -> None:
         sheet.add(
             "below-home", place, f"expected heights above home, or a check with --terrain, got {at}"
         )
-    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+    reached = [*zip(sheet.places, sheet.altitudes, strict=True)]
+    if sheet.take_off is not None:
+        reached.insert(0, ("take-off", sheet.take_off))
+    for place, altitude in reached:
         if flies and altitude > _HIGHEST:
             sheet.add(
                 "altitude",
@@ -241,10 +265,9 @@ def _check_altitude(sheet: Sheet) -> None:
 
 
 def _check_acceptance(sheet: Sheet) -> None:
-    """Add a diagnostic for an acceptance radius that contains the next waypoint."""
-    radius = sheet.acceptance_radius
+    """Add a diagnostic for acceptance radii that contain the next waypoint."""
     # their turns have waypoints at short distances
-    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":
+    if not any(sheet.acceptance_radii) or len(sheet.points) < 2 or sheet.kind == "fixed-wing":
         return
     metres = (
         np.radians(np.diff(sheet.points, axis=0)) * _RADIUS
@@ -253,10 +276,11 @@ def _check_acceptance(sheet: Sheet) -> None:
     )
     if sheet.geographic:
         metres[:, 0] *= np.cos(np.radians(sheet.points[:-1, 1]))
-    lengths = np.hypot(*metres.T)
-    near = np.flatnonzero((lengths <= radius) & (lengths > 0))
+    lengths, radii = np.hypot(*metres.T), np.array(sheet.acceptance_radii[:-1])
+    near = np.flatnonzero((lengths <= radii) & (lengths > 0))
     if len(near):
-        place, length = sheet.places[int(near[0])], lengths[int(near[0])]
+        first = int(near[0])
+        place, length, radius = sheet.places[first], lengths[first], radii[first]
         sheet.add(
             "acceptance",
             place,

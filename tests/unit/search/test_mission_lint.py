@@ -403,6 +403,41 @@ PLANTS = [
         (),
     ),
     ("not-a-number", ".waypoints", wpl(5, 9, "nan"), "line 6", ()),
+    # without a height of home, no two heights could be compared
+    (
+        "not-a-number",
+        ".plan",
+        plan(lambda data: data["mission"]["plannedHomePosition"].__setitem__(2, float("nan"))),
+        "home",
+        (),
+    ),
+    ("not-a-number", ".waypoints", wpl(1, 10, "inf"), "home", ()),
+    ("altitude", ".waypoints", wpl(1, 10, "1e9"), "home", ()),
+    ("not-a-number", ".waypoints", wpl(2, 10, "nan"), "line 3", ()),
+    (
+        "not-a-number",
+        ".plan",
+        items(lambda rows: rows[0]["params"].__setitem__(6, None)),
+        "item 1",
+        (),
+    ),
+    ("altitude", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, 2e4)), "take-off", ()),
+    (
+        "altitude",
+        ".plan",
+        instead(items(lambda rows: rows[-1]["params"].__setitem__(6, 0)), loiter=0.0),
+        "item 7",
+        (),
+    ),
+    ("altitude", ".waypoints", instead(wpl(8, 10, "90"), loiter=0.0), "line 9", ()),
+    ("acceptance", ".plan", items(lambda rows: rows[4]["params"].__setitem__(1, 600)), "item 5", ()),
+    (
+        "elevation-missing",
+        ".plan",
+        items(lambda rows: [row.update(frame=0) for row in rows if row["frame"] == 3]),
+        "home",
+        (),
+    ),
     ("not-a-number", ".kml", swap("8.50370017,", "inf,"), "position 2", ()),
     ("out-of-range", ".waypoints", wpl(5, 9, "188.5"), "line 6", ()),
     (
@@ -1401,3 +1436,16 @@ def test_no_option_hides_a_mistake(plant, tmp_path, capsys):
         )
         == 2
     )
+
+
+def test_a_mission_that_lands_where_it_is_does_not_return_home(tmp_path):
+    """ArduPilot lands in place if a landing has no position; PX4 takes zeros for a position."""
+    path = tmp_path / "robot-01.plan"
+    write_missions([mission(landing=HOME, autopilot="ardupilot")], tmp_path, formats=["plan"])
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [0, 0]))(tmp_path, ".plan")
+    assert read_mission(path).landing == pytest.approx(LANES[-1], abs=1e-7)
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [None, None]))(tmp_path, ".plan")
+    assert read_mission(path).landing == pytest.approx(LANES[-1], abs=1e-7)
+    plan(lambda data: data["mission"].update(firmwareType=12))(tmp_path, ".plan")
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [0, 0]))(tmp_path, ".plan")
+    assert read_mission(path).landing == (0.0, 0.0)
