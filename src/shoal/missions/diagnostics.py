@@ -237,7 +237,9 @@ RULES: dict[str, Rule] = {
     ),
     "rally": Rule(
         "error",
-        "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence",
+        "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence, at"
+        " an impossible height, below the ground of `--terrain` or far from home; or a mission with"
+        " rally points ends with a return (20), on which an autopilot may take the nearest one",
     ),
     "leg-outside": Rule(
         "error",
@@ -319,8 +321,8 @@ class Sheet:
     checks add diagnostics.
 
     The array ``points`` holds (x, y) in metres if ``geographic`` is false, and otherwise
-    (longitude, latitude) in degrees, even if the file has the opposite order. For error messages,
-    the list ``places`` names the place of each point in the file. A field is None if the file does
+    (longitude, latitude) in degrees, even if the file has the opposite order. The rally points hold
+    their heights above home, too. For error messages, the list ``places`` names the place of each point in the file. A field is None if the file does
     not contain it.
     """
 
@@ -335,7 +337,7 @@ class Sheet:
     takeover: float | None = None
     take_off: float | None = None
     fence: Fence | None = None
-    rally: tuple[tuple[float, float], ...] = ()
+    rally: tuple[tuple[float, ...], ...] = ()
     robot: int | None = None
     sortie: int | None = None
     kind: str | None = None

@@ -351,7 +351,7 @@ def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.
     ]
     paths = [path[k : k + 2] for k in range(len(path) - 1)]
     circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
-    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 2)
+    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 3)[:, :2]
     try:
         points = rally if frame is None else frame.to_metres(rally)
         paths += [circle] * bool(len(circle)) + [point[None] for point in points]
@@ -379,14 +379,40 @@ def _check_near_fence(sheet: Sheet, least: float) -> None:
 
 
 def _check_rally(sheet: Sheet) -> None:
-    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence."""
+    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence, at an
+    impossible height or far away, and for a mission that would return to one.
+    """
     import shapely
 
-    if sheet.fence is None or not sheet.rally:
+    if not sheet.rally:
+        return
+    if sheet.landing is None:
+        sheet.add(
+            "rally",
+            "",
+            "expected a landing or a hold (21 or 17) at the end of a mission with rally points, got a"
+            " return (20), on which an autopilot may take the nearest rally point",
+        )
+    flies, home = sheet.kind != "rover", sheet.home
+    for number, (x, y, up) in enumerate(sheet.rally, start=1):
+        if not (0 < up <= _HIGHEST if flies else math.isfinite(up)):
+            above = f"above 0 and at most {_HIGHEST:g} m" if flies else "in metres"
+            sheet.add(
+                "rally",
+                f"rally point {number}",
+                f"expected a height {above} above home, got {up:g}",
+            )
+        if sheet.geographic and _metres_between((x, y), home) > _ELSEWHERE:
+            sheet.add(
+                "rally",
+                f"rally point {number}",
+                f"expected rally points near home, got {text_of((x, y))}",
+            )
+    if sheet.fence is None:
         return
     try:
-        frame = LocalFrame(*sheet.rally[0]) if sheet.geographic else None
-        points = np.array(sheet.rally)
+        points = np.array(sheet.rally)[:, :2]
+        frame = LocalFrame(*points[0]) if sheet.geographic else None
         area = sheet.fence.area(frame).buffer(ROUNDING)
         inside = shapely.intersects_xy(
             area, *(points if frame is None else frame.to_metres(points)).T
@@ -396,7 +422,7 @@ def _check_rally(sheet: Sheet) -> None:
     for number in np.flatnonzero(~inside).tolist():
         message = (
             "expected rally points inside the fence and outside its zones, got"
-            f" {text_of(sheet.rally[number])}"
+            f" {text_of(sheet.rally[number][:2])}"
         )
         sheet.add("rally", f"rally point {number + 1}", message)
 
@@ -521,8 +547,10 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     forbidden = grow(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
     zones = region.no_go.buffer(-ROUNDING)
-    for number, rally in enumerate(sheet.rally, start=1):
-        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(rally, region)):
+    for number, (*rally, _) in enumerate(sheet.rally, start=1):
+        if not zones.is_empty and shapely.intersects_xy(
+            zones, *_in_plane((rally[0], rally[1]), region)
+        ):
             sheet.add(
                 "rally",
                 f"rally point {number}",

@@ -281,7 +281,7 @@ class GuidedVehicle:
                 faults += self._check_fence(download_items(self.station, self.vehicle, FENCE))
             except (RefusedError, UnansweredError) as error:
                 faults.append(f"fence: {error}")
-        if "return" not in self.accepted and self.task.kind != "rover":
+        if "return" not in self.accepted:
             try:
                 points = len(download_items(self.station, self.vehicle, RALLY))
             except (RefusedError, UnansweredError):

@@ -421,7 +421,13 @@ PLANTS = [
         "item 1",
         (),
     ),
-    ("altitude", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, 2e4)), "take-off", ()),
+    (
+        "altitude",
+        ".plan",
+        items(lambda rows: rows[0]["params"].__setitem__(6, 2e4)),
+        "take-off",
+        (),
+    ),
     (
         "altitude",
         ".plan",
@@ -430,7 +436,13 @@ PLANTS = [
         (),
     ),
     ("altitude", ".waypoints", instead(wpl(8, 10, "90"), loiter=0.0), "line 9", ()),
-    ("acceptance", ".plan", items(lambda rows: rows[4]["params"].__setitem__(1, 600)), "item 5", ()),
+    (
+        "acceptance",
+        ".plan",
+        items(lambda rows: rows[4]["params"].__setitem__(1, 600)),
+        "item 5",
+        (),
+    ),
     (
         "elevation-missing",
         ".plan",
@@ -671,27 +683,43 @@ PLANTS = [
         (),
     ),
     ("spline", ".waypoints", wpl(5, 3, "82"), "line 6", ()),
-    (
-        "rally",
-        ".plan",
-        plan(lambda data: data["rallyPoints"].update(points=[[47.401, 8.502, 30]])),
-        "rally point 1",
-        (),
+    # in the no-go zone, below home, at no height, at a pole
+    *(
+        (
+            "rally",
+            ".plan",
+            instead(
+                plan(lambda data, point=point: data["rallyPoints"].update(points=[point])),
+                landing=HOME,
+            ),
+            "rally point 1",
+            (),
+        )
+        for point in (
+            [47.401, 8.502, 30],
+            [47.4003, 8.502, -30],
+            [47.4003, 8.502, 0],
+            [47.4003, 8.502, float("nan")],
+            [-90, 0, 30],
+        )
     ),
     (
         "rally",
         ".plan",
-        instead(fence=Fence(np.array(AROUND)), rally=((8.502, 47.4011),)),
+        instead(fence=Fence(np.array(AROUND)), landing=HOME, rally=((8.502, 47.4011),)),
         "rally point 1",
         (),
     ),
     (
         "rally",
         ".waypoints",
-        instead(rally=((8.5001, 47.4001), (8.502, 47.401))),
+        instead(landing=HOME, rally=((8.5001, 47.4001), (8.502, 47.401))),
         "rally point 2",
         (),
     ),
+    # it would return to the nearest rally point
+    ("rally", ".plan", instead(rally=(LANES[0],)), "", ()),
+    ("rally", ".waypoints", rover(rally=(LANES[0],)), "", ()),
     (
         "invalid",
         ".csv",
