@@ -113,6 +113,11 @@ RULES: dict[str, Rule] = {
     "firmware": Rule(
         "error", "a mission for PX4 where a mission for ArduPilot is expected, or the reverse"
     ),
+    "vehicle": Rule(
+        "error",
+        "a mission of one kind of vehicle, where `--vehicle` is of another kind; a `.waypoints` file"
+        " states no kind, and is a mission of the kind of `--vehicle`",
+    ),
     "firmware-mixed": Rule(
         "warning", "one folder contains missions for PX4 and missions for ArduPilot"
     ),
@@ -341,6 +346,7 @@ class Sheet:
     robot: int | None = None
     sortie: int | None = None
     kind: str | None = None
+    kind_is_stated: bool = True
     autopilot: str | None = None
     altitude_frame: str | None = None
     elevation: float | None = None

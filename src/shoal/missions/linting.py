@@ -128,6 +128,8 @@ def lint_sheets(
     vehicle = limits.vehicle
     for sheet in sheets:
         if sheet.readable:
+            if vehicle is not None and vehicle.preset != "ideal":
+                _compare_kinds(sheet, vehicle)
             check_sense(
                 sheet,
                 cap=limits.cap,
@@ -154,6 +156,21 @@ def lint_sheets(
             _check_near_homes(sheets, limits.separation)
             _check_starts(sheets)
             _check_elevations(sheets)
+
+
+def _compare_kinds(sheet: Sheet, vehicle: Vehicle) -> None:
+    """Take the kind of a vehicle for a mission that states none, or add a diagnostic if the mission
+    states another kind.
+    """
+    if not sheet.kind_is_stated:
+        sheet.kind = vehicle.kind
+    elif sheet.kind not in (None, vehicle.kind):
+        sheet.add(
+            "vehicle",
+            "",
+            f"expected a mission of a {vehicle.kind}, as the vehicle of the check is, got one of a"
+            f" {sheet.kind}",
+        )
 
 
 def _check_whole(sheet: Sheet) -> None:

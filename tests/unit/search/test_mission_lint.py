@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import suppress
 from dataclasses import replace
 from unittest import mock
 
@@ -57,7 +58,6 @@ AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4
 
 EXPECTED = {
     "autopilot": "px4",
-    "vehicle": vehicle_of("fixed-wing,endurance=1000"),
     "airspace": 20.0,
     "separation": 10.0,
 }
@@ -639,7 +639,7 @@ PLANTS = [
         (),
     ),
     ("altitude", ".kml", swap("<value>30</value>", "<value>30000</value>"), "position 1", ()),
-    ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
+    ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ("vehicle",)),
     (
         "altitude",
         ".plan",
@@ -883,9 +883,12 @@ def write_good(folder, suffix):
 )
 def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
     write_good(tmp_path, suffix)
-    assert lint(tmp_path, region, **EXPECTED) == []
+    vehicle = vehicle_of("multirotor,endurance=1000")
+    assert lint(tmp_path, region, vehicle=vehicle, **EXPECTED) == []
     plant(tmp_path, suffix)
-    found = lint(tmp_path, region, **EXPECTED)
+    with suppress(InvalidInputError):
+        vehicle = vehicle_of(f"{read_mission(tmp_path / f'robot-01{suffix}').kind},endurance=1000")
+    found = lint(tmp_path, region, vehicle=vehicle, **EXPECTED)
     assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
     diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
     assert diagnostic.place.startswith(place), diagnostic
@@ -900,6 +903,7 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
 
 def test_every_rule_is_planted():
     others = {
+        "vehicle",
         "cap-ardupilot",
         "transit",
         "fence-near",
@@ -1477,3 +1481,29 @@ def test_a_mission_that_lands_where_it_is_does_not_return_home(tmp_path):
     plan(lambda data: data["mission"].update(firmwareType=12))(tmp_path, ".plan")
     items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [0, 0]))(tmp_path, ".plan")
     assert read_mission(path).landing == (0.0, 0.0)
+
+
+def test_a_check_with_another_kind_of_vehicle_says_so(tmp_path, region):
+    """Turns of a fixed wing would not be checked in the missions of a multirotor."""
+    write_missions([mission()], tmp_path, formats=["plan", "csv"])
+    found = lint(tmp_path, region, vehicle=vehicle_of("fixed-wing"))
+    assert {(one.rule, one.file) for one in found} == {
+        ("vehicle", "robot-01.plan"),
+        ("vehicle", "robot-01.csv"),
+    }
+    assert lint(tmp_path, region, vehicle=vehicle_of("multirotor")) == []
+    assert lint(tmp_path, region, vehicle=vehicle_of("ideal")) == []
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing", "rover"])
+def test_files_that_state_no_kind_are_missions_of_the_vehicle_of_the_check(tmp_path, region, kind):
+    """Mission Planner writes the missions of planes and copters alike: the turns of a plane went
+    unchecked.
+    """
+    write_missions([mission()], tmp_path, formats=["wpl"])
+    found = {one.rule for one in lint(tmp_path, region, vehicle=vehicle_of(kind))}
+    assert found == {
+        "multirotor": set(),
+        "fixed-wing": {"turn-radius", "climb", "transit"},
+        "rover": {"altitude"},
+    }[kind] - ({"transit"} if kind == "fixed-wing" else set())
