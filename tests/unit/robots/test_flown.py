@@ -398,6 +398,7 @@ def test_an_unknown_elevation_is_none_of_0_m(field, tmp_path):
         (["a.tlog", "--systems", "1=7,2=8"], "expected a track of a robot"),
         (["a.tlog", "--systems", "5=1,2=2"], "expected a robot of the missions"),
         (["broken.bin"], "broken.bin"),
+        (["damaged.bin"], "damaged.bin: expected a log of ArduPilot, got the error: "),
         (["broken.ulg"], "broken.ulg"),
         (["broken.tlog"], "expected positions"),
         (["none.tlog"], "none.tlog"),
@@ -409,6 +410,9 @@ def test_logs_of_nobody_are_refused(field, tmp_path, capsys, monkeypatch, argume
     write_tlog(tmp_path / "a.tlog", {1: flight(field, 1), 2: flight(field, 2)})
     for name in ("broken.bin", "broken.ulg", "broken.tlog"):
         (tmp_path / name).write_bytes(b"\x00\xfe\xfdnothing" * 50)
+    whole = write_dataflash(tmp_path / "whole.bin", flight(field, 1)).read_bytes()
+    # an unknown type of a column
+    (tmp_path / "damaged.bin").write_bytes(whole.replace(b"QLLfff", b"QLL\\ff", 1))
     code, found, err = flown(capsys, field, *arguments)
     assert (code, found) == (2, None), err
     assert said in err
