@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.robots import modes
 from shoal.robots.mavlink import (
     ARDUPILOT,
@@ -279,7 +279,8 @@ class GuidedVehicle:
         if "fence" not in self.accepted:
             try:
                 faults += self._check_fence(download_items(self.station, self.vehicle, FENCE))
-            except (RefusedError, UnansweredError) as error:
+            # the last of a fence at another place on Earth
+            except (RefusedError, UnansweredError, InvalidInputError) as error:
                 faults.append(f"fence: {error}")
         if "return" not in self.accepted:
             try:
@@ -302,7 +303,12 @@ class GuidedVehicle:
         if not items:
             return ["fence: expected a fence on board, got none"]
         frame, plan = self.task.frame, self.task.plan
-        areas = fence_areas(items, lambda *place: frame.to_metres(np.array([place]))[0])
+        assert self.vehicle is not None
+        areas = fence_areas(
+            items,
+            lambda *place: frame.to_metres(np.array([place]))[0],
+            all_inside=self.vehicle.autopilot == ARDUPILOT,
+        )
         inside = [area for area, within in areas if within]
         zones = [area for area, within in areas if not within]
         if not inside:
@@ -559,7 +565,10 @@ class GuidedVehicle:
         now, name = self.station.now(), message.get_type()
         if name == "GLOBAL_POSITION_INT" and (message.lat, message.lon) != (0, 0):
             degrees = np.array([[message.lon / 1e7, message.lat / 1e7]])
-            place = self.task.frame.to_metres(degrees)[0]
+            try:
+                place = self.task.frame.to_metres(degrees)[0]
+            except InvalidInputError:
+                return  # far from the region, as after an error: no position
             self.position = np.array([*place, message.relative_alt / 1000])
             self._position_at = now
         elif name == "GPS_RAW_INT":
