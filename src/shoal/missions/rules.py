@@ -311,8 +311,16 @@ def _check_fence(sheet: Sheet, path: Points, fence: Fence) -> None:
     try:
         frame = LocalFrame(*sheet.home) if sheet.geographic else None
         area = fence.area(frame).buffer(ROUNDING)
+        apart = len(fence.outlines) > 1 and fence.common(frame).is_empty
     except InvalidInputError:
         return  # too far from home
+    if apart and sheet.autopilot == "ardupilot":
+        sheet.add(
+            "fence",
+            "",
+            "expected inclusion polygons that overlap, because ArduPilot needs vehicles inside all of"
+            f" them, got {len(fence.outlines)} that do not",
+        )
     shapely.prepare(area)
     lines = shapely.linestrings(segments_of(path))
     names = [

@@ -832,6 +832,16 @@ PLANTS = [
     ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3, polygons=[]), "item 3", ()),
     ("wrong-value", ".plan", fence_circle(inclusion=True, radius=-3), "geoFence, circles", ()),
+    (
+        "fence",
+        ".plan",
+        instead(
+            fence=Fence(np.array(AROUND), more=(np.add(AROUND, [0.1, 0.0]),)),
+            autopilot="ardupilot",
+        ),
+        "",
+        ("firmware",),
+    ),
     ("fence", ".waypoints", fence_row(5004, 30), "line 6", ()),
     ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
     ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
