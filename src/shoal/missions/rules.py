@@ -193,13 +193,6 @@ def _check_altitude(sheet: Sheet) -> None:
             f"expected a home from {_LOWEST_HOME:g} to {_HIGHEST_HOME:g} m above the sea, got"
             f" {sheet.elevation:g} m",
         )
-    if flies and not comparable and sheet.n_items is not None:  # other formats have no place for it
-        sheet.add(
-            "elevation-missing",
-            "home",
-            "expected the height of home above the sea beside altitudes above the sea, got none: how"
-            " high the mission is above home, the check cannot tell",
-        )
     lowest = min(sheet.altitudes, default=0.0)
     if flies and comparable and lowest <= base:
         place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
