@@ -235,6 +235,11 @@ RULES: dict[str, Rule] = {
         "warning", "some missions of a folder have a fence, and others have none"
     ),
     "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
+    "fence-open": Rule(
+        "warning",
+        "the fence allows a part of a no-go zone; where polygons have no room on board, `shoal search`"
+        " leaves out the smallest zones, and says so",
+    ),
     "fence-near": Rule(
         "error",
         "a path, or a rally point, is nearer to the fence than the required distance"

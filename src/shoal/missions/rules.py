@@ -26,6 +26,7 @@ _FAR_HOME = 5_000.0
 _ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
 _LOWEST_HOME, _HIGHEST_HOME = -500.0, 9_000.0  # metres above the sea
+_OPEN = 0.1  # metres: what is thinner of a zone may be outside of its exclusion polygon
 _SAME_HEIGHT = 0.01  # metres
 _SAME = 1e-8  # degrees
 
@@ -557,6 +558,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
                 f"rally point {number}",
                 f"expected rally points outside the no-go zones, got {text_of(rally)}",
             )
+    _check_zones(sheet, region)
     inside = inside_of(region, path)
     barred = near & np.asarray(
         shapely.intersects_xy(forbidden, *np.where(near[:, None], path, 0).T)
@@ -617,6 +619,24 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
                 "",
                 f"expected turns up to {airspace:g} m outside the region, got {distance:.3g} m",
             )
+
+
+def _check_zones(sheet: Sheet, region: SearchRegion) -> None:
+    """Add a diagnostic for a fence that lets a vehicle into no-go zones of a region."""
+    if sheet.fence is None or region.no_go.is_empty:
+        return
+    try:
+        area = sheet.fence.area(region.frame)
+    except InvalidInputError:
+        return  # too far away; other rules report that
+    entered = float(area.intersection(region.no_go.buffer(-_OPEN)).area)
+    if entered > _OPEN**2:
+        sheet.add(
+            "fence-open",
+            "",
+            "expected exclusion polygons over the no-go zones, got a fence that allows"
+            f" {entered:.3g} m² of them",
+        )
 
 
 def _between_parts(sheet: Sheet, region: SearchRegion, path: Points) -> NDArray[np.bool_]:

@@ -55,6 +55,7 @@ LANES = [
 OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
+WIDE = [(8.4990, 47.3990), (8.5050, 47.3990), (8.5050, 47.4030), (8.4990, 47.4030)]
 
 EXPECTED = {
     "autopilot": "px4",
@@ -829,7 +830,13 @@ PLANTS = [
     ),
     ("fence", ".plan", fence_circle(inclusion=False, radius=30), "item 4", ()),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3), "item 3", ()),
-    ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
+    (
+        "fence",
+        ".plan",
+        fence_circle(inclusion=False, radius=30, polygons=[]),
+        "item 4",
+        ("fence-open",),
+    ),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3, polygons=[]), "item 3", ()),
     ("wrong-value", ".plan", fence_circle(inclusion=True, radius=-3), "geoFence, circles", ()),
     (
@@ -842,6 +849,8 @@ PLANTS = [
         "",
         ("firmware",),
     ),
+    ("fence-open", ".plan", instead(fence=Fence(np.array(WIDE))), "", ()),
+    ("fence-open", ".waypoints", instead(fence=Fence(np.array(WIDE))), "", ()),
     ("fence", ".waypoints", fence_row(5004, 30), "line 6", ()),
     ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
     ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
