@@ -125,6 +125,7 @@ class GuidedVehicle:
         self._turn: float | None = None  # time from which on it may take off
         self._announced: set[str] = set()
         self._silent = False
+        self._alone_at = math.inf  # time at which no other autopilot spoke under the same system id
         self._next_setpoint = self._next_command = -math.inf
         # where it enters the region from a launch point outside
         self._gate: NDArray[np.float64] | None = None
@@ -214,7 +215,14 @@ class GuidedVehicle:
                 f" {', '.join(str(vehicle.system) for vehicle in candidates)}: name one with"
                 " --system"
             )
-        return candidates[0]
+        (vehicle,) = candidates
+        if addresses := station.duplicates.get(vehicle.system):
+            raise LinkError(
+                f"vehicle: expected one autopilot with the system id {vehicle.system} on"
+                f" {station.link.name}, got heartbeats from {len(addresses)} addresses at the same"
+                " time: give each vehicle an id or a port of its own"
+            )
+        return vehicle
 
     def _candidates(self) -> list[HeardVehicle]:
         heard = self.station.vehicles
@@ -625,6 +633,14 @@ class GuidedVehicle:
                     f"another station has the system id {system}: as long as it is heard, the"
                     " autopilot would not notice that this companion is lost"
                 )
+        alone = len(self.station.addresses(vehicle.system)) < 2
+        if alone:
+            self._alone_at = now
+        elif now - self._alone_at > limits.autopilot_s:
+            self._fail(
+                f"autopilot: another one has the system id {vehicle.system} for"
+                f" {now - self._alone_at:.0f} s"
+            )
         waits = self.phase == GROUND and self._leg is not None and not self._leg.home
         without = max(now - self._position_at, now - self._fix_lost_at)
         if waits and without > limits.position_s:
@@ -644,6 +660,8 @@ class GuidedVehicle:
             self._fail(
                 f"battery: {self._charge_text} left, and the robot returns at {self._reserve_text}"
             )
+        elif not alone:
+            return  # whose mode that is, nobody knows
         elif not vehicle.armed:
             self._fail("pilot or autopilot: the vehicle was disarmed")
         elif self._mode != modes.GUIDED:

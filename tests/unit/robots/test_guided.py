@@ -535,3 +535,38 @@ def test_a_fence_elsewhere_and_a_fence_of_two_corners_are_faults(task):
     ]
     (fault,) = robot.vehicle.prepare()
     assert fault.startswith("fence: ")
+
+
+def autopilot_heartbeats(system, since):
+    """Return a stranger: another autopilot with a system id, which is switched on at a time."""
+    messages = dialect()
+    sender, last = messages.MAVLink(None, system, 1), [-1.0]
+
+    def speak(now):
+        if now < since or now - last[0] < 1.0:
+            return []
+        last[0] = now
+        beat = messages.MAVLink_heartbeat_message(2, ARDUPILOT, 81, 0, 4, 3)
+        return [bytes(beat.pack(sender))]
+
+    return speak
+
+
+def test_two_autopilots_with_one_system_id_are_refused(task):
+    """Each is 1 as delivered: set-points went to the one that was heard last."""
+    robot = Robot(task, "ardupilot")
+    robot.strangers.append(autopilot_heartbeats(1, 0.0))
+    with pytest.raises(LinkError, match="one autopilot with the system id 1 on simulated, got"):
+        robot.vehicle.prepare()
+
+
+def test_an_autopilot_that_is_switched_on_with_the_same_id_ends_the_flight(task):
+    robot = Robot(task, "ardupilot")
+    assert robot.vehicle.prepare() == []
+    robot.go_to(len(task.cells) - 1)
+    assert robot.step_until(lambda _: robot.vehicle.phase == FLIGHT)
+    robot.strangers.append(autopilot_heartbeats(1, robot.link.now()))
+    assert robot.step_until(lambda _: robot.vehicle.fault, 20.0)
+    assert robot.vehicle.fault.startswith("autopilot: another one has the system id 1")
+    robot.vehicle.secure()
+    assert robot.vehicle._silent
