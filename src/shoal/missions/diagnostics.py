@@ -107,8 +107,8 @@ RULES: dict[str, Rule] = {
     "unchecked-command": Rule(
         "error",
         "a command that may move the vehicle, turn its camera or change its mode, such as a jump"
-        " (177), another kind of landing or a change of altitude; the check does not know what the"
-        " vehicle does there",
+        " (177), another kind of landing, a landing of a rover or a change of altitude; the check does"
+        " not know what the vehicle does there",
     ),
     "firmware": Rule(
         "error", "a mission for PX4 where a mission for ArduPilot is expected, or the reverse"

@@ -552,6 +552,13 @@ PLANTS = [
         for command in (30, 31, 85, 94, 113, 176, 177, 179, 186, 192, 195, 201, 207, 601, 999)
     ),
     ("unchecked-command", ".waypoints", wpl(2, 3, "177"), "line 3", ("take-off",)),
+    (
+        "unchecked-command",
+        ".plan",
+        rover(items(lambda rows: rows[-1].update(command=21)), landing=HOME),
+        "item 6",
+        (),
+    ),
     ("ends-early", ".plan", inserted(20), "item 5", ("frame",)),
     ("ends-early", ".plan", inserted(21), "item 5", ()),
     ("take-off", ".plan", inserted(22), "item 5", ()),

@@ -470,7 +470,7 @@ def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
     """Add a diagnostic if a flight has no take-off before the first waypoint, or if a rover has a
-    take-off.
+    take-off or a landing.
     """
     commands = [
         WAYPOINT if item.command in _PASSED else TAKE_OFF
@@ -483,6 +483,14 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
             sheet.add(
                 "take-off", place, "expected no take-off in a rover's mission, got command 22"
             )
+        for item in items:
+            if item.command == LAND:  # ArduPilot's rovers do not drive there
+                sheet.add(
+                    "unchecked-command",
+                    item.place,
+                    "expected a hold (17) or a return (20) at the end of a rover's mission, got a"
+                    " landing (21)",
+                )
         return
     first = next((item for item in items if item.command == TAKE_OFF), None)
     if first is not None and sheet.altitudes:
