@@ -183,6 +183,10 @@ class MissionOptions(Problem):
                 f"vehicle: expected a flying vehicle for a region of {parts} parts, because a rover"
                 " stays in its part, got a rover; search each part separately"
             )
+        if self.airspace is not None and kind != "fixed-wing":
+            raise InvalidInputError(
+                f"airspace: expected a fixed wing together with it, got a {kind}"
+            )
         if self.altitude_frame != "home" and kind == "rover":
             raise InvalidInputError(
                 "altitude_frame: expected home for a rover, which has no altitude, got"

@@ -749,6 +749,7 @@ def test_rovers_with_rally_points_hold_at_home(tmp_path, monkeypatch, capsys):
         ("--ending return", "ending: expected land or loiter with rally points"),
         ("--format csv,kml", "rally: expected missions in degrees in the format plan or wpl"),
         ("--altitude-frame sea", "altitude_frame: expected home for a rover"),
+        ("--airspace 5", "airspace: expected a fixed wing together with it, got a rover"),
         ("--altitude-frame sea --vehicle multirotor", "rally: expected a terrain file"),
     ):
         capsys.readouterr()
