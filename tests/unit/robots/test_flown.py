@@ -444,3 +444,30 @@ def test_a_search_reads_flight_logs_and_gpx_as_tracks(tmp_path):
     (tmp_path / "planned.gpx").write_text("<gpx><rte><rtept lat='1' lon='2'/></rte></gpx>")
     with pytest.raises(InvalidInputError, match="a track that was flown"):
         swept_area(str(tmp_path / "planned.gpx"), region, 20.0)
+
+
+def test_heights_of_rovers_are_errors(field, tmp_path):
+    """A receiver that said 40 m kept two rovers apart that met, and half a track was none."""
+    missions = [
+        replace(
+            read_mission(field / "missions" / f"robot-0{robot}.plan"), kind="rover", altitude=0.0
+        )
+        for robot in (1, 2)
+    ]
+    rows = flight(field, 1, height=0.0)
+    high = rows.copy()
+    high[len(high) // 2 :, 3] = 40.0
+    (low,) = read_tracks(write_tlog(tmp_path / "low.tlog", {1: rows}))
+    (up,) = read_tracks(write_tlog(tmp_path / "up.tlog", {2: high}))
+    options = CheckOptions(str(field / "field.json"), footprint=FOOTPRINT, separation=(10.0, 5.0))
+    met = check_flown(
+        [(missions[0], low), (missions[1], replace(up, heights=up.heights + 20))],
+        options,
+        angle=None,
+    )
+    assert met.approach.horizontal == pytest.approx(0.0, abs=0.01)
+    region = options.place
+    whole = swept_area(str(tmp_path / "low.tlog"), region, FOOTPRINT)
+    seen = swept_area(str(tmp_path / "up.tlog"), region, FOOTPRINT, flies=False)
+    assert seen.equals(whole)
+    assert swept_area(str(tmp_path / "up.tlog"), region, FOOTPRINT).area < 0.7 * whole.area

@@ -166,7 +166,9 @@ _RARE = 10.0  # times the usual time between two positions, after which a GPX tr
 _GAP = 1e-3  # metres: narrower gaps between what two legs saw are rounding errors
 
 
-def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any:
+def swept_area(
+    track: str | ArrayLike, region: SearchRegion, side: float, *, flies: bool = True
+) -> Any:
     """Return what a vehicle saw along a track that it flew: the squares of the given side along each
     leg, as a Shapely geometry in metres.
 
@@ -182,6 +184,8 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
         The region whose local frame the result uses.
     side : float
         Side of the square in metres. The square is parallel to the leg.
+    flies : bool
+        Whether the vehicle flies. All of a rover's log counts, whatever heights it says.
 
     Examples
     --------
@@ -192,7 +196,7 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     import shapely
 
     lines = (
-        _track_lines(Path(track), region)
+        _track_lines(Path(track), region, flies=flies)
         if isinstance(track, str)
         else [check_plane_points(track, what="searched")]
     )
@@ -216,7 +220,7 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     return strip.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
 
 
-def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
+def _track_lines(path: Path, region: SearchRegion, *, flies: bool) -> list[Points]:
     """Return the uninterrupted parts of a track in a file, in metres."""
     kind = path.suffix.lower()
     if kind == ".gpx":
@@ -225,7 +229,7 @@ def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
             raise InvalidInputError(f"{path}: expected a track that was flown, got none")
         lines = [part for points, times in segments for part in _uninterrupted(points, times)]
     elif kind in LOGS:
-        lines = flight_lines(path)
+        lines = flight_lines(path, flies=flies)
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:

@@ -74,7 +74,7 @@ _LASTS = 5  # steps between positions, most of which a wrong position leaves alo
 _DEGREE = 111_195.0  # metres of a degree of latitude, about
 
 
-def flight_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
+def flight_lines(path: str | os.PathLike[str], *, flies: bool = True) -> list[NDArray[np.float64]]:
     """Return the uninterrupted tracks of all vehicles in a flight log while they were in flight,
     or, of a vehicle that never was, such as a rover, all its tracks; longitude and latitude in
     degrees, float64, each of shape (k, 2).
@@ -82,7 +82,7 @@ def flight_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
     lines: list[NDArray[np.float64]] = []
     for track in read_tracks(path):
         counts = track.heights > ALOFT
-        counts |= not counts.any()
+        counts |= not (flies and counts.any())
         ends = interruptions(track.times, track.places)
         ends = np.union1d(ends, np.flatnonzero(counts[1:] != counts[:-1]) + 1)
         parts = np.split(np.arange(len(counts)), ends)
