@@ -258,7 +258,8 @@ class Messenger:
             except InvalidInputError as error:
                 self.refuse(getattr(error, "reason", "content"))
                 continue
-            if beacon.sender == self._sender.number:
+            # who sends nothing, and only watches, is no robot
+            if self.sent and beacon.sender == self._sender.number:
                 stamp = stamp_of(came[0])
                 self.twin |= stamp > self._begun and stamp not in self._sent
                 self.refuse("own number")
