@@ -143,8 +143,9 @@ class MissionOptions(Problem):
         None,
         help=(
             "End of each mission: return (by the autopilot), land (fixed wings on a straight"
-            " approach) or loiter (stay in the air). Default with a separation: multirotors land;"
-            " fixed wings loiter, or land if --land is given or one flies several sorties."
+            " approach) or loiter (stay in the air). Default with a separation or --rally: multirotors"
+            " land; fixed wings loiter, or land if --land is given or one flies several sorties; rovers"
+            " return, or with --rally hold at home."
         ),
         choices=ENDINGS,
     )

@@ -419,6 +419,15 @@ def test_logs_of_nobody_are_refused(field, tmp_path, capsys, monkeypatch, argume
     assert err.count("\n") == 1
 
 
+def test_a_damaged_log_prints_nothing(field, tmp_path, capfd):
+    """The reader of pymavlink printed a line for each byte that it skipped."""
+    path = write_dataflash(tmp_path / "noise.bin", flight(field, 1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:2000] + bytes(range(256)) * 4 + whole[2000:])
+    assert len(read_tracks(path)) == 1
+    assert capfd.readouterr() == ("", "")
+
+
 def test_an_unknown_suffix_is_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="expected a flight log"):
         read_tracks(tmp_path / "log.csv")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import as_path, check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
+from shoal.core.notices import quiet
 
 LARGEST_LOG = 2**32  # bytes
 _SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
@@ -253,8 +254,8 @@ def _read_dataflash(path: Path) -> dict[int | None, list[Row]]:
     received: list[Row] = []
     log = object.__new__(reader.DFReader_binary)  # its files are closed even if it cannot begin
     try:
-        # it prints what it skips
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        # it prints what it skips, partly from C
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), quiet():
             log.__init__(str(path))
             for message in iter(lambda: log.recv_match(type=["POS", "GPS"]), None):
                 place = message._timestamp, message.Lng, message.Lat
