@@ -18,6 +18,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.missions.approach import common_path, constant_speed, mission_trajectory
 from shoal.missions.fence import CORNERS, fence_of
 from shoal.missions.mission import Autopilot, Mission, split_missions
+from shoal.missions.rules import ELSEWHERE
 from shoal.search.flight.dubins import LINK, Airspace
 from shoal.search.flight.flight import Altitudes, Flight
 from shoal.search.flight.separation import Separation, stagger_starts
@@ -87,7 +88,9 @@ def plan_missions(
         and (plan.landing is None or plan.vehicle.kind == "multirotor")
     ):
         ending, chosen = _ENDINGS[plan.vehicle.kind], False
-    if rally is not None and len(rally):
+    if rally is not None and not len(rally):
+        raise InvalidInputError("rally: expected one point or more, got none")
+    if rally is not None:
         if ending == "return" and chosen:
             raise InvalidInputError(
                 "ending: expected land or loiter with rally points, because a return may lead to the"
@@ -452,6 +455,12 @@ def _add_fence(
     for point in rally[~shapely.intersects_xy(area, *rally.T)]:
         raise InvalidInputError(
             f"rally: expected points outside of no-go zones, got {text_of(point)} m"
+        )
+    far = shapely.distance(region.free, shapely.points(rally)) > ELSEWHERE
+    for point in rally[far]:
+        raise InvalidInputError(
+            f"rally: expected points within {ELSEWHERE / 1000:g} km of the region, got"
+            f" {text_of(point)} m"
         )
     placed = rally if region.frame is None else region.frame.to_degrees(rally)
 

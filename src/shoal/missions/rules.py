@@ -23,7 +23,7 @@ ROUNDING = 0.005  # metres: tolerance of a waypoint's position, because 8 decima
 
 _RADIUS = 6_371_000.0  # metres: radius of the Earth
 _FAR_HOME = 5_000.0
-_ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
+ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
 _LOWEST_HOME, _HIGHEST_HOME = -500.0, 9_000.0  # metres above the sea
 _OPEN = 0.1  # metres: what is thinner of a zone may be outside of its exclusion polygon
@@ -86,7 +86,7 @@ def check_elsewhere(sheet: Sheet, point: Any, reference: Any, name: str, place: 
     """
     distance = _metres_between(point, reference)
     swapped_distance = _metres_between(point[::-1], reference)
-    if distance > _ELSEWHERE and swapped_distance < _ELSEWHERE:
+    if distance > ELSEWHERE and swapped_distance < ELSEWHERE:
         sheet.add(
             "axes-swapped",
             place,
@@ -404,7 +404,7 @@ def _check_rally(sheet: Sheet) -> None:
                 f"rally point {number}",
                 f"expected a height {above} above home, got {up:g}",
             )
-        if sheet.geographic and _metres_between((x, y), home) > _ELSEWHERE:
+        if sheet.geographic and _metres_between((x, y), home) > ELSEWHERE:
             sheet.add(
                 "rally",
                 f"rally point {number}",
@@ -568,7 +568,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     stray = ~inside[1:-1]
     stray[: searched.start] = stray[searched.stop :] = False
     gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], path, 0.0)))
-    elsewhere = ~near | (gaps > _ELSEWHERE)
+    elsewhere = ~near | (gaps > ELSEWHERE)
     if elsewhere[-1] and sheet.landing is not None:
         message = (
             f"expected an end of the mission near the region {region.name!r}, got"
@@ -585,7 +585,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             x, y = sheet.points[index].tolist()
             swapped_point = _in_plane((y, x), region)
             swapped = region.frame is not None and max(swapped_point) < math.inf
-            swapped = swapped and region.free.distance(shapely.Point(swapped_point)) < _ELSEWHERE
+            swapped = swapped and region.free.distance(shapely.Point(swapped_point)) < ELSEWHERE
             sheet.add(
                 "outside-region",
                 place,

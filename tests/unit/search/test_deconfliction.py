@@ -395,6 +395,10 @@ def test_a_rally_point_in_a_no_go_zone_is_refused(team, region):
     inside = region.frame.to_metres([(8.5013, 47.401)])
     with pytest.raises(InvalidInputError, match="rally: expected points outside of no-go zones"):
         plan_missions(team[0], rally=inside)
+    with pytest.raises(InvalidInputError, match="rally: expected points within 50 km"):
+        plan_missions(team[0], rally=np.array([(60_000.0, 0.0)]))
+    with pytest.raises(InvalidInputError, match="rally: expected one point or more, got none"):
+        plan_missions(team[0], rally=np.zeros((0, 2)))
 
 
 @pytest.mark.parametrize("most", [64, 30])
