@@ -277,7 +277,7 @@ def test_nothing_that_was_loaded_is_looked_through_at_the_end(monkeypatch, capsy
 
 
 def test_an_interruption_is_said_while_c_libraries_are_quiet():
-    script = "from shoal.cli.output import quiet; from shoal.core.interruption import end\nwith quiet(): end()"
+    script = "from shoal.core.notices import quiet; from shoal.core.interruption import end\nwith quiet(): end()"
     ended = subprocess.run(
         [sys.executable, "-c", script], check=False, capture_output=True, text=True
     )

@@ -5,7 +5,6 @@ to stderr.
 from __future__ import annotations
 
 import json
-import os
 import sys
 import tempfile
 import time
@@ -16,9 +15,7 @@ from pathlib import Path
 from threading import Timer
 from typing import Any
 
-from shoal.core import notices
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.core.interruption import error_streams
 
 Advance = Callable[[int], None]
 
@@ -167,37 +164,6 @@ def print_drawn(drawn: Any) -> None:
         console.print(drawn)
     # not by the console, which ends the program itself when a pipe is closed
     print(captured.get(), end="")
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress the output of C libraries on stderr inside the ``with`` block.
-
-    The C library libtiff, for example, prints a line on stderr for each fault of a picture. Notices
-    of Shoal would be lost, too; they wait until the block ends.
-    """
-    try:
-        kept = os.dup(2)
-    except OSError:  # closed: there is nothing to protect
-        yield
-        return
-    listeners = list(notices.listeners)
-    waiting: list[str] = []
-    if listeners:
-        notices.listeners[:] = [waiting.append]
-    with open(os.devnull, "w") as nowhere:
-        error_streams.append(kept)
-        os.dup2(nowhere.fileno(), 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        error_streams.remove(kept)
-        os.close(kept)
-        notices.listeners[:] = listeners
-        for text in waiting:
-            for listener in listeners:
-                listener(text)
 
 
 @contextmanager

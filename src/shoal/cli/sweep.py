@@ -20,7 +20,6 @@ from shoal.cli.output import (
     print_drawn,
     print_json,
     print_table,
-    quiet,
     say,
     visible,
     warnings_said,
@@ -28,6 +27,7 @@ from shoal.cli.output import (
 from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import as_json, check_suffix, write_json
+from shoal.core.notices import quiet
 
 if TYPE_CHECKING:
     from rich.table import Table

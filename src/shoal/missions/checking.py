@@ -367,6 +367,7 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
     )
     if terrain is not None:  # it tells the height above ground
         for sheet in sheets:
+            _check_rally_heights(sheet, terrain, region)
             sheet.diagnostics = [
                 diagnostic for diagnostic in sheet.diagnostics if diagnostic.rule != "below-home"
             ]
@@ -430,6 +431,26 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
         ),
         smallest=smallest,
     )
+
+
+def _check_rally_heights(sheet: Sheet, terrain: Terrain, region: SearchRegion) -> None:
+    """Add diagnostics for rally points that are not above the ground of a terrain."""
+    if not sheet.readable or not sheet.rally or sheet.kind == "rover" or sheet.home is None:
+        return
+    for number, (x, y, up) in enumerate(sheet.rally, start=1):
+        points = np.array([sheet.home, (x, y)])
+        try:
+            places = points if region.frame is None else region.frame.to_metres(points)
+            base, ground = terrain.at(places, region.frame).tolist()
+        except InvalidInputError:
+            got = "one beside it"
+        else:
+            got = f"one {base + up - ground:.3g} m above it"
+            if base + up > ground:
+                continue
+        sheet.add(
+            "rally", f"rally point {number}", f"expected rally points above the ground, got {got}"
+        )
 
 
 def seen_over_ground(

@@ -18,6 +18,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.missions.approach import common_path, constant_speed, mission_trajectory
 from shoal.missions.fence import CORNERS, fence_of
 from shoal.missions.mission import Autopilot, Mission, split_missions
+from shoal.missions.rules import ELSEWHERE
 from shoal.search.flight.dubins import LINK, Airspace
 from shoal.search.flight.flight import Altitudes, Flight
 from shoal.search.flight.separation import Separation, stagger_starts
@@ -60,7 +61,8 @@ def plan_missions(
         ``separation.delay``. By default, vehicles keep no separation. Rovers keep their separation
         by delays alone, without altitude layers.
     rally : ndarray of float64, shape (k, 2), optional
-        Rally points in metres.
+        Rally points in metres. Missions with rally points end with a landing, a loiter or, for
+        rovers, a hold, because a return may lead to the nearest rally point.
     airspace : float, optional
         Distance in metres by which turns of fixed wings may leave the allowed area, which is the
         region without its margin and its no-go zones. By default, turns may leave the allowed area
@@ -86,6 +88,16 @@ def plan_missions(
         and (plan.landing is None or plan.vehicle.kind == "multirotor")
     ):
         ending, chosen = _ENDINGS[plan.vehicle.kind], False
+    if rally is not None and not len(rally):
+        raise InvalidInputError("rally: expected one point or more, got none")
+    if rally is not None:
+        if ending == "return" and chosen:
+            raise InvalidInputError(
+                "ending: expected land or loiter with rally points, because a return may lead to the"
+                " nearest rally point, got return"
+            )
+        if ending in (None, "return") and plan.landing is None:
+            ending, chosen = {**_ENDINGS, "rover": "land"}[plan.vehicle.kind], False
     region = plan.grid.region
     if airspace is None and not region.barriers:
         where = plan.airspace  # its curves are known already
@@ -130,6 +142,7 @@ def plan_missions(
         [mission for missions in by_robot for mission in missions],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
+        altitudes or Altitudes(),
         fenced=fenced,
     )
 
@@ -417,9 +430,18 @@ class _Schedule:
 
 
 def _add_fence(
-    missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
+    missions: Sequence[Mission],
+    plan: SearchPlan,
+    rally: Points,
+    altitudes: Altitudes,
+    *,
+    fenced: bool,
 ) -> tuple[Mission, ...]:
-    """Return missions with the fence and the rally points of a plan."""
+    """Return missions with the fence and the rally points of a plan.
+
+    A rally point is as high as the highest waypoint of its mission. With altitudes above ground, it
+    is also as far above its own ground as the mission.
+    """
     region = plan.grid.region
     if not missions:
         return ()
@@ -434,6 +456,29 @@ def _add_fence(
         raise InvalidInputError(
             f"rally: expected points outside of no-go zones, got {text_of(point)} m"
         )
+    far = shapely.distance(region.free, shapely.points(rally)) > ELSEWHERE
+    for point in rally[far]:
+        raise InvalidInputError(
+            f"rally: expected points within {ELSEWHERE / 1000:g} km of the region, got"
+            f" {text_of(point)} m"
+        )
     placed = rally if region.frame is None else region.frame.to_degrees(rally)
-    points = tuple((x, y) for x, y in placed.tolist())
-    return tuple(replace(mission, fence=fence, rally=points) for mission in missions)
+
+    def raised(mission: Mission) -> tuple[tuple[float, ...], ...]:
+        ups = np.full(len(rally), mission.heights_above_home.max())
+        if altitudes.terrain is not None and len(rally) and mission.kind != "rover":
+            home = mission.path_in(region.frame)[:1, :2]
+            ground = altitudes.terrain.at(np.vstack([home, rally]), region.frame)
+            hills = ground[1:] - ground[0]
+            if altitudes.frame == "ground":
+                ups = np.maximum(ups, hills + mission.altitude)
+            for point in rally[hills >= ups]:
+                raise InvalidInputError(
+                    "rally: expected points whose ground is below the vehicles, got"
+                    f" {text_of(point)} m, which is not"
+                )
+        return tuple(
+            (x, y, round(up, 2)) for (x, y), up in zip(placed.tolist(), ups.tolist(), strict=True)
+        )
+
+    return tuple(replace(mission, fence=fence, rally=raised(mission)) for mission in missions)

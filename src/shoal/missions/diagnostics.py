@@ -58,7 +58,9 @@ RULES: dict[str, Rule] = {
     "no-home": Rule("error", "the mission has no home position", fatal=True),
     "zero-waypoints": Rule("error", "the mission has no waypoint", fatal=True),
     "not-a-number": Rule(
-        "error", "a coordinate, an altitude or a speed is NaN, infinite or null", fatal=True
+        "error",
+        "a coordinate, an altitude, the height of home or a speed is NaN, infinite or null",
+        fatal=True,
     ),
     "out-of-range": Rule(
         "error", "a longitude is beyond ±180° or a latitude is beyond ±90°", fatal=True
@@ -105,11 +107,16 @@ RULES: dict[str, Rule] = {
     "unchecked-command": Rule(
         "error",
         "a command that may move the vehicle, turn its camera or change its mode, such as a jump"
-        " (177), another kind of landing or a change of altitude; the check does not know what the"
-        " vehicle does there",
+        " (177), another kind of landing, a landing of a rover or a change of altitude; the check does"
+        " not know what the vehicle does there",
     ),
     "firmware": Rule(
         "error", "a mission for PX4 where a mission for ArduPilot is expected, or the reverse"
+    ),
+    "vehicle": Rule(
+        "error",
+        "a mission of one kind of vehicle, where `--vehicle` is of another kind; a `.waypoints` file"
+        " states no kind, and is a mission of the kind of `--vehicle`",
     ),
     "firmware-mixed": Rule(
         "warning", "one folder contains missions for PX4 and missions for ArduPilot"
@@ -122,7 +129,9 @@ RULES: dict[str, Rule] = {
     ),
     "altitude": Rule(
         "error",
-        "a flight is nowhere above its home or is above 10 km, or a rover is not on the ground",
+        "a flight is nowhere above its home or is above 10 km, ends with a hold at another height"
+        " than that of its last waypoint, or has a home that is nowhere on Earth; or a rover is not"
+        " on the ground",
     ),
     "below-home": Rule(
         "warning",
@@ -209,8 +218,9 @@ RULES: dict[str, Rule] = {
     ),
     "elevation-missing": Rule(
         "warning",
-        "some missions state the height of home above the sea and others do not; the check of"
-        " separation compares them as if all homes were equally high",
+        "altitudes are above the sea, and the height of home is unknown; or some missions state the"
+        " height of home above the sea and others do not, and the check of separation compares them"
+        " as if all homes were equally high",
     ),
     "sorties-overlap": Rule(
         "error", "a sortie starts before the earlier sortie of the same robot has ended"
@@ -225,6 +235,11 @@ RULES: dict[str, Rule] = {
         "warning", "some missions of a folder have a fence, and others have none"
     ),
     "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
+    "fence-open": Rule(
+        "warning",
+        "the fence allows a part of a no-go zone; where polygons have no room on board, `shoal search`"
+        " leaves out the smallest zones, and says so",
+    ),
     "fence-near": Rule(
         "error",
         "a path, or a rally point, is nearer to the fence than the required distance"
@@ -232,7 +247,9 @@ RULES: dict[str, Rule] = {
     ),
     "rally": Rule(
         "error",
-        "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence",
+        "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence, at"
+        " an impossible height, below the ground of `--terrain` or far from home; or a mission with"
+        " rally points ends with a return (20), on which an autopilot may take the nearest one",
     ),
     "leg-outside": Rule(
         "error",
@@ -314,8 +331,8 @@ class Sheet:
     checks add diagnostics.
 
     The array ``points`` holds (x, y) in metres if ``geographic`` is false, and otherwise
-    (longitude, latitude) in degrees, even if the file has the opposite order. For error messages,
-    the list ``places`` names the place of each point in the file. A field is None if the file does
+    (longitude, latitude) in degrees, even if the file has the opposite order. The rally points hold
+    their heights above home, too. For error messages, the list ``places`` names the place of each point in the file. A field is None if the file does
     not contain it.
     """
 
@@ -330,10 +347,11 @@ class Sheet:
     takeover: float | None = None
     take_off: float | None = None
     fence: Fence | None = None
-    rally: tuple[tuple[float, float], ...] = ()
+    rally: tuple[tuple[float, ...], ...] = ()
     robot: int | None = None
     sortie: int | None = None
     kind: str | None = None
+    kind_is_stated: bool = True
     autopilot: str | None = None
     altitude_frame: str | None = None
     elevation: float | None = None
@@ -343,6 +361,7 @@ class Sheet:
     headings: list[float | None] | None = None
     camera_items: list[CameraItem] | None = None
     acceptance_radius: float | None = None
+    acceptance_radii: list[float] = field(default_factory=list)
     speed: float | None = None
     speeds: list[float] | None = None
     geographic: bool = True

@@ -333,16 +333,17 @@ class Fence:
         """
         import shapely
 
-        placed = [ring if frame is None else frame.to_metres(ring) for ring in self.rings]
-        shapes = [shapely.make_valid(shapely.Polygon(ring)) for ring in placed]
-        outlines, zones = shapes[: len(self.outlines)], shapes[len(self.outlines) :]
-        inside = (
-            shapely.intersection_all(outlines)
-            if outlines
-            else shapely.box(-_ANYWHERE, -_ANYWHERE, _ANYWHERE, _ANYWHERE)
-        )
-        inside = shapely.union_all(outlines) if inside.is_empty else inside
-        return inside.difference(shapely.union_all(zones))
+        inside = self.common(frame)
+        inside = shapely.union_all(_shapes(self.outlines, frame)) if inside.is_empty else inside
+        return inside.difference(shapely.union_all(_shapes(self.exclusions, frame)))
+
+    def common(self, frame: LocalFrame | None) -> Any:
+        """Return the area that all inclusion rings have in common, as in `area`."""
+        import shapely
+
+        if not self.outlines:
+            return shapely.box(-_ANYWHERE, -_ANYWHERE, _ANYWHERE, _ANYWHERE)
+        return shapely.intersection_all(_shapes(self.outlines, frame))
 
     def clearances(self, paths: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the distance in metres of each path from the nearest border of the fence; float64,
@@ -599,6 +600,14 @@ def _simplify(
         for zone in zones
     ]
     return enclosing_polygons(shapes, most, clear=clear)
+
+
+def _shapes(rings: Sequence[Points], frame: LocalFrame | None) -> list[Any]:
+    """Return rings as Shapely polygons in metres of a local frame."""
+    import shapely
+
+    placed = [ring if frame is None else frame.to_metres(ring) for ring in rings]
+    return [shapely.make_valid(shapely.Polygon(ring)) for ring in placed]
 
 
 def _legs(path: Points) -> NDArray[Any]:

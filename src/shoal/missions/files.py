@@ -266,7 +266,10 @@ def _texts_beside(missions: Sequence[Mission]) -> dict[str, str]:
     first = missions[0]
     texts = {} if first.fence is None else {FENCE: fence_text(first.fence)}
     if first.rally:
-        texts[RALLY] = rally_text(first.rally, min(mission.altitude for mission in missions))
+        highest: dict[tuple[float, ...], float] = {}
+        for *place, up in (point for mission in missions for point in mission.rally):
+            highest[tuple(place)] = max(up, highest.get(tuple(place), up))
+        texts[RALLY] = rally_text(tuple((*place, up) for place, up in highest.items()))
     return texts
 
 

@@ -128,6 +128,8 @@ def lint_sheets(
     vehicle = limits.vehicle
     for sheet in sheets:
         if sheet.readable:
+            if vehicle is not None and vehicle.preset != "ideal":
+                _compare_kinds(sheet, vehicle)
             check_sense(
                 sheet,
                 cap=limits.cap,
@@ -143,6 +145,7 @@ def lint_sheets(
             if region is not None:
                 check_place(sheet, region, limits.airspace)
             _check_whole(sheet)
+    _check_sea(sheets)
     if together:
         _check_homes(sheets)
         _check_autopilots(sheets)
@@ -154,6 +157,21 @@ def lint_sheets(
             _check_near_homes(sheets, limits.separation)
             _check_starts(sheets)
             _check_elevations(sheets)
+
+
+def _compare_kinds(sheet: Sheet, vehicle: Vehicle) -> None:
+    """Take the kind of a vehicle for a mission that states none, or add a diagnostic if the mission
+    states another kind.
+    """
+    if not sheet.kind_is_stated:
+        sheet.kind = vehicle.kind
+    elif sheet.kind not in (None, vehicle.kind):
+        sheet.add(
+            "vehicle",
+            "",
+            f"expected a mission of a {vehicle.kind}, as the vehicle of the check is, got one of a"
+            f" {sheet.kind}",
+        )
 
 
 def _check_whole(sheet: Sheet) -> None:
@@ -405,6 +423,24 @@ def _check_starts(sheets: list[Sheet]) -> None:
                 f"expected start times in {MANIFEST} or in the files, got none for"
                 f" {len(without)} of {count_text(len(alike), 'mission')}: a first sortie without one"
                 " starts at 0 s",
+            )
+
+
+def _check_sea(sheets: list[Sheet]) -> None:
+    """Add a diagnostic for missions with altitudes above the sea of which no file states the height
+    of home.
+    """
+    flown = [sheet for sheet in sheets if sheet.readable and sheet.kind != "rover"]
+    known = {(sheet.robot, sheet.sortie) for sheet in flown if sheet.elevation is not None}
+    for sheet in flown:
+        mission = sheet.robot, sheet.sortie
+        if sheet.altitude_frame == "sea" and mission not in known:
+            known.add(mission)
+            sheet.add(
+                "elevation-missing",
+                "home",
+                "expected the height of home above the sea beside altitudes above the sea, got none:"
+                " how high the mission is above home, the check cannot tell",
             )
 
 

@@ -113,7 +113,9 @@ class Mission:
         searches cells of a failed robot.
     fence : Fence, optional
     rally : tuple of tuple of float
-        Rally points for emergency landings, in the unit of the waypoints.
+        Rally points for emergency landings: two coordinates in the unit of the waypoints, and the
+        height above home in metres. By default, the height is that of the highest waypoint, because
+        a vehicle comes from anywhere on its path.
     speeds : ndarray of float64, shape (k + 1,), optional
         Speed in m/s on the leg to each waypoint and on the leg to the end, if these speeds differ.
     waypoints_out, waypoints_home : int, optional
@@ -146,7 +148,7 @@ class Mission:
     acceptance_radius: float | None = None
     landing: tuple[float, float] | None = None
     fence: Fence | None = None
-    rally: tuple[tuple[float, float], ...] = ()
+    rally: tuple[tuple[float, ...], ...] = ()
     altitudes: NDArray[np.float64] | None = None
     loiter: float | None = None
     start: float | None = None
@@ -218,6 +220,11 @@ class Mission:
                     )
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
+        if any(len(point) < 3 for point in self.rally):
+            up = float(self.heights_above_home.max())
+            object.__setattr__(self, "rally", tuple((*point, up)[:3] for point in self.rally))
+        if not np.isfinite(self.rally).all():
+            raise InvalidInputError("mission: rally: expected finite numbers, got others")
 
     @property
     def name(self) -> str:

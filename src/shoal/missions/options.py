@@ -143,8 +143,9 @@ class MissionOptions(Problem):
         None,
         help=(
             "End of each mission: return (by the autopilot), land (fixed wings on a straight"
-            " approach) or loiter (stay in the air). Default with a separation: multirotors land;"
-            " fixed wings loiter, or land if --land is given or one flies several sorties."
+            " approach) or loiter (stay in the air). Default with a separation or --rally: multirotors"
+            " land; fixed wings loiter, or land if --land is given or one flies several sorties; rovers"
+            " return, or with --rally hold at home."
         ),
         choices=ENDINGS,
     )
@@ -183,9 +184,28 @@ class MissionOptions(Problem):
                 f"vehicle: expected a flying vehicle for a region of {parts} parts, because a rover"
                 " stays in its part, got a rover; search each part separately"
             )
-        if self.altitude_frame == "ground" and self.terrain is None and kind != "rover":
+        if self.airspace is not None and kind != "fixed-wing":
+            raise InvalidInputError(
+                f"airspace: expected a fixed wing together with it, got a {kind}"
+            )
+        if self.altitude_frame != "home" and kind == "rover":
+            raise InvalidInputError(
+                "altitude_frame: expected home for a rover, which has no altitude, got"
+                f" {self.altitude_frame}"
+            )
+        if self.altitude_frame == "ground" and self.terrain is None:
             raise InvalidInputError(
                 "altitude_frame: expected home or sea without a terrain file, got ground"
+            )
+        if self.rally is not None and not (self.fenced and problem.place.frame):
+            raise InvalidInputError(
+                "rally: expected missions in degrees in the format plan or wpl, which hold rally"
+                " points, got none"
+            )
+        if self.rally is not None and self.altitude_frame == "sea" and self.terrain is None:
+            raise InvalidInputError(
+                "rally: expected a terrain file with altitudes above the sea, because the heights of"
+                " rally points count from home, got none"
             )
 
 

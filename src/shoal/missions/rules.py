@@ -23,8 +23,10 @@ ROUNDING = 0.005  # metres: tolerance of a waypoint's position, because 8 decima
 
 _RADIUS = 6_371_000.0  # metres: radius of the Earth
 _FAR_HOME = 5_000.0
-_ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
+ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
+_LOWEST_HOME, _HIGHEST_HOME = -500.0, 9_000.0  # metres above the sea
+_OPEN = 0.1  # metres: what is thinner of a zone may be outside of its exclusion polygon
 _SAME_HEIGHT = 0.01  # metres
 _SAME = 1e-8  # degrees
 
@@ -68,6 +70,12 @@ def _check_numbers(sheet: Sheet) -> None:
             sheet.add("not-a-number", place, f"expected a finite altitude, got {altitude}")
     if sheet.home is not None and not all(map(math.isfinite, sheet.home)):
         sheet.add("not-a-number", "home", f"expected finite coordinates, got {text_of(sheet.home)}")
+    if sheet.elevation is not None and not math.isfinite(sheet.elevation):
+        sheet.add(
+            "not-a-number",
+            "home",
+            f"expected a finite height of home above the sea, got {sheet.elevation}",
+        )
     if sheet.speed is not None and not math.isfinite(sheet.speed):
         sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
 
@@ -78,7 +86,7 @@ def check_elsewhere(sheet: Sheet, point: Any, reference: Any, name: str, place: 
     """
     distance = _metres_between(point, reference)
     swapped_distance = _metres_between(point[::-1], reference)
-    if distance > _ELSEWHERE and swapped_distance < _ELSEWHERE:
+    if distance > ELSEWHERE and swapped_distance < ELSEWHERE:
         sheet.add(
             "axes-swapped",
             place,
@@ -179,6 +187,13 @@ def _check_altitude(sheet: Sheet) -> None:
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     # otherwise the height of home is unknown
     comparable = sheet.altitude_frame != "sea" or sheet.elevation is not None
+    if not _LOWEST_HOME <= (sheet.elevation or 0.0) <= _HIGHEST_HOME:
+        sheet.add(
+            "altitude",
+            "home",
+            f"expected a home from {_LOWEST_HOME:g} to {_HIGHEST_HOME:g} m above the sea, got"
+            f" {sheet.elevation:g} m",
+        )
     lowest = min(sheet.altitudes, default=0.0)
     if flies and comparable and lowest <= base:
         place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
@@ -193,7 +208,10 @@ def _check_altitude(sheet: Sheet) -> None:
         sheet.add(
             "below-home", place, f"expected heights above home, or a check with --terrain, got {at}"
         )
-    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+    reached = [*zip(sheet.places, sheet.altitudes, strict=True)]
+    if sheet.take_off is not None:
+        reached.insert(0, ("take-off", sheet.take_off))
+    for place, altitude in reached:
         if flies and altitude > _HIGHEST:
             sheet.add(
                 "altitude",
@@ -241,10 +259,9 @@ def _check_altitude(sheet: Sheet) -> None:
 
 
 def _check_acceptance(sheet: Sheet) -> None:
-    """Add a diagnostic for an acceptance radius that contains the next waypoint."""
-    radius = sheet.acceptance_radius
+    """Add a diagnostic for acceptance radii that contain the next waypoint."""
     # their turns have waypoints at short distances
-    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":
+    if not any(sheet.acceptance_radii) or len(sheet.points) < 2 or sheet.kind == "fixed-wing":
         return
     metres = (
         np.radians(np.diff(sheet.points, axis=0)) * _RADIUS
@@ -253,10 +270,11 @@ def _check_acceptance(sheet: Sheet) -> None:
     )
     if sheet.geographic:
         metres[:, 0] *= np.cos(np.radians(sheet.points[:-1, 1]))
-    lengths = np.hypot(*metres.T)
-    near = np.flatnonzero((lengths <= radius) & (lengths > 0))
+    lengths, radii = np.hypot(*metres.T), np.array(sheet.acceptance_radii[:-1])
+    near = np.flatnonzero((lengths <= radii) & (lengths > 0))
     if len(near):
-        place, length = sheet.places[int(near[0])], lengths[int(near[0])]
+        first = int(near[0])
+        place, length, radius = sheet.places[first], lengths[first], radii[first]
         sheet.add(
             "acceptance",
             place,
@@ -287,8 +305,16 @@ def _check_fence(sheet: Sheet, path: Points, fence: Fence) -> None:
     try:
         frame = LocalFrame(*sheet.home) if sheet.geographic else None
         area = fence.area(frame).buffer(ROUNDING)
+        apart = len(fence.outlines) > 1 and fence.common(frame).is_empty
     except InvalidInputError:
         return  # too far from home
+    if apart and sheet.autopilot == "ardupilot":
+        sheet.add(
+            "fence",
+            "",
+            "expected inclusion polygons that overlap, because ArduPilot needs vehicles inside all of"
+            f" them, got {len(fence.outlines)} that do not",
+        )
     shapely.prepare(area)
     lines = shapely.linestrings(segments_of(path))
     names = [
@@ -327,7 +353,7 @@ def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.
     ]
     paths = [path[k : k + 2] for k in range(len(path) - 1)]
     circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
-    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 2)
+    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 3)[:, :2]
     try:
         points = rally if frame is None else frame.to_metres(rally)
         paths += [circle] * bool(len(circle)) + [point[None] for point in points]
@@ -355,14 +381,40 @@ def _check_near_fence(sheet: Sheet, least: float) -> None:
 
 
 def _check_rally(sheet: Sheet) -> None:
-    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence."""
+    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence, at an
+    impossible height or far away, and for a mission that would return to one.
+    """
     import shapely
 
-    if sheet.fence is None or not sheet.rally:
+    if not sheet.rally:
+        return
+    if sheet.landing is None:
+        sheet.add(
+            "rally",
+            "",
+            "expected a landing or a hold (21 or 17) at the end of a mission with rally points, got a"
+            " return (20), on which an autopilot may take the nearest rally point",
+        )
+    flies, home = sheet.kind != "rover", sheet.home
+    for number, (x, y, up) in enumerate(sheet.rally, start=1):
+        if not (0 < up <= _HIGHEST if flies else math.isfinite(up)):
+            above = f"above 0 and at most {_HIGHEST:g} m" if flies else "in metres"
+            sheet.add(
+                "rally",
+                f"rally point {number}",
+                f"expected a height {above} above home, got {up:g}",
+            )
+        if sheet.geographic and _metres_between((x, y), home) > ELSEWHERE:
+            sheet.add(
+                "rally",
+                f"rally point {number}",
+                f"expected rally points near home, got {text_of((x, y))}",
+            )
+    if sheet.fence is None:
         return
     try:
-        frame = LocalFrame(*sheet.rally[0]) if sheet.geographic else None
-        points = np.array(sheet.rally)
+        points = np.array(sheet.rally)[:, :2]
+        frame = LocalFrame(*points[0]) if sheet.geographic else None
         area = sheet.fence.area(frame).buffer(ROUNDING)
         inside = shapely.intersects_xy(
             area, *(points if frame is None else frame.to_metres(points)).T
@@ -372,7 +424,7 @@ def _check_rally(sheet: Sheet) -> None:
     for number in np.flatnonzero(~inside).tolist():
         message = (
             "expected rally points inside the fence and outside its zones, got"
-            f" {text_of(sheet.rally[number])}"
+            f" {text_of(sheet.rally[number][:2])}"
         )
         sheet.add("rally", f"rally point {number + 1}", message)
 
@@ -497,13 +549,16 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     forbidden = grow(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
     zones = region.no_go.buffer(-ROUNDING)
-    for number, rally in enumerate(sheet.rally, start=1):
-        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(rally, region)):
+    for number, (*rally, _) in enumerate(sheet.rally, start=1):
+        if not zones.is_empty and shapely.intersects_xy(
+            zones, *_in_plane((rally[0], rally[1]), region)
+        ):
             sheet.add(
                 "rally",
                 f"rally point {number}",
                 f"expected rally points outside the no-go zones, got {text_of(rally)}",
             )
+    _check_zones(sheet, region)
     inside = inside_of(region, path)
     barred = near & np.asarray(
         shapely.intersects_xy(forbidden, *np.where(near[:, None], path, 0).T)
@@ -513,7 +568,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     stray = ~inside[1:-1]
     stray[: searched.start] = stray[searched.stop :] = False
     gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], path, 0.0)))
-    elsewhere = ~near | (gaps > _ELSEWHERE)
+    elsewhere = ~near | (gaps > ELSEWHERE)
     if elsewhere[-1] and sheet.landing is not None:
         message = (
             f"expected an end of the mission near the region {region.name!r}, got"
@@ -530,7 +585,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             x, y = sheet.points[index].tolist()
             swapped_point = _in_plane((y, x), region)
             swapped = region.frame is not None and max(swapped_point) < math.inf
-            swapped = swapped and region.free.distance(shapely.Point(swapped_point)) < _ELSEWHERE
+            swapped = swapped and region.free.distance(shapely.Point(swapped_point)) < ELSEWHERE
             sheet.add(
                 "outside-region",
                 place,
@@ -564,6 +619,24 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
                 "",
                 f"expected turns up to {airspace:g} m outside the region, got {distance:.3g} m",
             )
+
+
+def _check_zones(sheet: Sheet, region: SearchRegion) -> None:
+    """Add a diagnostic for a fence that lets a vehicle into no-go zones of a region."""
+    if sheet.fence is None or region.no_go.is_empty:
+        return
+    try:
+        area = sheet.fence.area(region.frame)
+    except InvalidInputError:
+        return  # too far away; other rules report that
+    entered = float(area.intersection(region.no_go.buffer(-_OPEN)).area)
+    if entered > _OPEN**2:
+        sheet.add(
+            "fence-open",
+            "",
+            "expected exclusion polygons over the no-go zones, got a fence that allows"
+            f" {entered:.3g} m² of them",
+        )
 
 
 def _between_parts(sheet: Sheet, region: SearchRegion, path: Points) -> NDArray[np.bool_]:

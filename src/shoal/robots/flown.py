@@ -257,7 +257,9 @@ def _footprint_side(options: CheckOptions | None, mission: Mission) -> float:
 def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float) -> FlownMission:
     path = frame.to_metres(mission.waypoints[mission.searched])
     points = frame.to_metres(track.places)
-    raised = np.column_stack([points, track.heights])
+    # what a receiver says of a rover's height is an error, and would count as a distance
+    heights = track.heights * (mission.kind != "rover")
+    raised = np.column_stack([points, heights])
     stretches, searched, farthest = _follow_path(path, raised, track.times, side, mission.speed)
     if mission.kind == "rover":
         moving = np.hypot(*(points - points[0]).T) > _LEFT
@@ -270,12 +272,11 @@ def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float
         last = len(moving) - int(np.argmax(moving[::-1]))
         if last - first > 1:
             begin = float(track.times[first])
-            way = np.column_stack([points, track.heights])
-            aloft = Trajectory(track.times[first:last] - begin, way[first:last])
+            aloft = Trajectory(track.times[first:last] - begin, raised[first:last])
             # it took off or landed in a gap
             first -= bool(first) and bool(track.times[first] - track.times[first - 1] > GAP)
             last += bool(last < len(moving) and track.times[last] - track.times[last - 1] > GAP)
-            parts = _parts(track.times[first:last], way[first:last], _FASTEST * mission.speed)
+            parts = _parts(track.times[first:last], raised[first:last], _FASTEST * mission.speed)
     planned = float(step_lengths(path).sum())
     return FlownMission(mission, track, stretches, searched, planned, farthest, aloft, begin, parts)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.robots import modes
 from shoal.robots.mavlink import (
     ARDUPILOT,
@@ -125,6 +125,7 @@ class GuidedVehicle:
         self._turn: float | None = None  # time from which on it may take off
         self._announced: set[str] = set()
         self._silent = False
+        self._alone_at = math.inf  # time at which no other autopilot spoke under the same system id
         self._next_setpoint = self._next_command = -math.inf
         # where it enters the region from a launch point outside
         self._gate: NDArray[np.float64] | None = None
@@ -214,7 +215,14 @@ class GuidedVehicle:
                 f" {', '.join(str(vehicle.system) for vehicle in candidates)}: name one with"
                 " --system"
             )
-        return candidates[0]
+        (vehicle,) = candidates
+        if addresses := station.duplicates.get(vehicle.system):
+            raise LinkError(
+                f"vehicle: expected one autopilot with the system id {vehicle.system} on"
+                f" {station.link.name}, got heartbeats from {len(addresses)} addresses at the same"
+                " time: give each vehicle an id or a port of its own"
+            )
+        return vehicle
 
     def _candidates(self) -> list[HeardVehicle]:
         heard = self.station.vehicles
@@ -279,9 +287,10 @@ class GuidedVehicle:
         if "fence" not in self.accepted:
             try:
                 faults += self._check_fence(download_items(self.station, self.vehicle, FENCE))
-            except (RefusedError, UnansweredError) as error:
+            # the last of a fence at another place on Earth
+            except (RefusedError, UnansweredError, InvalidInputError) as error:
                 faults.append(f"fence: {error}")
-        if "return" not in self.accepted and self.task.kind != "rover":
+        if "return" not in self.accepted:
             try:
                 points = len(download_items(self.station, self.vehicle, RALLY))
             except (RefusedError, UnansweredError):
@@ -302,7 +311,12 @@ class GuidedVehicle:
         if not items:
             return ["fence: expected a fence on board, got none"]
         frame, plan = self.task.frame, self.task.plan
-        areas = fence_areas(items, lambda *place: frame.to_metres(np.array([place]))[0])
+        assert self.vehicle is not None
+        areas = fence_areas(
+            items,
+            lambda *place: frame.to_metres(np.array([place]))[0],
+            all_inside=self.vehicle.autopilot == ARDUPILOT,
+        )
         inside = [area for area, within in areas if within]
         zones = [area for area, within in areas if not within]
         if not inside:
@@ -559,7 +573,10 @@ class GuidedVehicle:
         now, name = self.station.now(), message.get_type()
         if name == "GLOBAL_POSITION_INT" and (message.lat, message.lon) != (0, 0):
             degrees = np.array([[message.lon / 1e7, message.lat / 1e7]])
-            place = self.task.frame.to_metres(degrees)[0]
+            try:
+                place = self.task.frame.to_metres(degrees)[0]
+            except InvalidInputError:
+                return  # far from the region, as after an error: no position
             self.position = np.array([*place, message.relative_alt / 1000])
             self._position_at = now
         elif name == "GPS_RAW_INT":
@@ -616,6 +633,14 @@ class GuidedVehicle:
                     f"another station has the system id {system}: as long as it is heard, the"
                     " autopilot would not notice that this companion is lost"
                 )
+        alone = len(self.station.addresses(vehicle.system)) < 2
+        if alone:
+            self._alone_at = now
+        elif now - self._alone_at > limits.autopilot_s:
+            self._fail(
+                f"autopilot: another one has the system id {vehicle.system} for"
+                f" {now - self._alone_at:.0f} s"
+            )
         waits = self.phase == GROUND and self._leg is not None and not self._leg.home
         without = max(now - self._position_at, now - self._fix_lost_at)
         if waits and without > limits.position_s:
@@ -635,6 +660,8 @@ class GuidedVehicle:
             self._fail(
                 f"battery: {self._charge_text} left, and the robot returns at {self._reserve_text}"
             )
+        elif not alone:
+            return  # whose mode that is, nobody knows
         elif not vehicle.armed:
             self._fail("pilot or autopilot: the vehicle was disarmed")
         elif self._mode != modes.GUIDED:

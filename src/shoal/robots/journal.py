@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+from shoal.core.checks import check_number
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import advance
@@ -127,12 +128,15 @@ class Journal:
                     f"{path}: expected the state of robot {number} in this search, got that of"
                     f" robot {first.get('robot')} in search {first.get('search')}"
                 )
-            self.epoch = float(first["epoch"])
-            for line in lines[1:]:
-                if "event" in line:
-                    self.events.append(_event_from_dict(line))
-                else:
+            self.epoch = check_number(first.get("epoch"), what=f"{path}: line 1: epoch")
+            for number, line in enumerate(lines[1:], 2):
+                if "event" not in line:
                     self.reports.append(line)
+                    continue
+                try:
+                    self.events.append(_event_from_dict(line))
+                except (KeyError, TypeError, ValueError):
+                    raise self._other_version(number) from None
 
     def _continue(self, head: dict[str, Any]) -> None:
         """Cut off what was on the way to the disk, and begin the file if nothing else is in it."""
@@ -164,9 +168,17 @@ class Journal:
                 raise InvalidInputError(
                     f"{self.path}: line {number}: expected a line with its checksum, got a broken one"
                 )
-            lines.append(json.loads(piece.partition(b" ")[2]))
+            line = json.loads(piece.partition(b" ")[2])
+            if not isinstance(line, dict):
+                raise self._other_version(number)
+            lines.append(line)
             self._length += len(piece) + 1
         return lines
+
+    def _other_version(self, line: int) -> InvalidInputError:
+        return InvalidInputError(
+            f"{self.path}: line {line}: expected an event of this version of Shoal, got another"
+        )
 
     def _append(self, line: dict[str, Any], *, now: bool = False) -> None:
         """Append a line, and bring it to the disk now, or later with others."""
@@ -197,8 +209,13 @@ class Journal:
         beacons goes up a little, so that others never take a new beacon for an old one, even if the
         last events are lost.
         """
-        for event in self.events:
-            robot, _ = advance(robot, event)
+        for number, event in enumerate(self.events, 1):
+            try:
+                robot, _ = advance(robot, event)
+            except (IndexError, KeyError, TypeError, ValueError):
+                raise InvalidInputError(
+                    f"{self.path}: event {number}: expected an event of this search, got another"
+                ) from None
         if not self.events:
             return robot
         return robot.replaced(count=max(robot.count, int(time / robot.brief.beat)) + _AHEAD)

@@ -532,9 +532,13 @@ class Station:
         """Note where a heartbeat came from. Two addresses at the same time are two vehicles."""
         places = self._places.setdefault(system, {})
         places[address] = now
-        recent = {place for place, when in places.items() if now - when < self.limits.settle}
-        if len(recent) > 1:
+        if len(recent := self.addresses(system)) > 1:
             self.duplicates[system] = recent
+
+    def addresses(self, system: int) -> set[Address]:
+        """Return the addresses from which an autopilot's heartbeats come at present."""
+        places, now = self._places.get(system, {}), self.now()
+        return {place for place, when in places.items() if now - when < self.limits.settle}
 
 
 def type_text(vehicle: HeardVehicle) -> str:

@@ -578,15 +578,23 @@ def _both_nan(ours: float, theirs: float) -> bool:
 
 
 def fence_areas(
-    items: Sequence[MissionItem], to_metres: Callable[[float, float], NDArray[np.float64]]
+    items: Sequence[MissionItem],
+    to_metres: Callable[[float, float], NDArray[np.float64]],
+    *,
+    all_inside: bool,
 ) -> list[tuple[Any, bool]]:
     """Return the areas of a fence in metres, and whether a vehicle must be inside of each.
+
+    The first area is what several polygons and circles allow together that a vehicle must not
+    leave.
 
     Parameters
     ----------
     items : sequence of MissionItem
     to_metres : callable
         Function that returns the place of a longitude and latitude in degrees.
+    all_inside : bool
+        Whether a vehicle must be inside all of these, as for ArduPilot, or inside any, as for PX4.
     """
     import shapely
 
@@ -602,7 +610,8 @@ def fence_areas(
         corners.append(item)
         if len(corners) == item.params[0]:
             ring = [to_metres(corner.y / 1e7, corner.x / 1e7) for corner in corners]
-            polygon = shapely.Polygon(ring)
+            polygon = shapely.make_valid(shapely.Polygon(ring if len(ring) > 2 else ()))
             (inside if item.command == FENCE_CORNERS[0] else outside).append(polygon)
             corners = []
-    return [(shapely.union_all(inside), True)] * bool(inside) + [(area, False) for area in outside]
+    common = shapely.intersection_all(inside) if all_inside else shapely.union_all(inside)
+    return [(common, True)] * bool(inside) + [(area, False) for area in outside]

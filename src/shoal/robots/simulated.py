@@ -830,7 +830,9 @@ class SimulatedVehicle:
 
         if self._fence_areas is None:
             self._fence_areas = fence_areas(
-                self.stored[FENCE], lambda x, y: self._local(x, y, 0.0)[:2]
+                self.stored[FENCE],
+                lambda x, y: self._local(x, y, 0.0)[:2],
+                all_inside=self.autopilot == ARDUPILOT,
             )
         place = Point(self.position[:2])
         return all(area.covers(place) == inside for area, inside in self._fence_areas)

@@ -398,6 +398,7 @@ def test_an_unknown_elevation_is_none_of_0_m(field, tmp_path):
         (["a.tlog", "--systems", "1=7,2=8"], "expected a track of a robot"),
         (["a.tlog", "--systems", "5=1,2=2"], "expected a robot of the missions"),
         (["broken.bin"], "broken.bin"),
+        (["damaged.bin"], "damaged.bin: expected a log of ArduPilot, got the error: "),
         (["broken.ulg"], "broken.ulg"),
         (["broken.tlog"], "expected positions"),
         (["none.tlog"], "none.tlog"),
@@ -409,10 +410,22 @@ def test_logs_of_nobody_are_refused(field, tmp_path, capsys, monkeypatch, argume
     write_tlog(tmp_path / "a.tlog", {1: flight(field, 1), 2: flight(field, 2)})
     for name in ("broken.bin", "broken.ulg", "broken.tlog"):
         (tmp_path / name).write_bytes(b"\x00\xfe\xfdnothing" * 50)
+    whole = write_dataflash(tmp_path / "whole.bin", flight(field, 1)).read_bytes()
+    # an unknown type of a column
+    (tmp_path / "damaged.bin").write_bytes(whole.replace(b"QLLfff", b"QLL\\ff", 1))
     code, found, err = flown(capsys, field, *arguments)
     assert (code, found) == (2, None), err
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_a_damaged_log_prints_nothing(field, tmp_path, capfd):
+    """The reader of pymavlink printed a line for each byte that it skipped."""
+    path = write_dataflash(tmp_path / "noise.bin", flight(field, 1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:2000] + bytes(range(256)) * 4 + whole[2000:])
+    assert len(read_tracks(path)) == 1
+    assert capfd.readouterr() == ("", "")
 
 
 def test_an_unknown_suffix_is_refused(tmp_path):
@@ -440,3 +453,30 @@ def test_a_search_reads_flight_logs_and_gpx_as_tracks(tmp_path):
     (tmp_path / "planned.gpx").write_text("<gpx><rte><rtept lat='1' lon='2'/></rte></gpx>")
     with pytest.raises(InvalidInputError, match="a track that was flown"):
         swept_area(str(tmp_path / "planned.gpx"), region, 20.0)
+
+
+def test_heights_of_rovers_are_errors(field, tmp_path):
+    """A receiver that said 40 m kept two rovers apart that met, and half a track was none."""
+    missions = [
+        replace(
+            read_mission(field / "missions" / f"robot-0{robot}.plan"), kind="rover", altitude=0.0
+        )
+        for robot in (1, 2)
+    ]
+    rows = flight(field, 1, height=0.0)
+    high = rows.copy()
+    high[len(high) // 2 :, 3] = 40.0
+    (low,) = read_tracks(write_tlog(tmp_path / "low.tlog", {1: rows}))
+    (up,) = read_tracks(write_tlog(tmp_path / "up.tlog", {2: high}))
+    options = CheckOptions(str(field / "field.json"), footprint=FOOTPRINT, separation=(10.0, 5.0))
+    met = check_flown(
+        [(missions[0], low), (missions[1], replace(up, heights=up.heights + 20))],
+        options,
+        angle=None,
+    )
+    assert met.approach.horizontal == pytest.approx(0.0, abs=0.01)
+    region = options.place
+    whole = swept_area(str(tmp_path / "low.tlog"), region, FOOTPRINT)
+    seen = swept_area(str(tmp_path / "up.tlog"), region, FOOTPRINT, flies=False)
+    assert seen.equals(whole)
+    assert swept_area(str(tmp_path / "up.tlog"), region, FOOTPRINT).area < 0.7 * whole.area

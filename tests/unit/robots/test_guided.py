@@ -478,3 +478,95 @@ def test_an_autopilot_that_is_neither_px4_nor_ardupilot_is_refused(task):
 
 def test_the_names_of_the_autopilots_are_known():
     assert {PX4, ARDUPILOT} == {*NUMBERS.values()}
+
+
+@BOTH
+def test_a_position_on_another_continent_is_none(task, autopilot):
+    """It ended the program in flight, with one sentence and nothing else."""
+    robot = Robot(task, autopilot)
+    assert robot.vehicle.prepare() == []
+    robot.go_to(len(task.cells) - 1)
+    assert robot.step_until(lambda _: robot.vehicle.phase == FLIGHT)
+    before = robot.vehicle.position.copy()
+    message = dialect().MAVLink_global_position_int_message(0, 10**8, 0, 0, 30000, 0, 0, 0, 0)
+    robot.vehicle._take(robot.vehicle.vehicle, message)
+    assert (robot.vehicle.position == before).all()
+    assert robot.vehicle.fault == ""
+
+
+def test_two_polygons_around_the_cells_hold_together_or_each(task):
+    """PX4 stays inside any of them, ArduPilot inside all."""
+    west, east = fence_around(task), fence_around(task)
+    middle = round((west[0].y + west[1].y) / 2)
+    half = {True: (west, west[1].y), False: (east, west[0].y)}
+    for items, border in half.values():
+        items[:] = [
+            MissionItem(
+                item.frame,
+                item.command,
+                item.params,
+                item.x,
+                middle if item.y == border else item.y,
+                0.0,
+            )
+            for item in items
+        ]
+    told = {}
+    for autopilot in ("px4", "ardupilot"):
+        robot = Robot(task, autopilot)
+        robot.autopilot.stored[FENCE] = [*west, *east]
+        told[autopilot] = robot.vehicle.prepare()
+    assert told["px4"] == []
+    assert [fault.partition(",")[0] for fault in told["ardupilot"]] == [
+        "fence: expected a fence around all cells"
+    ]
+
+
+def test_a_fence_elsewhere_and_a_fence_of_two_corners_are_faults(task):
+    robot = Robot(task)
+    far = [MissionItem(0, FENCE_CORNERS[0], (3.0, 0.0, 0.0, 0.0), 5 * 10**8, 0, 0.0)] * 3
+    robot.autopilot.stored[FENCE] = [*fence_around(task), *far]
+    (fault,) = robot.vehicle.prepare()
+    assert fault.startswith("fence: ")
+    ring = fence_around(task)[:2]
+    robot = Robot(task)
+    robot.autopilot.stored[FENCE] = [
+        MissionItem(0, FENCE_CORNERS[0], (2.0, 0.0, 0.0, 0.0), one.x, one.y, 0.0) for one in ring
+    ]
+    (fault,) = robot.vehicle.prepare()
+    assert fault.startswith("fence: ")
+
+
+def autopilot_heartbeats(system, since):
+    """Return a stranger: another autopilot with a system id, which is switched on at a time."""
+    messages = dialect()
+    sender, last = messages.MAVLink(None, system, 1), [-1.0]
+
+    def speak(now):
+        if now < since or now - last[0] < 1.0:
+            return []
+        last[0] = now
+        beat = messages.MAVLink_heartbeat_message(2, ARDUPILOT, 81, 0, 4, 3)
+        return [bytes(beat.pack(sender))]
+
+    return speak
+
+
+def test_two_autopilots_with_one_system_id_are_refused(task):
+    """Each is 1 as delivered: set-points went to the one that was heard last."""
+    robot = Robot(task, "ardupilot")
+    robot.strangers.append(autopilot_heartbeats(1, 0.0))
+    with pytest.raises(LinkError, match="one autopilot with the system id 1 on simulated, got"):
+        robot.vehicle.prepare()
+
+
+def test_an_autopilot_that_is_switched_on_with_the_same_id_ends_the_flight(task):
+    robot = Robot(task, "ardupilot")
+    assert robot.vehicle.prepare() == []
+    robot.go_to(len(task.cells) - 1)
+    assert robot.step_until(lambda _: robot.vehicle.phase == FLIGHT)
+    robot.strangers.append(autopilot_heartbeats(1, robot.link.now()))
+    assert robot.step_until(lambda _: robot.vehicle.fault, 20.0)
+    assert robot.vehicle.fault.startswith("autopilot: another one has the system id 1")
+    robot.vehicle.secure()
+    assert robot.vehicle._silent

@@ -13,6 +13,7 @@ import stat
 import threading
 from dataclasses import replace
 from math import inf
+from zlib import crc32
 
 import pytest
 
@@ -168,6 +169,30 @@ def test_a_journal_of_another_robot_or_that_is_broken_is_refused(folder, tmp_pat
     path.write_bytes(b"\n".join(lines))
     with pytest.raises(InvalidInputError, match="line 3"):
         Journal(path, task.search, 1)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ({"event": "Dance", "time": 1.0}, "line 2: expected an event of this version"),
+        ({"event": "Wake", "time": 1.0, "more": 2}, "line 2: expected an event of this version"),
+        ({"event": "Heard", "time": 1.0, "sender": 1, "beacon": "?"}, "line 2: expected an event"),
+        ([1, 2], "line 2: expected an event of this version"),
+        (
+            {"event": "Sensed", "time": 1.0, "cell": 10**6},
+            "event 1: expected an event of this search",
+        ),
+        ({"event": "Begin", "time": "now"}, "event 1: expected an event of this search"),
+    ],
+)
+def test_a_journal_of_another_version_is_refused(folder, tmp_path, line, said):
+    task = read_task(folder)
+    path = journal_path(tmp_path, 1)
+    head = {"search": task.search, "robot": 1, "epoch": 0.0}
+    texts = [json.dumps(one).encode() for one in (head, line)]
+    path.write_bytes(b"".join(b"%08x %s\n" % (crc32(text), text) for text in texts))
+    with pytest.raises(InvalidInputError, match=said):
+        Journal(path, task.search, 1).replay(task.live(1).robot(1))
 
 
 def test_what_beacons_say_is_a_sensor(folder):

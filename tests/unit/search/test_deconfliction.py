@@ -395,6 +395,10 @@ def test_a_rally_point_in_a_no_go_zone_is_refused(team, region):
     inside = region.frame.to_metres([(8.5013, 47.401)])
     with pytest.raises(InvalidInputError, match="rally: expected points outside of no-go zones"):
         plan_missions(team[0], rally=inside)
+    with pytest.raises(InvalidInputError, match="rally: expected points within 50 km"):
+        plan_missions(team[0], rally=np.array([(60_000.0, 0.0)]))
+    with pytest.raises(InvalidInputError, match="rally: expected one point or more, got none"):
+        plan_missions(team[0], rally=np.zeros((0, 2)))
 
 
 @pytest.mark.parametrize("most", [64, 30])
@@ -677,3 +681,81 @@ def test_layers_for_takeovers_are_apart_from_all_others(team):
     _, missions, separation = team
     takeovers = sorted(one.takeover for one in missions if one.sortie == 1)
     assert np.diff([max(one.altitude for one in missions), *takeovers]).min() >= separation.vertical
+
+
+def slope(folder):
+    """Write ground that rises from 500 m in the west by 1 m per 3 m eastwards, around the field."""
+    rows = " ".join(f"{500 + 25 * column}" for column in range(41))
+    head = "ncols 41\nnrows 41\nxllcorner 8.49\nyllcorner 47.38\ncellsize 0.001\n"
+    (folder / "slope.asc").write_text(head + f"{rows}\n" * 41)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "words"),
+    [
+        ("multirotor,altitude=900", "sea"),
+        ("multirotor,altitude=450", "home"),
+        ("multirotor", "ground"),
+    ],
+)
+def test_rally_points_are_as_high_as_the_vehicles(tmp_path, monkeypatch, capsys, vehicle, words):
+    """Heights of rally points count from home in each frame: 900 m above the sea were 900 m above
+    home, and 30 m above ground were in the hill.
+    """
+    monkeypatch.chdir(tmp_path)
+    slope(tmp_path)
+    (tmp_path / "field.json").write_text(json.dumps({"type": "Polygon", "coordinates": [OUTLINE]}))
+    (tmp_path / "rally.csv").write_text("longitude,latitude\n8.499,47.399\n8.5055,47.4\n")
+    search = (
+        f"search field.json --robots 2 --footprint 80 --vehicle {vehicle} --launch 8.499,47.399"
+        f" --altitude-frame {words} --terrain slope.asc --rally rally.csv --missions m"
+        " --format plan,wpl --no-simulate --json"
+    )
+    assert command(search.split()) == 0
+    capsys.readouterr()
+    high = [read_mission(path) for path in sorted((tmp_path / "m").glob("*.plan"))]
+    for mission in high:
+        up = max(mission.heights_above_home)
+        # the ground of the second point is 162.5 m above home
+        second = max(up, 192.5) if words == "ground" else up
+        assert [point[2] for point in mission.rally] == pytest.approx([up, second], abs=0.02)
+    shared = [point[2] for point in read_mission(tmp_path / "m" / "robot-01.waypoints").rally]
+    highest = [max(one.rally[k][2] for one in high) for k in (0, 1)]
+    assert shared == pytest.approx(highest, abs=0.02)
+    check = "missions check m field.json --terrain slope.asc --separation 0 --json"
+    assert command(check.split()) == 0
+    capsys.readouterr()
+    for path in (tmp_path / "m").glob("robot-*.plan"):
+        data = json.loads(path.read_text())
+        data["rallyPoints"]["points"][1][2] = 20.0
+        path.write_text(json.dumps(data))
+    assert command(check.split()) == 1
+    told = json.loads(capsys.readouterr().out)["diagnostics"]
+    assert {one["rule"] for one in told if one["severity"] == "error"} == {"rally"}
+
+
+def test_rovers_with_rally_points_hold_at_home(tmp_path, monkeypatch, capsys):
+    """A return leads a rover to the nearest rally point, straight through no-go zones."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "field.json").write_text(json.dumps({"type": "Polygon", "coordinates": [OUTLINE]}))
+    (tmp_path / "rally.csv").write_text("longitude,latitude\n8.5015,47.4015\n")
+    search = (
+        "search field.json --robots 2 --footprint 40 --vehicle rover --autopilot ardupilot"
+        " --missions m --rally rally.csv --no-simulate"
+    )
+    assert command([*search.split(), "--format", "wpl"]) == 0
+    for path in (tmp_path / "m").glob("*.waypoints"):
+        assert path.read_text().splitlines()[-1].split("\t")[3] == "17"
+        mission = read_mission(path)
+        assert mission.landing == pytest.approx(mission.home, abs=1e-7)
+    assert lint(tmp_path / "m") == []
+    for words, said in (
+        ("--ending return", "ending: expected land or loiter with rally points"),
+        ("--format csv,kml", "rally: expected missions in degrees in the format plan or wpl"),
+        ("--altitude-frame sea", "altitude_frame: expected home for a rover"),
+        ("--airspace 5", "airspace: expected a fixed wing together with it, got a rover"),
+        ("--altitude-frame sea --vehicle multirotor", "rally: expected a terrain file"),
+    ):
+        capsys.readouterr()
+        assert command([*search.split(), *words.split()]) == 2
+        assert said in capsys.readouterr().err

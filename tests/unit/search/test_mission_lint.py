@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import suppress
 from dataclasses import replace
 from unittest import mock
 
@@ -54,10 +55,10 @@ LANES = [
 OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
+WIDE = [(8.4990, 47.3990), (8.5050, 47.3990), (8.5050, 47.4030), (8.4990, 47.4030)]
 
 EXPECTED = {
     "autopilot": "px4",
-    "vehicle": vehicle_of("fixed-wing,endurance=1000"),
     "airspace": 20.0,
     "separation": 10.0,
 }
@@ -403,6 +404,53 @@ PLANTS = [
         (),
     ),
     ("not-a-number", ".waypoints", wpl(5, 9, "nan"), "line 6", ()),
+    # without a height of home, no two heights could be compared
+    (
+        "not-a-number",
+        ".plan",
+        plan(lambda data: data["mission"]["plannedHomePosition"].__setitem__(2, float("nan"))),
+        "home",
+        (),
+    ),
+    ("not-a-number", ".waypoints", wpl(1, 10, "inf"), "home", ()),
+    ("altitude", ".waypoints", wpl(1, 10, "1e9"), "home", ()),
+    ("not-a-number", ".waypoints", wpl(2, 10, "nan"), "line 3", ()),
+    (
+        "not-a-number",
+        ".plan",
+        items(lambda rows: rows[0]["params"].__setitem__(6, None)),
+        "item 1",
+        (),
+    ),
+    (
+        "altitude",
+        ".plan",
+        items(lambda rows: rows[0]["params"].__setitem__(6, 2e4)),
+        "take-off",
+        (),
+    ),
+    (
+        "altitude",
+        ".plan",
+        instead(items(lambda rows: rows[-1]["params"].__setitem__(6, 0)), loiter=0.0),
+        "item 7",
+        (),
+    ),
+    ("altitude", ".waypoints", instead(wpl(8, 10, "90"), loiter=0.0), "line 9", ()),
+    (
+        "acceptance",
+        ".plan",
+        items(lambda rows: rows[4]["params"].__setitem__(1, 600)),
+        "item 5",
+        (),
+    ),
+    (
+        "elevation-missing",
+        ".plan",
+        items(lambda rows: [row.update(frame=0) for row in rows if row["frame"] == 3]),
+        "home",
+        (),
+    ),
     ("not-a-number", ".kml", swap("8.50370017,", "inf,"), "position 2", ()),
     ("out-of-range", ".waypoints", wpl(5, 9, "188.5"), "line 6", ()),
     (
@@ -504,6 +552,13 @@ PLANTS = [
         for command in (30, 31, 85, 94, 113, 176, 177, 179, 186, 192, 195, 201, 207, 601, 999)
     ),
     ("unchecked-command", ".waypoints", wpl(2, 3, "177"), "line 3", ("take-off",)),
+    (
+        "unchecked-command",
+        ".plan",
+        rover(items(lambda rows: rows[-1].update(command=21)), landing=HOME),
+        "item 6",
+        (),
+    ),
     ("ends-early", ".plan", inserted(20), "item 5", ("frame",)),
     ("ends-early", ".plan", inserted(21), "item 5", ()),
     ("take-off", ".plan", inserted(22), "item 5", ()),
@@ -592,7 +647,7 @@ PLANTS = [
         (),
     ),
     ("altitude", ".kml", swap("<value>30</value>", "<value>30000</value>"), "position 1", ()),
-    ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
+    ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ("vehicle",)),
     (
         "altitude",
         ".plan",
@@ -636,27 +691,43 @@ PLANTS = [
         (),
     ),
     ("spline", ".waypoints", wpl(5, 3, "82"), "line 6", ()),
-    (
-        "rally",
-        ".plan",
-        plan(lambda data: data["rallyPoints"].update(points=[[47.401, 8.502, 30]])),
-        "rally point 1",
-        (),
+    # in the no-go zone, below home, at no height, at a pole
+    *(
+        (
+            "rally",
+            ".plan",
+            instead(
+                plan(lambda data, point=point: data["rallyPoints"].update(points=[point])),
+                landing=HOME,
+            ),
+            "rally point 1",
+            (),
+        )
+        for point in (
+            [47.401, 8.502, 30],
+            [47.4003, 8.502, -30],
+            [47.4003, 8.502, 0],
+            [47.4003, 8.502, float("nan")],
+            [-90, 0, 30],
+        )
     ),
     (
         "rally",
         ".plan",
-        instead(fence=Fence(np.array(AROUND)), rally=((8.502, 47.4011),)),
+        instead(fence=Fence(np.array(AROUND)), landing=HOME, rally=((8.502, 47.4011),)),
         "rally point 1",
         (),
     ),
     (
         "rally",
         ".waypoints",
-        instead(rally=((8.5001, 47.4001), (8.502, 47.401))),
+        instead(landing=HOME, rally=((8.5001, 47.4001), (8.502, 47.401))),
         "rally point 2",
         (),
     ),
+    # it would return to the nearest rally point
+    ("rally", ".plan", instead(rally=(LANES[0],)), "", ()),
+    ("rally", ".waypoints", rover(rally=(LANES[0],)), "", ()),
     (
         "invalid",
         ".csv",
@@ -766,9 +837,27 @@ PLANTS = [
     ),
     ("fence", ".plan", fence_circle(inclusion=False, radius=30), "item 4", ()),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3), "item 3", ()),
-    ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
+    (
+        "fence",
+        ".plan",
+        fence_circle(inclusion=False, radius=30, polygons=[]),
+        "item 4",
+        ("fence-open",),
+    ),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3, polygons=[]), "item 3", ()),
     ("wrong-value", ".plan", fence_circle(inclusion=True, radius=-3), "geoFence, circles", ()),
+    (
+        "fence",
+        ".plan",
+        instead(
+            fence=Fence(np.array(AROUND), more=(np.add(AROUND, [0.1, 0.0]),)),
+            autopilot="ardupilot",
+        ),
+        "",
+        ("firmware",),
+    ),
+    ("fence-open", ".plan", instead(fence=Fence(np.array(WIDE))), "", ()),
+    ("fence-open", ".waypoints", instead(fence=Fence(np.array(WIDE))), "", ()),
     ("fence", ".waypoints", fence_row(5004, 30), "line 6", ()),
     ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
     ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
@@ -820,9 +909,12 @@ def write_good(folder, suffix):
 )
 def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
     write_good(tmp_path, suffix)
-    assert lint(tmp_path, region, **EXPECTED) == []
+    vehicle = vehicle_of("multirotor,endurance=1000")
+    assert lint(tmp_path, region, vehicle=vehicle, **EXPECTED) == []
     plant(tmp_path, suffix)
-    found = lint(tmp_path, region, **EXPECTED)
+    with suppress(InvalidInputError):
+        vehicle = vehicle_of(f"{read_mission(tmp_path / f'robot-01{suffix}').kind},endurance=1000")
+    found = lint(tmp_path, region, vehicle=vehicle, **EXPECTED)
     assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
     diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
     assert diagnostic.place.startswith(place), diagnostic
@@ -837,6 +929,7 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
 
 def test_every_rule_is_planted():
     others = {
+        "vehicle",
         "cap-ardupilot",
         "transit",
         "fence-near",
@@ -1401,3 +1494,42 @@ def test_no_option_hides_a_mistake(plant, tmp_path, capsys):
         )
         == 2
     )
+
+
+def test_a_mission_that_lands_where_it_is_does_not_return_home(tmp_path):
+    """ArduPilot lands in place if a landing has no position; PX4 takes zeros for a position."""
+    path = tmp_path / "robot-01.plan"
+    write_missions([mission(landing=HOME, autopilot="ardupilot")], tmp_path, formats=["plan"])
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [0, 0]))(tmp_path, ".plan")
+    assert read_mission(path).landing == pytest.approx(LANES[-1], abs=1e-7)
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [None, None]))(tmp_path, ".plan")
+    assert read_mission(path).landing == pytest.approx(LANES[-1], abs=1e-7)
+    plan(lambda data: data["mission"].update(firmwareType=12))(tmp_path, ".plan")
+    items(lambda rows: rows[-1]["params"].__setitem__(slice(4, 6), [0, 0]))(tmp_path, ".plan")
+    assert read_mission(path).landing == (0.0, 0.0)
+
+
+def test_a_check_with_another_kind_of_vehicle_says_so(tmp_path, region):
+    """Turns of a fixed wing would not be checked in the missions of a multirotor."""
+    write_missions([mission()], tmp_path, formats=["plan", "csv"])
+    found = lint(tmp_path, region, vehicle=vehicle_of("fixed-wing"))
+    assert {(one.rule, one.file) for one in found} == {
+        ("vehicle", "robot-01.plan"),
+        ("vehicle", "robot-01.csv"),
+    }
+    assert lint(tmp_path, region, vehicle=vehicle_of("multirotor")) == []
+    assert lint(tmp_path, region, vehicle=vehicle_of("ideal")) == []
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing", "rover"])
+def test_files_that_state_no_kind_are_missions_of_the_vehicle_of_the_check(tmp_path, region, kind):
+    """Mission Planner writes the missions of planes and copters alike: the turns of a plane went
+    unchecked.
+    """
+    write_missions([mission()], tmp_path, formats=["wpl"])
+    found = {one.rule for one in lint(tmp_path, region, vehicle=vehicle_of(kind))}
+    assert found == {
+        "multirotor": set(),
+        "fixed-wing": {"turn-radius", "climb", "transit"},
+        "rover": {"altitude"},
+    }[kind] - ({"transit"} if kind == "fixed-wing" else set())

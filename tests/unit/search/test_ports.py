@@ -255,6 +255,29 @@ def test_refused_messages_are_counted_by_their_reason(radio):
     assert messenger.dropped == 5
 
 
+def test_two_robots_with_one_number_notice_each_other(radio):
+    """As after a memory card was copied: both would fly to the same cells at the same height."""
+    task = task_of(robots=2)
+    beacon = Beacon(1, (Heartbeat(1, 1, 0, 1.0, "listening"),))
+    air = []
+    radio.broadcast = lambda message: air.append(message) or 0
+    radio.receive = lambda: (air.pop(0), "air") if air else None
+    before = Sender(1, KEY).messages(beacon, time.time_ns() // 1_000_000 - 1000)
+    messenger = task.messenger(1, radio)
+    messenger.send(beacon)
+    messenger.send(beacon)
+    air += before  # sent by this robot before its program was started again
+    air *= 2  # a radio that hears itself, and a stranger who repeats
+    assert messenger.receive() == []
+    assert messenger.fault == ""
+    air += Sender(1, b"another key, same length").messages(beacon, time.time_ns() // 1_000_000 + 9)
+    assert messenger.receive() == []
+    assert messenger.fault == ""
+    air += Sender(1, KEY).messages(beacon, time.time_ns() // 1_000_000 + 9)
+    assert messenger.receive() == []
+    assert messenger.fault == "radio: another robot has the number 1, too"
+
+
 def test_nobody_is_silenced_by_packets_that_have_a_forged_address(radio):
     """A stranger sends noise and replays with the address of robot 2, whose message comes last."""
     task = task_of(robots=2)

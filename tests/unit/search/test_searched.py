@@ -123,3 +123,63 @@ def test_a_track_beside_the_region_is_refused():
 def test_an_angle_that_floats_cannot_turn_by_is_refused(angle):
     with pytest.raises(InvalidInputError, match="angle: expected a number from -360 to 360"):
         coverage_check(open_region("square:100"), [[(5.0, 5.0), (95.0, 5.0)]], 10.0, angle=angle)
+
+
+def gpx(path, points, seconds):
+    """Write a GPX track of one segment with a time for each point."""
+    rows = "".join(
+        f'<trkpt lat="{y}" lon="{x}"><time>2026-05-31T{int(s) // 3600:02}:{int(s) // 60 % 60:02}:'
+        f"{int(s) % 60:02}Z</time></trkpt>"
+        for (x, y), s in zip(points, seconds, strict=True)
+    )
+    path.write_text(f'<gpx version="1.1"><trk><trkseg>{rows}</trkseg></trk></gpx>')
+    return str(path)
+
+
+@pytest.fixture
+def field(tmp_path):
+    corners = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
+    path = tmp_path / "field.json"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [corners]}))
+    return open_region(path)
+
+
+def test_a_track_is_interrupted_where_nobody_flew(field, tmp_path):
+    """By a pause, and by a position that is wrong: both drew a row across the field."""
+    row = [(8.5005 + 0.0001 * k, 47.4005) for k in range(20)]
+    plain = swept_area(gpx(tmp_path / "row.gpx", row, range(20)), field, 20.0)
+    assert swept_area(gpx(tmp_path / "none.gpx", row, [0] * 20), field, 20.0).equals(plain)
+    wrong = [*row[:10], (8.5015, 47.4018), *row[10:]]
+    seen = swept_area(gpx(tmp_path / "wrong.gpx", wrong, range(21)), field, 20.0)
+    assert seen.difference(plain).area < 1.0
+    assert seen.area > plain.area - 0.4 * 20 * 10
+    later = [*row, *((x, 47.4018) for x, _ in row)]
+    times = [*range(20), *range(7200, 7220)]
+    seen = swept_area(gpx(tmp_path / "pause.gpx", later, times), field, 20.0)
+    assert seen.area == pytest.approx(2 * plain.area, rel=1e-3)
+    # a recorder that writes few positions on straight lines
+    few = swept_area(gpx(tmp_path / "few.gpx", [row[0], row[9], row[-1]], [0, 9, 40]), field, 20.0)
+    assert few.symmetric_difference(plain).area < 1.0
+    (tmp_path / "time.gpx").write_text(
+        (tmp_path / "row.gpx").read_text().replace("2026-05-31", "31.5.2026", 1)
+    )
+    with pytest.raises(InvalidInputError, match="line 1: expected a time"):
+        swept_area(str(tmp_path / "time.gpx"), field, 20.0)
+
+
+def test_tracks_of_two_robots_in_one_table_are_two_tracks(field, tmp_path):
+    head, tail = "8.5005,47.4005\n1,8.5025,47.4005\n", "8.5005,47.4015\n2,8.5025,47.4015\n"
+    path = tmp_path / "both.csv"
+    path.write_text(f"robot,longitude,latitude\n1,{head}2,{tail}")
+    assert swept_area(str(path), field, 20.0).area == pytest.approx(2 * 170.8 * 20, rel=0.01)
+    path.write_text(f"name,longitude,latitude\na,{head}b,{tail}".replace("\n1,", "\nc,"))
+    assert swept_area(str(path), field, 20.0).area > 2.5 * 170.8 * 20
+
+
+def test_a_mission_is_no_track(tmp_path, monkeypatch, capsys):
+    """The waypoints of robot 1 as a track left what it had not flown unsearched."""
+    monkeypatch.chdir(tmp_path)
+    search = "search square:200 --robots 2 --footprint 20"
+    assert run([*search.split(), "--missions", "m", "--no-simulate"]) == 0
+    assert run([*search.split(), "--searched", "m/robot-01.csv"]) == 2
+    assert "expected a track that was flown, got a mission" in capsys.readouterr().err

@@ -21,7 +21,6 @@ from shoal.cli.output import (
     print_json,
     print_table,
     progress,
-    quiet,
     report_moves,
     say,
     write_films,
@@ -30,6 +29,7 @@ from shoal.core.checks import MOST_TRIALS, check_integer, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
+from shoal.core.notices import quiet
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
-from shoal.cli.output import check_folder, print_json, print_table, quiet, say
+from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import count_text, shape_text
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import quiet
 from shoal.swarm.problem import READING, SwarmProblem
 
 if TYPE_CHECKING:

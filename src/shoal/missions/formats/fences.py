@@ -24,9 +24,10 @@ HEADER = "QGC WPL 110"
 _INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD
 _CIRCLES = {5003: _INSIDE, 5004: _OUTSIDE}  # MAV_CMD of circles, with their radius in metres
 _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
+_ABOVE_HOME = (_RELATIVE, 6)  # the second with integer coordinates
 _FIELDS = 12
 
-Places = tuple[tuple[float, float], ...]
+Places = tuple[tuple[float, ...], ...]
 
 
 def fence_text(fence: Fence) -> str:
@@ -48,11 +49,9 @@ def fence_text(fence: Fence) -> str:
     return _table(rows)
 
 
-def rally_text(points: Places, altitude: float) -> str:
-    """Return rally points as a table of mission items. The altitude of all rally points is in
-    metres above home.
-    """
-    return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, altitude) for x, y in points])
+def rally_text(points: Places) -> str:
+    """Return rally points with their heights above home as a table of mission items."""
+    return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, up) for x, y, up in points])
 
 
 def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
@@ -81,8 +80,8 @@ def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
 def read_fence(text: str, where: str) -> Fence:
     """Return the fence that a table of mission items describes."""
     rings: list[tuple[int, list[tuple[float, float]]]] = []
-    missing = 0
-    for line, command, first, place in _rows(text, where):
+    missing, corners = 0, 0.0
+    for line, command, _, first, (*place, _) in _rows(text, where):
         if command in _CIRCLES and not missing:
             if not 0 < first < math.inf:
                 raise InvalidInputError(
@@ -94,12 +93,14 @@ def read_fence(text: str, where: str) -> Fence:
                     kind,
                     [
                         (x, y)
-                        for x, y in circle_ring(place, first, inclusion=kind == _INSIDE).tolist()
+                        for x, y in circle_ring(
+                            (place[0], place[1]), first, inclusion=kind == _INSIDE
+                        ).tolist()
                     ],
                 )
             )
             continue
-        if command not in (_INSIDE, _OUTSIDE) or not 3 <= first < 1e6:
+        if command not in (_INSIDE, _OUTSIDE) or not 3 <= first < 1e6 or first % 1:
             raise InvalidInputError(
                 f"{where}: line {line}: expected command 5001 or 5002 with a count of 3 corners or"
                 f" more, or 5003 or 5004 for a circle, got {command}"
@@ -107,12 +108,13 @@ def read_fence(text: str, where: str) -> Fence:
         if not missing:
             rings.append((command, []))
             missing = int(first)
-        elif command != rings[-1][0]:
+            corners = first
+        elif command != rings[-1][0] or first != corners:
             raise InvalidInputError(
                 f"{where}: line {line}: expected {missing} more corners of the previous polygon,"
                 " got another polygon"
             )
-        rings[-1][1].append(place)
+        rings[-1][1].append((place[0], place[1]))
         missing -= 1
     inside = [np.array(ring) for command, ring in rings if command == _INSIDE]
     if missing or not rings:
@@ -129,17 +131,22 @@ def fence_from(inside: Sequence[Points], outside: Sequence[Points]) -> Fence:
 
 
 def read_rally(text: str, where: str) -> Places:
-    """Return the rally points that a table of mission items describes."""
+    """Return the rally points, with their heights above home, that a table of mission items
+    describes.
+    """
     rows = _rows(text, where)
-    for line, command, _, _ in rows:
-        if command != _RALLY_POINT:
-            raise InvalidInputError(f"{where}: line {line}: expected command 5100, got {command}")
-    return tuple(place for _, _, _, place in rows)
+    for line, command, frame, _, _ in rows:
+        if command != _RALLY_POINT or frame not in _ABOVE_HOME:
+            raise InvalidInputError(
+                f"{where}: line {line}: expected command 5100 and frame 3 (altitude above home), got"
+                f" {command} and {frame}"
+            )
+    return tuple(place for *_, place in rows)
 
 
-def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, float]]]:
-    """Return the line, the command, the first parameter and the position of each item in a table of
-    mission items.
+def _rows(text: str, where: str) -> list[tuple[int, int, int, float, tuple[float, float, float]]]:
+    """Return the line, the command, the frame, the first parameter and the position of each item in
+    a table of mission items.
     """
     lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
@@ -155,17 +162,15 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
         try:
             if len(fields) != _FIELDS:
                 raise ValueError
-            command, first, latitude, longitude = (
-                int(fields[3]),
-                *(float(fields[k]) for k in (4, 8, 9)),
-            )
+            frame, command = int(fields[2]), int(fields[3])
+            first, latitude, longitude, height = (float(fields[k]) for k in (4, 8, 9, 10))
             if not (abs(longitude) <= 180 and abs(latitude) <= 90):
                 raise ValueError
         except ValueError:
             raise InvalidInputError(
                 f"{where}: line {number}: expected 12 numbers of a mission item, got {line[:60]!r}"
             ) from None
-        rows.append((number, command, first, (longitude, latitude)))
+        rows.append((number, command, frame, first, (longitude, latitude, height)))
     return rows
 
 
@@ -182,11 +187,11 @@ def plan_fence(fence: Fence | None) -> dict[str, Any]:
     return {"version": 2, "circles": [], "polygons": polygons}
 
 
-def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
+def plan_rally(points: Places) -> dict[str, Any]:
     """Return the section of a ``.plan`` file that describes rally points."""
     return {
         "version": 2,
-        "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points],
+        "points": [[raw(degrees(y)), raw(degrees(x)), up] for x, y, up in points],
     }
 
 

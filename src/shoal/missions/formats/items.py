@@ -179,6 +179,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         sheet.altitude_frame = _frames(sheet).get(first.frame)
         if first.command == WAYPOINT:
             sheet.acceptance_radius = first.params[1] or None
+        sheet.acceptance_radii = [_number(item.params[1])[0] for item in waypoints]
         sheet.headings = [
             None if item.params[3] is None or not math.isfinite(item.params[3]) else item.params[3]
             for item in waypoints
@@ -197,11 +198,8 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
         if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
             sheet.take_off = ups[0]
-    if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
-        latitude, longitude = _number(*items[-1].params[4:6])
-        sheet.landing = (longitude, latitude)
-        if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
-            sheet.loiter = abs(_number(items[-1].params[2])[0])
+    if waypoints and items[-1].command in (HOLD, LAND):
+        _read_end(sheet, items[-1], waypoints[-1])
     _read_speeds(sheet, items)
     for command, name, parameter in (
         (GIMBAL, "gimbal_pitch", 0),
@@ -276,6 +274,25 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             "no-return",
             last.place,
             f"expected a return (20) or a landing (21) at the end, got command {last.command}",
+        )
+
+
+def _read_end(sheet: Sheet, end: Item, last: Item) -> None:
+    """Read the landing or the hold at the end of a mission, after its last waypoint."""
+    # without a place, the vehicle lands or stays where it is; PX4 takes zeros for a place
+    zeros = end.params[4:6] == (0.0, 0.0)
+    here = None in end.params[4:6] or (zeros and sheet.autopilot != "px4")
+    latitude, longitude, height = _number(*(last if here else end).params[4:6], end.params[6])
+    sheet.landing = (longitude, latitude)
+    if end.command != HOLD or not any(altitude > 0 for altitude in sheet.altitudes):
+        return
+    sheet.loiter = abs(_number(end.params[2])[0])
+    if not here and not abs(height - sheet.altitudes[-1]) <= SAME_LEVEL:
+        sheet.add(
+            "altitude",
+            end.place,
+            f"expected a hold at {sheet.altitudes[-1]:g} m, the height of the last waypoint, got"
+            f" one at {height:g} m",
         )
 
 
@@ -453,7 +470,7 @@ def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
     """Add a diagnostic if a flight has no take-off before the first waypoint, or if a rover has a
-    take-off.
+    take-off or a landing.
     """
     commands = [
         WAYPOINT if item.command in _PASSED else TAKE_OFF
@@ -466,6 +483,14 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
             sheet.add(
                 "take-off", place, "expected no take-off in a rover's mission, got command 22"
             )
+        for item in items:
+            if item.command == LAND:  # ArduPilot's rovers do not drive there
+                sheet.add(
+                    "unchecked-command",
+                    item.place,
+                    "expected a hold (17) or a return (20) at the end of a rover's mission, got a"
+                    " landing (21)",
+                )
         return
     first = next((item for item in items if item.command == TAKE_OFF), None)
     if first is not None and sheet.altitudes:
@@ -474,7 +499,11 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
             sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0
         )
         (up,) = _number(first.params[6])
-        if up <= base < base + above:
+        if not math.isfinite(up):
+            sheet.add(
+                "not-a-number", first.place, f"expected a take-off to a finite altitude, got {up}"
+            )
+        elif up <= base < base + above:
             message = (
                 f"expected a take-off to a height above 0, got {up - base:g} m above home before a"
                 f" waypoint at {above:g} m"

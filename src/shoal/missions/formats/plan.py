@@ -62,7 +62,7 @@ def write(mission: Mission) -> str:
                     "items": items,
                 },
                 "geoFence": plan_fence(mission.fence),
-                "rallyPoints": plan_rally(mission.rally, mission.altitude),
+                "rallyPoints": plan_rally(mission.rally),
             }
         )
         + "\n"
@@ -136,7 +136,7 @@ def scan(text: str, sheet: Sheet) -> None:
             [ring for ring, inclusion in rings if inclusion],
             [ring for ring, inclusion in rings if not inclusion],
         )
-    sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
+    sheet.rally = tuple((longitude, latitude, up) for latitude, longitude, up in form.rally.points)
     items = [
         Item(item.command, item.frame, tuple(item.params), place)
         for place, item in zip(places, mission.items, strict=True)

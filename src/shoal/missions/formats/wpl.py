@@ -94,7 +94,7 @@ def scan(text: str, sheet: Sheet) -> None:
     read_items(sheet, items[1:])
     if not any(sheet.headings or ()):
         sheet.yaw = sheet.headings = None  # north, or none
-    sheet.kind = kind_of(sheet, items[1:])
+    sheet.kind, sheet.kind_is_stated = kind_of(sheet, items[1:]), False
     check_take_off(sheet, items[1:])
     for place, (number, fields) in enumerate(rows):
         if int(fields[0]) != place:

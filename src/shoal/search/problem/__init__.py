@@ -970,7 +970,8 @@ class SearchProblem(Problem):
         if not self.searched:
             return region
         side = float(np.min(self.footprint or self._base_vehicle.row_spacing or FOOTPRINT))
-        areas = [swept_area(track, region, side) for track in self.searched]
+        flies = self._base_vehicle.kind != "rover"
+        areas = [swept_area(track, region, side, flies=flies) for track in self.searched]
         for track, area in zip(self.searched, areas, strict=True):
             if not area.intersects(region.area):
                 raise InvalidInputError(

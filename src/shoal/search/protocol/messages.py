@@ -288,6 +288,11 @@ def longest_body(most: int, *, signed: bool) -> int:
     return most - _HEAD - (_SIGNATURE if signed else _CHECKSUM)
 
 
+def stamp_of(message: bytes) -> int:
+    """Return the stamp of a message, the time in milliseconds at which it was made."""
+    return int.from_bytes(message[3:9], "little")
+
+
 class RefusedMessageError(InvalidInputError):
     """Raised for a message that a receiver refuses.
 
@@ -317,7 +322,7 @@ class Sender:
     """
 
     def __init__(self, number: int, key: bytes = b"", most: int = LONGEST) -> None:
-        self._number, self._key, self._most, self._stamp = number, key, most, -1
+        self.number, self._key, self._most, self._stamp = number, key, most, -1
 
     def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
         """Return the messages that transmit a beacon. ``clock`` is the present time of the sender's
@@ -330,7 +335,7 @@ class Sender:
         self._stamp = max(self._stamp + 1, clock)
         message = (
             bytes([VERSION])
-            + self._number.to_bytes(2, "little")
+            + self.number.to_bytes(2, "little")
             + self._stamp.to_bytes(6, "little")
             + body
         )
@@ -388,10 +393,7 @@ class Receiver:
                 f" {len(message)} bytes of another version or length",
                 "broken",
             )
-        sender, stamp = (
-            int.from_bytes(message[1:3], "little"),
-            int.from_bytes(message[3:9], "little"),
-        )
+        sender, stamp = int.from_bytes(message[1:3], "little"), stamp_of(message)
         if not 1 <= sender <= self._robots or abs(stamp - clock) > self._window:
             raise RefusedMessageError(
                 f"message: expected a present time and a robot from 1 to {self._robots}, got"

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.formats.flight_logs import LOGS, flight_lines
+from shoal.search.regions.formats.flight_logs import GAP, LOGS, flight_lines, interruptions
 from shoal.search.regions.formats.geodata import read_positions
-from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_lines
+from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_tracks
 from shoal.search.regions.formats.tables import Vertex, read_vertices
 from shoal.search.regions.outline import (
     LARGEST_FILE,
@@ -162,10 +162,13 @@ def _wkt_line(text: str, where: str) -> Points:
 _SIMPLER = (
     0.01  # of a footprint: from each leg of a simplified track, points lie at most this far away
 )
+_RARE = 10.0  # times the usual time between two positions, after which a GPX track is interrupted
 _GAP = 1e-3  # metres: narrower gaps between what two legs saw are rounding errors
 
 
-def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any:
+def swept_area(
+    track: str | ArrayLike, region: SearchRegion, side: float, *, flies: bool = True
+) -> Any:
     """Return what a vehicle saw along a track that it flew: the squares of the given side along each
     leg, as a Shapely geometry in metres.
 
@@ -174,12 +177,15 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     track : str or array_like of float, shape (k, 2)
         Points in metres, or the path of a file: a CSV or GeoJSON file of points or of a line, the
         tracks of a GPX file, or a flight log (``.tlog``, ``.bin`` or ``.ulg``), which counts from
-        when its vehicle is in flight. Blank lines of a CSV file, segments of GPX, and gaps of a log
-        interrupt the track.
+        when its vehicle is in flight. Blank lines and other labels of a CSV file, segments and long
+        gaps of GPX, gaps of a log, and positions that no vehicle reaches in time interrupt the
+        track.
     region : SearchRegion
         The region whose local frame the result uses.
     side : float
         Side of the square in metres. The square is parallel to the leg.
+    flies : bool
+        Whether the vehicle flies. All of a rover's log counts, whatever heights it says.
 
     Examples
     --------
@@ -190,7 +196,7 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     import shapely
 
     lines = (
-        _track_lines(Path(track), region)
+        _track_lines(Path(track), region, flies=flies)
         if isinstance(track, str)
         else [check_plane_points(track, what="searched")]
     )
@@ -214,23 +220,43 @@ def swept_area(track: str | ArrayLike, region: SearchRegion, side: float) -> Any
     return strip.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
 
 
-def _track_lines(path: Path, region: SearchRegion) -> list[Points]:
+def _track_lines(path: Path, region: SearchRegion, *, flies: bool) -> list[Points]:
     """Return the uninterrupted parts of a track in a file, in metres."""
     kind = path.suffix.lower()
     if kind == ".gpx":
-        lines = read_gpx_lines(path, "trkseg")
-        if not lines:
+        segments = read_gpx_tracks(path)
+        if not segments:
             raise InvalidInputError(f"{path}: expected a track that was flown, got none")
+        lines = [part for points, times in segments for part in _uninterrupted(points, times)]
     elif kind in LOGS:
-        lines = flight_lines(path)
+        lines = flight_lines(path, flies=flies)
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:
-        rows, degrees, _ = read_vertices(path, what="table of searched")
-        groups = groupby(rows, lambda row: row is not None)
-        tables = [np.array([row[:2] for row in group if row]) for is_row, group in groups if is_row]
+        rows, degrees, labels = read_vertices(path, what="table of searched")
+        heading = read_text(path, what="table of searched", most=LARGEST_FILE).partition("\n")[0]
+        if {"command", "sortie"} <= {*heading.lower().split(",")}:
+            raise InvalidInputError(f"{path}: expected a track that was flown, got a mission")
+        named = labels not in ("", "name")  # a name may be that of a point
+        groups = groupby(rows, lambda row: row and (row.label or "") * named)
+        tables = [
+            np.array([row[:2] for row in group if row])
+            for label, group in groups
+            if label is not None
+        ]
         return [_in_metres(table, region, path, degrees=degrees) for table in tables]
     return [_in_metres(line, region, path, degrees=True) for line in lines if len(line)]
+
+
+def _uninterrupted(points: Points, times: NDArray[np.float64] | None) -> list[Points]:
+    """Return the parts of a segment of a GPX track between its interruptions, if its times are
+    known.
+    """
+    if times is None or len(points) < 2:
+        return [points]
+    usual = float(np.median(np.abs(np.diff(times))))
+    # recorders leave out positions on straight lines, and write whole seconds
+    return np.split(points, interruptions(times, points, gap=max(GAP, _RARE * usual), exact=1.0))
 
 
 def points_inside(source: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:

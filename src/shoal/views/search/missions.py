@@ -268,7 +268,7 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
         )
     for end in {mission.end for mission in missions} - {*starts}:
         axes.plot(*placed([end])[0], "s", mfc=INK, mec="white", ms=7, zorder=6)
-    for point in {point for mission in missions for point in mission.rally}:
+    for point in {point[:2] for mission in missions for point in mission.rally}:
         place = placed([point])[0]
         axes.plot(*place, "o", mfc="white", mec=INK, mew=1.2, ms=9, zorder=6)
         axes.plot(*place, "+", color=INK, ms=6, mew=1.2, zorder=6.1)

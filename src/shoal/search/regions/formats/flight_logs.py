@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import as_path, check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
+from shoal.core.notices import quiet
 
 LARGEST_LOG = 2**32  # bytes
 _SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
@@ -67,8 +68,14 @@ ALOFT = 1.0
 GAP = 3.0
 """Seconds without a position after which a track is interrupted."""
 
+# of a step to a position that counts: times the greatest speed that lasts, and m/s, at least and at
+# most
+_FASTER, _SLOWEST, _FASTEST = 3.0, 10.0, 100.0
+_LASTS = 5  # steps between positions, most of which a wrong position leaves alone
+_DEGREE = 111_195.0  # metres of a degree of latitude, about
 
-def flight_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
+
+def flight_lines(path: str | os.PathLike[str], *, flies: bool = True) -> list[NDArray[np.float64]]:
     """Return the uninterrupted tracks of all vehicles in a flight log while they were in flight,
     or, of a vehicle that never was, such as a rover, all its tracks; longitude and latitude in
     degrees, float64, each of shape (k, 2).
@@ -76,11 +83,47 @@ def flight_lines(path: str | os.PathLike[str]) -> list[NDArray[np.float64]]:
     lines: list[NDArray[np.float64]] = []
     for track in read_tracks(path):
         counts = track.heights > ALOFT
-        counts |= not counts.any()
-        ends = np.flatnonzero((np.diff(track.times) > GAP) | (counts[1:] != counts[:-1])) + 1
+        counts |= not (flies and counts.any())
+        ends = interruptions(track.times, track.places)
+        ends = np.union1d(ends, np.flatnonzero(counts[1:] != counts[:-1]) + 1)
         parts = np.split(np.arange(len(counts)), ends)
         lines += [track.places[part] for part in parts if counts[part[0]]]
     return lines
+
+
+def interruptions(
+    times: NDArray[np.float64],
+    places: NDArray[np.float64],
+    *,
+    gap: float = GAP,
+    exact: float = 0.1,
+) -> NDArray[np.int64]:
+    """Return the numbers of the positions before which a track is interrupted, int64: none came for
+    longer than ``gap`` seconds, or it is farther away than the vehicle can have come meanwhile.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (n,)
+        Seconds.
+    places : ndarray of float64, shape (n, 2)
+        Longitude and latitude in degrees.
+    gap : float
+    exact : float
+        Seconds to which times are exact.
+
+    Examples
+    --------
+    >>> places = np.array([(8.5, 47.4), (8.5001, 47.4), (8.6, 47.4), (8.5002, 47.4)])
+    >>> interruptions(np.arange(4.0), places).tolist()
+    [2, 3]
+    """
+    seconds, steps = np.abs(np.diff(times)), np.diff(places, axis=0)
+    steps[:, 0] *= np.cos(np.radians(places[1:, 1]))
+    metres, fastest = _DEGREE * np.hypot(*steps.T), _FASTEST
+    if len(metres) >= _LASTS:
+        speeds = np.lib.stride_tricks.sliding_window_view(metres / (seconds + exact), _LASTS)
+        fastest = min(max(_FASTER * float(np.median(speeds, axis=1).max()), _SLOWEST), _FASTEST)
+    return np.flatnonzero((seconds > gap) | (metres > fastest * (seconds + exact))) + 1
 
 
 def read_tracks(path: str | os.PathLike[str]) -> list[Track]:
@@ -209,17 +252,27 @@ def _read_dataflash(path: Path) -> dict[int | None, list[Row]]:
         )
     estimated: list[Row] = []
     received: list[Row] = []
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # it prints what it skips
-        log = reader.DFReader_binary(str(path))
-        messages = list(iter(lambda: log.recv_match(type=["POS", "GPS"]), None))
-    for message in messages:
-        place = message._timestamp, message.Lng, message.Lat
-        if message.get_type() == "POS":
-            estimated.append((*place, message.RelHomeAlt))
-        elif message.Status >= 3:
-            received.append((*place, message.Alt))
-    log.data_map.close()
-    log.filehandle.close()
+    log = object.__new__(reader.DFReader_binary)  # its files are closed even if it cannot begin
+    try:
+        # it prints what it skips, partly from C
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), quiet():
+            log.__init__(str(path))
+            for message in iter(lambda: log.recv_match(type=["POS", "GPS"]), None):
+                place = message._timestamp, message.Lng, message.Lat
+                if message.get_type() == "POS":
+                    estimated.append((*place, message.RelHomeAlt))
+                elif message.Status >= 3:
+                    received.append((*place, message.Alt))
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(
+            f"{path}: expected a log of ArduPilot, got the error: {reason}"
+        ) from None
+    finally:
+        for name in ("filehandle", "data_map"):
+            # a view of the map may be left where the reader has failed
+            with suppress(AttributeError, BufferError):
+                getattr(log, name).close()
     if estimated:
         return {None: estimated}
     ground = received[0][3] if received else 0.0

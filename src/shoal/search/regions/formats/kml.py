@@ -6,12 +6,14 @@ import codecs
 import re
 from collections.abc import Iterator
 from dataclasses import field
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.checks import check_file, decode_text
 from shoal.core.dataclass import dataclass
@@ -81,12 +83,43 @@ def read_gpx_lines(path: Path, *kinds: str) -> list[Points]:
     """Return the points of the elements of some kinds in a GPX file, such as segments of tracks or
     routes, as longitude and latitude in degrees; float64, each of shape (k, 2).
     """
+    return [_gpx_points(path, line) for line in _gpx_elements(path, *kinds)]
+
+
+def read_gpx_tracks(path: Path) -> list[tuple[Points, NDArray[np.float64] | None]]:
+    """Return the points of each segment of a track in a GPX file, as in `read_gpx_lines`, and their
+    times in seconds, float64 of shape (k,), if all of them have one.
+    """
+    return [
+        (_gpx_points(path, line), _gpx_times(path, line)) for line in _gpx_elements(path, "trkseg")
+    ]
+
+
+def _gpx_elements(path: Path, *kinds: str) -> list[Element]:
     check_file(path, what="file of a line", most=LARGEST_FILE)
     try:
         root = parse_xml(decode_xml(path.read_bytes(), where=str(path)), root="gpx")
     except XmlError as error:
         raise InvalidInputError(f"{path}: line {error.line}: {error}") from None
-    return [_gpx_points(path, line) for kind in kinds for line in root.all(kind)]
+    return [line for kind in kinds for line in root.all(kind)]
+
+
+def _gpx_times(path: Path, line: Element) -> NDArray[np.float64] | None:
+    elements = [point.first("time") for point in line.all("trkpt")]
+    if None in elements:
+        return None
+    times = []
+    for element in elements:
+        assert element is not None
+        try:
+            time = datetime.fromisoformat(element.text.strip())
+        except ValueError:
+            raise InvalidInputError(
+                f"{path}: line {element.line}: expected a time such as 2026-05-31T12:00:00Z, got"
+                f" {element.text[:40]!r}"
+            ) from None
+        times.append((time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp())
+    return np.array(times, dtype=np.float64)
 
 
 def _gpx_points(path: Path, line: Any) -> Points:

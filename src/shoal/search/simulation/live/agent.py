@@ -131,7 +131,7 @@ class Agent:
             if "radio" in ready and radio_pause <= 0:
                 self._listen()
             self._drive()
-            if fault := self.vehicle.fault or self.messenger.radio.fault:
+            if fault := self.vehicle.fault or self.messenger.fault:
                 self._give_up(fault)
                 return False
             if self._wake <= self.now:

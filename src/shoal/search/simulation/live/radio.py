@@ -6,7 +6,7 @@ import socket
 import struct
 import sys
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from math import inf
@@ -16,7 +16,7 @@ from typing import Literal
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.protocol.messages import LONGEST, Beacon, Receiver, Sender
+from shoal.search.protocol.messages import LONGEST, Beacon, Receiver, Sender, stamp_of
 from shoal.search.protocol.state import Robot
 from shoal.search.simulation.live.ports import Radio
 from shoal.search.simulation.scenario import Scenario
@@ -30,6 +30,7 @@ _AT_ONCE = 1000  # maximum number of messages processed before the robot does so
 # Number of refused messages after which the radio rests, and seconds without listening then. No source
 # is ignored: an attacker could forge the address of a robot, and so silence it.
 _REFUSED, _REST = 50, 0.01
+_OWN = 10_000  # messages that a robot has sent and knows again: more than are sent in a minute
 
 
 def listener(group: str, port: int) -> socket.socket:
@@ -180,6 +181,9 @@ class Messenger:
         Numbers of messages.
     refused : Counter of str
         Numbers of refused messages by reason.
+    twin : bool
+        Whether another robot has sent a message in the name of this one: both would do the same
+        work, in the same cells and at the same height.
     """
 
     def __init__(
@@ -196,6 +200,16 @@ class Messenger:
         self.sent = self.heard = self.lost = 0
         self.refused: Counter[str] = Counter()
         self.rest_until = 0.0
+        self.twin = False
+        # what an earlier process of this robot has sent is older
+        self._begun, self._sent = _clock(), deque[int](maxlen=_OWN)
+
+    @property
+    def fault(self) -> str:
+        """Why the robot cannot go on with its radio; empty as long as it can."""
+        if self.twin:
+            return f"radio: another robot has the number {self._sender.number}, too"
+        return self.radio.fault
 
     @property
     def dropped(self) -> int:
@@ -218,6 +232,7 @@ class Messenger:
     def send(self, beacon: Beacon) -> None:
         """Broadcast a beacon. Messages that the radio cannot send count as lost."""
         for message in self._sender.messages(beacon, _clock()):
+            self._sent.append(stamp_of(message))
             self.sent += 1
             self.lost += self.radio.broadcast(message)
 
@@ -242,6 +257,12 @@ class Messenger:
                 beacon = self._receiver.open(came[0], clock)
             except InvalidInputError as error:
                 self.refuse(getattr(error, "reason", "content"))
+                continue
+            # who sends nothing, and only watches, is no robot
+            if self.sent and beacon.sender == self._sender.number:
+                stamp = stamp_of(came[0])
+                self.twin |= stamp > self._begun and stamp not in self._sent
+                self.refuse("own number")
                 continue
             self.heard += 1
             if self._random.random() < self._loss:
