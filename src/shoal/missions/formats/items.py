@@ -197,8 +197,10 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
         if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
             sheet.take_off = ups[0]
-    if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
+    if waypoints and items[-1].command in (HOLD, LAND):
         latitude, longitude = _number(*items[-1].params[4:6])
+        if not (latitude or longitude) or (math.isnan(latitude) and math.isnan(longitude)):
+            longitude, latitude = sheet.points[-1].tolist()  # without a place: where it is then
         sheet.landing = (longitude, latitude)
         if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
             sheet.loiter = abs(_number(items[-1].params[2])[0])
