@@ -46,6 +46,7 @@ _JSON_MEMORY = {"{": 240, "[": 88, ",": 16}
 texts.
 """
 
+_DEEPEST_ARRAY = 8  # lists around an array whose entries may be masked
 _DEEPEST_KEY = 10  # parts of a TOML key, such as problem.vehicle.name
 _MOST_KEYS = 100_000
 _MOST_VALUES = 500_000  # the parser needs about five seconds for a million
@@ -126,6 +127,12 @@ def check_text(value: Any, *, what: str) -> str:
     return value
 
 
+def check_function(value: Any, *, what: str) -> None:
+    """Check that a value is a function, or None."""
+    if value is not None and not callable(value):
+        raise InvalidInputError(f"{what}: expected a function, got {shortened(value)}")
+
+
 def check_kind(value: Any, kind: type[Kind], *, what: str) -> Kind:
     """Check that a value is an object of a class, and return the value.
 
@@ -201,11 +208,9 @@ def check_array(values: Any, *, expected: str) -> NDArray[Any]:
     ...
     shoal.core.errors.InvalidInputError: rates: expected speeds, got a masked one at (1,)
     """
-    entries = enumerate(values) if isinstance(values, list | tuple) else ()
-    for place, masked in [((), values), *(((index,), entry) for index, entry in entries)]:
-        if isinstance(masked, np.ma.MaskedArray) and np.ma.is_masked(masked):
-            inside = np.argwhere(np.ma.getmaskarray(masked))[0].tolist()
-            raise InvalidInputError(f"{expected}, got a masked one at {(*place, *inside)}")
+    place = _masked_place(values)
+    if place is not None:
+        raise InvalidInputError(f"{expected}, got a masked one at {place}")
     try:
         array = np.asarray(values)
     except ValueError:
@@ -219,6 +224,19 @@ def check_array(values: Any, *, expected: str) -> NDArray[Any]:
     if array.dtype.kind not in "biuf":
         raise InvalidInputError(f"{expected}, got {shortened(values)}")
     return array
+
+
+def _masked_place(values: Any, depth: int = 0) -> tuple[int, ...] | None:
+    """Return the place of a masked entry of an array, or of arrays in lists, or None."""
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        return tuple(np.argwhere(np.ma.getmaskarray(values))[0].tolist())
+    if isinstance(values, list | tuple) and depth < _DEEPEST_ARRAY:
+        for index, entry in enumerate(values):
+            if isinstance(entry, list | tuple | np.ma.MaskedArray):
+                place = _masked_place(entry, depth + 1)
+                if place is not None:
+                    return (index, *place)
+    return None
 
 
 def check_points(

@@ -21,7 +21,7 @@ from functools import partial
 from threading import Event
 from typing import Any
 
-from shoal.core.checks import MOST_TRIALS, check_integer, check_kind
+from shoal.core.checks import MOST_TRIALS, check_function, check_integer, check_kind
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
@@ -117,6 +117,8 @@ def run_trials(
     [4, 4, 4]
     """
     check_kind(problem, SwarmProblem, what="problem")
+    check_function(on_trial, what="on_trial")
+    check_function(on_moves, what="on_moves")
     workers = count_processors() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)

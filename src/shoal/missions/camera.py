@@ -104,26 +104,33 @@ def heights_of(
     ups = ups[np.clip(np.arange(count + 2) - 1, 0, count - 1)]
     if sheet.altitude_frame == "ground":
         return ups, ups
-    heights = ups - (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else ups
     if terrain is not None and np.isfinite(places).all():
         try:
             ground = terrain.at(places, region.frame)
         except InvalidInputError:  # the check of heights above the ground tells
-            ground = np.array([_ground_at(terrain, place, region) for place in places])
-        heights = heights + _base(sheet, float(ground[0])) - ground
-    return ups, heights
+            ground = np.array([ground_at(terrain, place, region) for place in places])
+        return ups, ups + base_of(sheet, float(ground[0])) - ground
+    return ups, ups - (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else ups
 
 
-def _ground_at(terrain: Terrain, place: NDArray[np.float64], region: SearchRegion) -> float:
+def ground_at(terrain: Terrain, place: NDArray[np.float64], region: SearchRegion) -> float:
+    """Return the height of the ground at a place above the sea, or NaN beside the terrain."""
     try:
         return float(terrain.at(place[None], region.frame)[0])
     except InvalidInputError:
         return nan
 
 
-def _base(sheet: Sheet, ground: float) -> float:
-    """Return how high the heights of a file begin, where the ground at home has some height."""
-    return 0.0 if sheet.altitude_frame == "sea" and sheet.elevation is None else ground
+def base_of(sheet: Sheet, ground: float) -> float:
+    """Return how high above the sea the altitudes of a file begin, if the ground at home is
+    ``ground`` high and altitudes do not count from the ground below.
+
+    If the file says how high home is, the ground there decides, and what the file says for home
+    counts as 0.
+    """
+    if sheet.altitude_frame != "sea":
+        return ground
+    return 0.0 if sheet.elevation is None else ground - sheet.elevation
 
 
 def camera_views(
@@ -158,6 +165,7 @@ def camera_views(
     path = np.column_stack([places, heights])
     at = np.arange(count + 2)
     if terrain is not None and sheet.altitude_frame != "ground" and np.isfinite(path).all():
+        path[:, 2] = ups
         path, at = _above_terrain(sheet, path, terrain, region)
         items = [item._replace(after=int(at[item.after])) for item in items]
         if headings is not None:
@@ -170,8 +178,8 @@ def camera_views(
 def _above_terrain(
     sheet: Sheet, path: NDArray[np.float64], terrain: Terrain, region: SearchRegion
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return a path with heights above the ground in place of heights above home, with more points
-    where the ground bends, and the numbers of its points among them.
+    """Return a path with heights above the ground in place of the altitudes of the file, with more
+    points where the ground bends, and the numbers of its points among them.
     """
     try:
         profile = ground_profile(terrain, path[:, :2], region.frame, error=_FINE)
@@ -180,5 +188,5 @@ def _above_terrain(
         return np.column_stack([path[:, :2], heights]), np.arange(len(path))
     far = np.append(0.0, np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T)))
     vertices = np.asarray(profile.vertices, dtype=np.int64)
-    ups = np.interp(far, far[vertices], path[:, 2]) + _base(sheet, float(profile.heights[0]))
+    ups = np.interp(far, far[vertices], path[:, 2]) + base_of(sheet, float(profile.heights[0]))
     return np.column_stack([profile.points, ups - profile.heights]), vertices

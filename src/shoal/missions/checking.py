@@ -25,7 +25,7 @@ from shoal.missions.approach import (
     heights_along,
     missions_approach,
 )
-from shoal.missions.camera import camera_views, heights_of
+from shoal.missions.camera import base_of, camera_views, ground_at, heights_of
 from shoal.missions.diagnostics import Diagnostic, Sheet, group_mistakes
 from shoal.missions.files import UNCOVERED, format_of, mission_of
 from shoal.missions.formats import FORMATS
@@ -639,20 +639,18 @@ def _heights_over(
     """Yield the heights above ground of the search path of each mission."""
     planned = np.array(bands or (vehicle.height,))
     for number, (sheet, path) in enumerate(zip(flown, paths, strict=True)):
-        home = metres_of(sheet, region)[:1]
+        base: Any = base_of(sheet, ground_at(terrain, metres_of(sheet, region)[0], region))
         for near in _runs(path[:, :3]):
             if not len(near):
                 continue
             run = np.repeat(near, 2, axis=0) if len(near) == 1 else near.copy()
             if not sheet.altitudes:
                 run[:, 2] = planned[0]
-            base: Any = 0.0  # of altitudes, above sea level
             try:
                 if sheet.altitude_frame == "ground":
                     base = terrain.at(run[:, :2], region.frame)
-                elif sheet.altitude_frame != "sea" or sheet.elevation is not None:
-                    base = terrain.at(home, region.frame)[0]
-                    base -= (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+                if not np.isfinite(base).all():
+                    continue  # home beside the terrain
                 raised = run + np.multiply.outer(base, (0, 0, 1))
                 points, above = heights_along(raised, terrain, region.frame)
             except InvalidInputError:

@@ -196,6 +196,14 @@ def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> Non
         fence = sheet.fence or fences[Path(sheet.file).stem]
         if sheet.home is None or not len(sheet.points) or fence is None:
             continue  # the file of a third-party format
+        if sheet.geographic:  # autopilots compare longitudes as numbers
+            places = np.vstack([[sheet.home], sheet.points, *fence.rings])[:, 0]
+            if np.ptp(places) > 180:
+                raise InvalidInputError(
+                    f"{sheet.file}: expected paths and a fence that do not cross the 180° meridian,"
+                    f" got longitudes from {places.min():.6f} to {places.max():.6f}; no file was"
+                    " written"
+                )
         for number, ring in enumerate(fence.rings):
             if not Polygon(ring).is_valid:
                 which = (

@@ -580,6 +580,11 @@ class MissionSet:
                 f" {vehicle.cross_track:.3g} m: with errors of positions and cut corners, vehicles may"
                 " not see everything between two rows"
             )
+        if plan.reach and vehicle.radius:
+            sentences.append(
+                f"images see {plan.reach:.3g} m less beyond the ends of paths than the reserve of rows:"
+                " with errors of positions, vehicles may not see everything there"
+            )
         if self._seen_over_ground is not None:
             over, flat, smallest = self._seen_over_ground
             if over < flat - 1e-6:

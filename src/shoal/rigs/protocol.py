@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 
 PROTOCOL: Literal[1] = 1
@@ -196,6 +197,8 @@ def decode_message(line: bytes) -> Message | None:
         Raised if the line has a correct checksum, but contains no message of the protocol. A wrong
         message with a correct checksum is a fault of the rig, and not of the connection.
     """
+    if not isinstance(line, bytes | bytearray):
+        raise InvalidInputError(f"line: expected bytes, got {shortened(line)}")
     line = line.strip()
     checksum = _CRC.search(line)
     if checksum is None or int(checksum[1], 16) != zlib.crc32(line[: checksum.start()]):

@@ -36,6 +36,8 @@ SURE = 0.03  # least difference of the overlaps of the best turn and of any othe
 OTHER = 15.0  # degrees from which on a turn is another one
 HOLE = 0.7  # area in cells up to which a hole in the vessel is a particle
 LEAST = 0.6  # overlap (area of the intersection over that of the union) below which nothing fits
+AROUND = 3  # rows and columns of a square in which outlines are compared, too
+LOCAL = 2.0  # times the limit of all outlines that the distance in a square may be
 OUTLIER = 0.5  # distance, in cells, from which on a mark contradicts the others
 FLAT = 0.05  # width over length of a set of marks, below which the marks lie on one line
 TURNED = 45.0  # angle, in degrees, between command and motion, from which on an axis is another one
@@ -281,7 +283,8 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
     free : ndarray of bool, shape (rows, columns)
         True for the cells of the vessel.
     limit : float
-        Largest root mean square distance of the two outlines, in cells.
+        Largest root mean square distance of the two outlines, in cells. In no square of 3 x 3 cells,
+        half of the outlines may be twice as far from each other.
 
     Raises
     ------
@@ -325,11 +328,18 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
             " mirrored as well; give marks"
         )
     matrix = _refine(cv2, vessel, free, matrix)
-    residual = _outline_distance(cv2, vessel, free, matrix)
+    residual, farthest, place = _outline_distances(cv2, vessel, free, matrix)
     if residual > limit:
         raise InvalidInputError(
             f"map: expected an outline within {limit:g} cells of that in the picture, got"
             f" {residual:.2g}"
+        )
+    pixel = float(abs(np.linalg.det(matrix[:2, :2]))) ** -0.5  # distances are whole pixels, or so
+    if farthest > max(LOCAL * limit, 1.5 * pixel):
+        raise InvalidInputError(
+            f"map: expected an outline within {LOCAL * limit:g} cells of that in the picture"
+            f" everywhere, got {farthest:.2g} near row {place[0]}, column {place[1]}: the map differs"
+            " there, or the lens bends lines"
         )
     return Tie("map", np.asarray(np.linalg.inv(matrix), dtype=np.float64), residual)
 
@@ -419,9 +429,14 @@ def _refine(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> Matrix:
     return np.asarray(warp.astype(np.float64) @ np.linalg.inv(to_cells) @ swap)
 
 
-def _outline_distance(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> float:
-    """Return the root mean square distance from the outline of the map to that in the picture, in
-    cells.
+def _outline_distances(
+    cv2: Any, vessel: Mask, free: Mask, matrix: Matrix
+) -> tuple[float, float, tuple[int, int]]:
+    """Return the root mean square distance between the outlines of the map and of the picture in
+    cells, the largest median of a square of cells, and the row and column in the middle of the square.
+
+    A lens that bends lines moves all of the outline at the border of the map, which is little in the
+    mean of the whole. A particle at a wall moves less than half of the outline of a square.
     """
     side = 8
     drawn = np.kron(free, np.ones((side, side), dtype=bool))
@@ -436,12 +451,27 @@ def _outline_distance(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> flo
         flags=cv2.INTER_NEAREST,
     )
     outlines = [_outline(cv2, vessel.astype(np.uint8)), _outline(cv2, laid)]
-    squares = []
+    cell = float(abs(np.linalg.det(matrix[:2, :2]))) ** 0.5
+    apart, pixels = [], []
     for outline, other in (outlines, outlines[::-1]):
         distances = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, 5)
-        squares.append(distances[outline] ** 2)
-    cell = float(abs(np.linalg.det(matrix[:2, :2]))) ** 0.5
-    return float(np.sqrt(np.mean(np.concatenate(squares))) / cell)
+        apart.append(distances[outline] / cell)
+        pixels.append(np.argwhere(outline)[:, ::-1])
+    away = np.concatenate(apart)
+    to_cells = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    cells = transform_points(to_cells, np.concatenate(pixels))
+    squares, member, sizes = np.unique(
+        np.floor((cells + 0.5) / AROUND).astype(np.int64),
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
+    )
+    parts = np.split(away[np.argsort(member.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
+    # a square with less of an outline than its own side is too little for a median
+    medians = [float(np.median(part)) if len(part) >= AROUND * cell else 0.0 for part in parts]
+    worst = int(np.argmax(medians))
+    row, column = (squares[worst] * AROUND + AROUND // 2).tolist()
+    return float(np.sqrt(np.mean(away**2))), medians[worst], (row, column)
 
 
 def _outline(cv2: Any, mask: NDArray[np.uint8]) -> Mask:

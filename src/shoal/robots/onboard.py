@@ -9,7 +9,15 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from shoal.core.checks import as_path, check_list, check_text, read_text, shortened
+from shoal.core.checks import (
+    as_path,
+    check_integer,
+    check_kind,
+    check_list,
+    check_text,
+    read_text,
+    shortened,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -223,8 +231,17 @@ def pair(
     Raises
     ------
     InvalidInputError
-        If a robot has no mission or no vehicle.
+        If a robot has no mission or no vehicle, or an argument is none of these.
     """
+    for by_robot, kind, what in ((cargos, Cargo, "cargos"), (seats, Seat, "seats")):
+        if not isinstance(by_robot, Mapping):
+            raise InvalidInputError(
+                f"{what}: expected a mapping from the numbers of robots, got {shortened(by_robot)}"
+            )
+        for robot, each in by_robot.items():
+            check_integer(robot, what=f"{what}: robot")
+            check_kind(each, kind, what=what)
+    robots = [check_integer(robot, what="robots") for robot in check_list(robots, what="robots")]
     robot_numbers = sorted({*robots} or {*cargos} | {*seats})
     for robot in robot_numbers:
         if robot not in cargos:

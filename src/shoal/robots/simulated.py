@@ -742,6 +742,8 @@ class SimulatedVehicle:
                 return self.position.copy(), None
             elif item.command in (WAYPOINT, LAND, HOLD):
                 target = self._local(item.y / 1e7, item.x / 1e7, height)
+                if item.command != WAYPOINT and not (item.x or item.y):  # without a place: here
+                    target[:2] = self.position[:2]
                 if item.command == WAYPOINT:
                     return target, item.params[1] or 2.0
                 if item.command == HOLD:

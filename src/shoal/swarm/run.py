@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from numpy.random import Generator
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_function, check_integer
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
@@ -94,6 +94,8 @@ def run(
     """
     if not isinstance(problem, SwarmProblem):
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
+    check_function(on_moves, what="on_moves")
+    check_function(on_trace, what="on_trace")
     seed = check_integer(seed, what="seed", least=0)
     trial = check_integer(trial, what="trial", least=0)
     setup, rng = problem.setup, trial_rng(seed, trial)

@@ -694,3 +694,11 @@ def test_a_mission_set_is_planned_checked_written_read_and_run(tmp_path):
         read.check()
     with pytest.raises(InvalidInputError, match="expected planned missions to run"):
         read.run()
+
+
+def test_written_missions_repeat_no_waypoint(tmp_path, capsys):
+    """The missions of the README's search did, six times."""
+    search = ["search", "ring:60x30", "--robots", "3", "--footprint", "10", "--no-simulate"]
+    assert run([*search, "--missions", str(tmp_path)]) == 0
+    assert run(["missions", "check", str(tmp_path), "ring:60x30", "--footprint", "10"]) == 0
+    assert "again" not in capsys.readouterr().out

@@ -336,6 +336,24 @@ def test_rows_of_missions_keep_a_reserve_for_the_errors_of_their_vehicle():
     assert missions.check().report()["with_errors"]["covered_fraction"] > 0.9995
 
 
+@pytest.mark.parametrize(("side", "least"), [(160, 0.9999), (300, 0.9999)])
+def test_images_have_a_reserve_at_the_ends_of_paths_too(side, least):
+    """Images are as long as cells there: between two robots and at borders, 99.7 % and 99.9 % were
+    seen with errors.
+    """
+    camera = "sensor_width=13.2,sensor_height=8.8,focal_length=8.8,altitude=80"
+    problem = SearchProblem(f"square:{side}", robots=2, vehicle=f"multirotor,{camera}")
+    missions = MissionSet.from_problem(problem, seed=1)
+    assert missions.plan.reach == pytest.approx(5**0.5, abs=1e-3)
+    check = missions.check()
+    assert check.with_errors.covered_fraction > least
+    assert check.coverage.outside_m == 0
+    assert plan_search(problem, seed=1).reach == 0
+    wing = problem.replaced(vehicle=f"fixed-wing,{camera}", region="square:300")
+    cautions = MissionSet.from_problem(wing, seed=1).cautions
+    assert any("less beyond the ends of paths than the reserve" in text for text in cautions)
+
+
 def test_a_reserve_narrows_rows_only_where_they_do_not_overlap_as_much():
     plain = SearchProblem("square:90", footprint=20, overlap=0.3, cross_track=2.0)
     assert plain.chosen_footprint == pytest.approx(14.0)

@@ -154,6 +154,26 @@ def field(zones, width=300.0, height=200.0, frame=FRAME):
     )
 
 
+@pytest.mark.parametrize(
+    ("east", "more"),
+    [
+        (179.999, {"launch": "-179.9995,-16.999", "vehicle": "multirotor"}),
+        (179.999999, {"vehicle": "fixed-wing"}),
+    ],
+)
+def test_missions_across_the_180_degree_meridian_are_refused(east, more, tmp_path):
+    """The sentence was one about a fence that a path leaves by 86 m."""
+    square = shapely.box(east - 0.002, -17.0, east, -16.998)
+    path = tmp_path / "field.geojson"
+    path.write_text(shapely.to_geojson(square))
+    problem = SearchProblem(path, robots=1, footprint=20, **more)
+    missions = MissionSet.from_problem(problem)
+    with pytest.raises(
+        InvalidInputError, match=r"robot-01.*do not cross the 180° meridian, got lo"
+    ):
+        missions.write(tmp_path / "missions")
+
+
 FOUR = [star(68, 60, 16), star(68, 140, 20), star(180, 70, 23), star(210, 150, 16)]
 
 

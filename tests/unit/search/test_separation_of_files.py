@@ -139,6 +139,23 @@ def test_a_return_is_late_by_its_climb_to_the_return_height():
     assert near.horizontal < 1
 
 
+def test_a_landing_without_a_place_is_where_the_vehicle_is(tmp_path, region):
+    """It counted as a flight home."""
+    write_missions(crossing(lands=True), tmp_path, formats=["plan"])
+    for path in tmp_path.glob("*.plan"):
+        plan = json.loads(path.read_text())
+        landing = plan["mission"]["items"][-1]
+        assert landing["command"] == 21
+        landing["params"][4:6] = [None, None]
+        path.write_text(json.dumps(plan))
+    first, second = (read_mission(path) for path in sorted(tmp_path.glob("*.plan")))
+    for read in (first, second):
+        assert read.landing == pytest.approx(tuple(read.waypoints[-1]))
+    found = check_missions(tmp_path, region, None, separation=SEPARATION)
+    assert found.approach.horizontal > 50
+    assert not found.faults
+
+
 def test_heights_above_the_terrain_count_as_any_height(tmp_path, region):
     write_missions(
         [mission(robot=k, altitude=30.0 * k, autopilot="ardupilot") for k in (1, 2)],

@@ -342,6 +342,16 @@ def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_wa
         assert len(open_way) == len(there) - 1
 
 
+def test_where_a_way_turns_back_at_a_short_leg_no_point_is_repeated():
+    there = [[0.0, 0.0], [40.0, 0.0], [40.0, 0.5], [40.0, 0.0], [80.0, 0.0]]
+    beside = shapely.box(10, 0.05, 30, 20)
+    flight = flight_of(
+        vehicle=vehicle_of("multirotor"), home=np.zeros(2), link=40.0, blocked=beside
+    )
+    found = flight.lengthen_short_legs(np.array(there))
+    assert found.tolist() == [there[0], there[1], there[-1]]
+
+
 def test_a_start_and_a_stop_take_their_time_also_without_motion():
     """The home and the waypoint of a mission of one point differed by rounding in a plan, and not
     in the file: 2 s and 0 s.

@@ -6,13 +6,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from shoal.core.errors import InvalidInputError
 from shoal.steering import (
     ContactWorld,
+    ConvexWorkspace,
+    Region,
     cylinder,
     disk,
     disk_reach,
+    open_workspace,
     polygon,
     prism,
     reached_in_two_moves,
@@ -200,3 +204,22 @@ def test_points_in_space_and_what_are_no_points():
     for text in ("0.2,0.3 0.5", "0.2,0.3 0.5,0.6,0.7", "a,b c,d"):
         with pytest.raises(ValueError, match=r"expected points, as in '0\.1,0\.2 0\.3,0\.4', got "):
             _parse_places(text)
+
+
+def test_a_drawing_that_bends_inward_is_a_region(tmp_path):
+    """It was refused, and only a file of the type region was one."""
+    corners = [(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)]
+    ring = ", ".join(f"{x} {y}" for x, y in (*corners, corners[0]))
+    text = f"POLYGON (({ring}))"
+    (tmp_path / "corner.geojson").write_text(shapely.to_geojson(shapely.Polygon(corners)))
+    (tmp_path / "corner.svg").write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg"><path d="M {ring} z"/></svg>'
+    )
+    for source in (text, tmp_path / "corner.geojson", tmp_path / "corner.svg"):
+        workspace = open_workspace(source)
+        assert isinstance(workspace, Region)
+        assert len(workspace.outline) == 6
+        assert not workspace.obstacles
+    assert isinstance(open_workspace("POLYGON ((0 0, 2 0, 2 1, 0 0))"), ConvexWorkspace)
+    with pytest.raises(InvalidInputError, match="does not cross itself"):
+        open_workspace("POLYGON ((0 0, 1 1, 0 1, 1 0, 0 0))")

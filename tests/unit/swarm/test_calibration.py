@@ -128,6 +128,32 @@ def test_a_known_map_is_found_in_the_picture_among_its_particles(bright, mirror)
         tie_by_map(picture, open_map("vessels:200:9").free)
 
 
+def bent(picture, share):
+    """Return a picture through a lens that draws points nearer to the middle, with the cube of their
+    distance.
+    """
+    import cv2
+
+    size = np.array(picture.shape[::-1])
+    middle, half = (size - 1) / 2, size.max() / 2
+    offsets = (np.indices(picture.shape)[::-1].transpose(1, 2, 0) - middle) / half
+    seen = middle + half * offsets * (1 + share * np.sum(offsets**2, axis=-1, keepdims=True))
+    return cv2.remap(picture, seen.astype(np.float32), None, cv2.INTER_LINEAR, borderValue=60)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_map_that_fits_on_average_but_not_near_its_border_is_refused(seed):
+    """A lens put cells up to .4 cells off, and the outlines were less than .1 cells apart on average."""
+    pytest.importorskip("cv2")
+    vessel = open_map("vessels:300")
+    matrix, size = view_of(vessel.shape, cell=14, turn=200 + 60 * seed, mirror=bool(seed % 2))
+    rng = np.random.default_rng(seed)
+    picture = render(vessel, vessel.cells[::13], matrix, size, rng)
+    assert tie_by_map(bent(picture, 0.02), vessel.free).residual < 0.05
+    with pytest.raises(InvalidInputError, match=r"0.2 cells .* everywhere, got 0.\d+ near row \d"):
+        tie_by_map(bent(picture, 0.065), vessel.free)
+
+
 def test_a_map_that_looks_the_same_when_turned_is_refused():
     pytest.importorskip("cv2")
     cross = np.zeros((9, 9), dtype=bool)

@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, TiffImagePlugin
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
@@ -370,3 +370,70 @@ def test_notices_and_refusals_are_short_and_count_well(tmp_path, said):
         with pytest.raises(InvalidInputError) as refused:
             read_map(tmp_path / "values.npy", label=int("9" * 400), invert=invert)
         assert len(str(refused.value).replace(str(tmp_path), "")) < 200
+
+
+def of_gdal(path, numbers, *, way, metadata="", no_data=None):
+    """Write a TIFF with notes of GDAL, read by Pillow or by tifffile."""
+    if way == "tifffile":
+        pytest.importorskip("tifffile").imwrite(
+            path,
+            numbers,
+            metadata=None,
+            extratags=[
+                (number, 2, None, text)
+                for number, text in ((42112, metadata), (42113, no_data))
+                if text
+            ],
+        )
+        return
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for number, text in ((42112, metadata), (42113, no_data)):
+        if text:
+            tags[number], tags.tagtype[number] = text, 2
+    Image.fromarray(numbers).save(path, tiffinfo=tags)
+
+
+WAYS = [("Pillow", np.uint8), ("Pillow", np.float32), ("tifffile", np.float64)]
+
+
+@pytest.mark.parametrize(("way", "dtype"), WAYS)
+def test_a_scale_or_an_offset_of_gdal_is_refused(tmp_path, way, dtype):
+    path, numbers = tmp_path / "map.tif", np.where(np.arange(20).reshape(4, 5) > 8, 40, 0)
+    items = '<Item name="{0}" sample="0" role="{1}">{2}</Item>'
+    for role, number in (("scale", "0.1"), ("scale", "-1"), ("offset", "5"), ("scale", "many")):
+        notes = f"<GDALMetadata>{items.format(role.upper(), role, number)}</GDALMetadata>"
+        of_gdal(path, numbers.astype(dtype), way=way, metadata=notes)
+        with pytest.raises(InvalidInputError, match=rf"map.tif: .*got the {role} '{number}' in"):
+            read_map(path, level=30)
+    notes = items.format("SCALE", "scale", "1.0") + items.format("OFFSET", "offset", "0")
+    of_gdal(path, numbers.astype(dtype), way=way, metadata=f"<GDALMetadata>{notes}</GDALMetadata>")
+    np.testing.assert_array_equal(read_map(path, level=30).free, numbers == 40)
+    beside = tmp_path / "map.tif.aux.xml"
+    beside.write_text("<PAMDataset><PAMRasterBand><Scale>2</Scale></PAMRasterBand></PAMDataset>")
+    with pytest.raises(InvalidInputError, match="got the scale '2' in the notes of GDAL"):
+        read_map(path, level=30)
+
+
+@pytest.mark.parametrize(("way", "dtype"), WAYS)
+@pytest.mark.parametrize("inside", [True, False])
+def test_the_missing_number_of_gdal_is_not_free(tmp_path, said, way, dtype, inside):
+    path, numbers = tmp_path / "map.tif", RANDOM.permutation(np.repeat([0, 1, 255], 8))
+    numbers = numbers.reshape(4, 6).astype(dtype)
+    of_gdal(path, numbers, way=way, no_data="255" if inside else None)
+    if not inside:
+        text = (
+            "<PAMDataset><PAMRasterBand><NoDataValue>255</NoDataValue></PAMRasterBand></PAMDataset>"
+        )
+        (tmp_path / "map.tif.aux.xml").write_text(text)
+    np.testing.assert_array_equal(read_map(path).free, numbers == 1)
+    assert any("8 cells have no number (NaN) and count as not free" in text for text in said)
+    np.testing.assert_array_equal(read_map(path, invert=True).free, numbers == 0)
+    np.testing.assert_array_equal(read_map(path, level=1).free, numbers == 1)
+
+
+def test_masks_whose_missing_number_is_0_are_masks(tmp_path, said):
+    numbers = RANDOM.integers(0, 2, (4, 6)).astype(np.uint8)
+    of_gdal(tmp_path / "map.tif", numbers, way="Pillow", no_data="0")
+    np.testing.assert_array_equal(read_map(tmp_path / "map.tif").free, numbers == 1)
+    np.testing.assert_array_equal(read_map(tmp_path / "map.tif", invert=True).free, numbers == 0)
+    assert not any("NaN" in text for text in said)

@@ -281,7 +281,7 @@ def _read_end(sheet: Sheet, end: Item, last: Item) -> None:
     """Read the landing or the hold at the end of a mission, after its last waypoint."""
     # without a place, the vehicle lands or stays where it is; PX4 takes zeros for a place
     zeros = end.params[4:6] == (0.0, 0.0)
-    here = None in end.params[4:6] or (zeros and sheet.autopilot != "px4")
+    here = any(map(math.isnan, _number(*end.params[4:6]))) or (zeros and sheet.autopilot != "px4")
     latitude, longitude, height = _number(*(last if here else end).params[4:6], end.params[6])
     sheet.landing = (longitude, latitude)
     if end.command != HOLD or not any(altitude > 0 for altitude in sheet.altitudes):

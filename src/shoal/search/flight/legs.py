@@ -147,6 +147,10 @@ def lengthen_short_legs(points: Points, least: float, allowed: Callable[[Points]
     while k + 1 < len(path) > 2:  # the leg from k to k + 1
         begin, end = path[k], path[k + 1]
         length = math.dist(begin, end)
+        if k and not length and ups[k] == ups[k + 1]:  # where the path turned back at a short leg
+            del path[k], ups[k]
+            k -= 1
+            continue
         key = (*begin, *end)
         first, last = k == 0, k + 2 >= len(path)
         if not 0 < length < least or len({*ups[max(k - 1, 0) : k + 3]}) > 1 or key in refused:

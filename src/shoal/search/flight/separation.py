@@ -18,6 +18,9 @@ HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
 unplanned delay in seconds.
 """
 
+TURNS = (0.0, 1.25)
+"""Factors of the stated time of turns between which separation holds."""
+
 LEVEL = 1e-3  # metres: tolerance of the vertical separation
 _HAIR = 1e-9  # relative to a leg's duration
 _HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
@@ -75,7 +78,7 @@ class _Legs:
     without legs that take no time.
 
     The attribute ``reach`` is the distance in metres by which a vehicle that flies circles may be
-    away from the leg.
+    away from the leg, and ``paused`` for how long the vehicle has stood before the leg, at turns.
     """
 
     begins: Floats
@@ -83,17 +86,21 @@ class _Legs:
     points: Floats
     velocities: Floats
     reach: Floats
+    paused: Floats
 
     @classmethod
-    def of(cls, flown: Trajectory) -> _Legs:
+    def of(cls, flown: Trajectory, slower: float = 1.0) -> _Legs:
         lasts = np.diff(flown.times)
         moving = lasts > 0
-        velocities = np.diff(flown.points, axis=0)[moving] / lasts[moving, None]
+        lasts = lasts[moving]
+        velocities = np.diff(flown.points, axis=0)[moving] / lasts[:, None]
         reach = np.zeros(len(velocities))
         reach[-1:] = flown.circle
-        return cls(
-            flown.times[:-1][moving], lasts[moving], flown.points[:-1][moving], velocities, reach
-        )
+        pauses = np.where(velocities.any(axis=1), 0.0, lasts)
+        paused = np.cumsum(pauses) - pauses
+        lasts = np.where((pauses > 0) & (reach == 0), slower * lasts, lasts)
+        begins, points = flown.times[:-1][moving], flown.points[:-1][moving]
+        return cls(begins, lasts, points, velocities, reach, paused)
 
     def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
         return _Legs(
@@ -102,6 +109,7 @@ class _Legs:
             self.points[index],
             self.velocities[index],
             self.reach[index],
+            self.paused[index],
         )
 
     def bounds(self) -> tuple[Floats, Floats]:
@@ -344,7 +352,12 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 
 
 def conflicts(
-    first: Trajectory, second: Trajectory, *, horizontal: float, vertical: float
+    first: Trajectory,
+    second: Trajectory,
+    *,
+    horizontal: float,
+    vertical: float,
+    turns: tuple[float, float] = (1.0, 1.0),
 ) -> Floats:
     """Return the intervals of start time differences for which two vehicles come too close;
     float64, shape (k, 2).
@@ -358,6 +371,9 @@ def conflicts(
     first, second : Trajectory
     horizontal, vertical : float
         Required horizontal and vertical separation in metres.
+    turns : tuple of float
+        Least and largest factor of the times for which vehicles stand at their turns: one unknown
+        factor for all turns of both vehicles.
 
     Examples
     --------
@@ -368,7 +384,7 @@ def conflicts(
     """
     import shapely
 
-    mine, theirs = _Legs.of(first), _Legs.of(second)
+    mine, theirs = _Legs.of(first, turns[1]), _Legs.of(second, turns[1])
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     boxes = shapely.box(*(below[:, :2] - horizontal).T, *(above[:, :2] + horizontal).T)
     index_of_first, index_of_second = shapely.STRtree(boxes).query(
@@ -389,9 +405,10 @@ def conflicts(
     shifts = (point[..., :1] - point[..., 1:]) + ends * (along[..., :1] - along[..., 1:])
     intervals = np.where(feasible, np.sort(shifts, axis=-1), [np.inf, -np.inf])
     every = np.concatenate([tangents[None], intervals])
-    return merge_intervals(
-        np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
-    )
+    # other times of turns change when legs begin, and not how they are flown
+    moved = np.multiply.outer(np.subtract(turns, 1.0), a.paused - b.paused)
+    least, most = every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins
+    return merge_intervals(np.stack([least + moved.min(axis=0), most + moved.max(axis=0)], axis=1))
 
 
 def _close_interval(
@@ -557,7 +574,7 @@ def _earliest_delay(
     """
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
-        if started + max(part.duration for part in theirs) + separation.delay < delay:
+        if started + TURNS[1] * max(part.duration for part in theirs) + separation.delay < delay:
             continue  # it has landed, however late it is
         for own_flight, other_flight in zip(mine, theirs, strict=True):
             apart = conflicts(
@@ -565,6 +582,7 @@ def _earliest_delay(
                 other_flight,
                 horizontal=separation.horizontal,
                 vertical=separation.vertical,
+                turns=TURNS,
             )
             # With both uncertainties, the start differs by delay - started, plus or minus the
             # tolerance.

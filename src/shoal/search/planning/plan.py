@@ -197,6 +197,10 @@ class SearchPlan:
         delay, and again as soon as it is back and recharged.
     image : Image, optional
         Image of the vehicles' camera. By default, robots see squares along the rows of cells.
+    reach : float
+        Metres that images lack at the ends of paths for the reserve that they have beside rows.
+        Vehicles fly so much beyond their first and their last cell, but not fixed wings, which would
+        fly other curves. At bends, images of the next leg see what lacks.
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
@@ -230,6 +234,7 @@ class SearchPlan:
     flies: bool = False
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
+    reach: float = 0.0
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
     ground: Ground | MovingGround | None = field(default=None, repr=False)
     prior_inside: float = 1.0
@@ -397,9 +402,31 @@ class SearchPlan:
         number of points on the way out.
         """
         route = self.route(robot, stops, detours)
-        begin = min(1, int(route.stops[1]))
+        out = int(route.stops[1])
+        begin = min(1, out)
         # without home, above which it climbs anyway
-        return int(route.stops[1]) - begin, route.points[begin:]
+        return out - begin, self._reach_ends(route.points, out)[begin:]
+
+    def _reach_ends(self, points: Points, out: int) -> Points:
+        """Return a path whose search, which begins at the point ``out``, reaches beyond both ends by
+        ``reach``, where the region has room.
+        """
+        if not self.reach or self.vehicle.radius or len(points) < out + 2:
+            return points
+        points, free = points.copy(), self.grid.region.free
+        shapely.prepare(free)
+        for end, inner, way in (
+            (out, out + 1, points[max(out - 1, 0) : out]),
+            (-1, -2, points[:0]),
+        ):
+            ahead = points[end, :2] - points[inner, :2]
+            length = float(np.hypot(*ahead))
+            if length:
+                beyond = points[end, :2] + self.reach / length * ahead
+                around = np.vstack([way[:, :2], beyond, points[inner, :2]])
+                if free.covers(shapely.linestrings(around)):
+                    points[end, :2] = beyond
+        return points
 
     @property
     def planned_seconds(self) -> float:
@@ -1419,10 +1446,21 @@ def _team_plans(
             flies=problem.vehicle is not None,
             stay_inside=problem.stay_inside,
             image=None if problem.image is None else problem.image.scaled(1 / scale),
+            reach=_reach(problem, grid.size),
             flown=flown,
         )
         plans.append(_with_delays(plan))
     return plans
+
+
+def _reach(problem: SearchProblem, side: float) -> float:
+    """Return by how many metres images that are hardly longer than a cell see less beyond the ends
+    of paths than the reserve of rows.
+    """
+    vehicle = problem.chosen_vehicle
+    if vehicle.image_size is None or problem.footprint is not None:
+        return 0.0
+    return max((problem.cross_track or 0.0) - (vehicle.image_size[1] - side) / 2, 0.0)
 
 
 def _in_passes(

@@ -21,6 +21,10 @@ _FLAT = 1e-9  # relative to the size: a thinner outline has no interior
 _STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn is dropped
 
 
+class InwardCornerError(InvalidInputError):
+    """Raised if an outline bends inward."""
+
+
 def convex_outline(vertices: ArrayLike) -> Points:
     """Return the corners of a convex polygon in counter-clockwise order; float64, shape (n, 2).
 
@@ -74,7 +78,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
     if (turns < 0).any():
         worst = int(np.argmax(turns < 0))
         corner = tuple(corners[worst].tolist())
-        raise InvalidInputError(
+        raise InwardCornerError(
             "polygon: expected a convex outline (a region takes any outline), "
             f"got one that bends inward at vertex {places[worst] + 1}, {corner}"
         )

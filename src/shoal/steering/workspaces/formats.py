@@ -26,6 +26,7 @@ from shoal.core.checks import (
 from shoal.core.errors import InvalidInputError, UnknownNameError, errors_at
 from shoal.steering.workspaces.convex import (
     ConvexWorkspace,
+    InwardCornerError,
     Points,
     cylinder,
     disk,
@@ -265,7 +266,8 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     Returns
     -------
     ConvexWorkspace or Region
-        The workspace, which is a `Region` if the source has obstacles or the type "region".
+        The workspace, which is a `Region` if the source has obstacles or the type "region", or if a
+        drawing, WKT or GeoJSON bends inward.
 
     Raises
     ------
@@ -461,4 +463,7 @@ def _from_rings(rings: list[Any], *, where: str) -> Workspace:
     obstacles.
     """
     with errors_at(where):
-        return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])
+        try:
+            return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])
+        except InwardCornerError:
+            return region(rings[0])

@@ -101,14 +101,20 @@ class Page(NamedTuple):
 
 
 class Picture:
-    """An open picture: its pages, the size of a pixel, and whether a channel was chosen by an axis
-    of the file.
+    """An open picture: its pages, the size of a pixel, whether a channel was chosen by an axis of
+    the file, and the number that stands for a missing one, if the file names one.
     """
 
     def __init__(
-        self, pages: Iterator[Page], *, spacing: Any = None, channels_chosen: bool = False
+        self,
+        pages: Iterator[Page],
+        *,
+        spacing: Any = None,
+        channels_chosen: bool = False,
+        missing: float | None = None,
     ) -> None:
         self._pages, self.spacing, self.channels_chosen = pages, spacing, channels_chosen
+        self.missing = missing
 
     def __iter__(self) -> Iterator[Page]:
         return self._pages
@@ -165,7 +171,9 @@ def open_picture(path: Path, options: MapOptions, *, most: int | None = None) ->
             if image.format == "BMP":
                 _mend_palette_of_bmp(image, file)
             depth = _bits_of_png(file) if image.format == "PNG" else 0
-            yield Picture(_pages(path, image, options, most, png_depth=depth))
+            tags: Any = image.tag_v2 if image.format == "TIFF" else {}  # type: ignore[attr-defined]
+            missing = tiff.check_notes(path, tags.get(tiff.METADATA), tags.get(tiff.NO_DATA))
+            yield Picture(_pages(path, image, options, most, png_depth=depth), missing=missing)
 
 
 def _check_colours_of_tiff(path: Path, image: Any) -> None:
@@ -414,7 +422,10 @@ def _by_tifffile(path: Path, options: MapOptions) -> Iterator[Picture]:
             spacing = (1.0, *spacing[1:])
         complete_spacing = None if spacing is None or spacing[0] is None else spacing
         yield Picture(
-            _tiff_pages(opened), spacing=complete_spacing, channels_chosen=opened.channels_chosen
+            _tiff_pages(opened),
+            spacing=complete_spacing,
+            channels_chosen=opened.channels_chosen,
+            missing=opened.missing,
         )
     finally:
         opened.close()

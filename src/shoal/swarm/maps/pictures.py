@@ -323,7 +323,8 @@ class _Source:
                         name = str(file) if self.folder else f"{file}: page {number}"
                         size = self._check_page(file, band, name, count, number, size)
                     by_axis = self.options.channel is None or picture.channels_chosen
-                    yield name, band if by_axis else _one_channel(band, self.options.channel, file)
+                    page = band if by_axis else _one_channel(band, self.options.channel, file)
+                    yield name, _without_missing(page, picture.missing)
                 self.spacing = picture.spacing
 
     def _check_page(
@@ -450,6 +451,18 @@ class _Source:
         """Send the notices about the pages."""
         for text in self._notices:
             tell_once(f"shoal: {self.folder or self.files[0]}: {text}")
+
+
+def _without_missing(page: Page, missing: float | None) -> Page:
+    """Return a grey page in which NaN takes the place of the number that stands for a missing one. In
+    masks this is often 0, which is an obstacle by itself.
+    """
+    if not missing or page.numbers.ndim != 2 or page.palette is not None:
+        return page
+    nearest = np.float32(missing) if page.numbers.dtype == np.float32 else missing
+    numbers = page.numbers.astype(np.promote_types(page.numbers.dtype, np.float32))
+    numbers[page.numbers == nearest] = np.nan
+    return page._replace(numbers=numbers)
 
 
 def _one_channel(page: Page, channel: int | str | None, path: Path) -> Page:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
@@ -30,6 +31,11 @@ WHOLE = {8, 16, 32, 64}
 
 SIMPLE = {1, 2, 4, 8, 12, 16}
 """Numbers of bits of a grey pixel that Pillow reads exactly."""
+
+METADATA, NO_DATA = 42112, 42113
+"""Tags in which GDAL notes what the numbers of a file mean, and which one stands for a missing one."""
+
+LARGEST_NOTES = 10_000_000  # characters
 
 
 def needs_tifffile(path: Path, tags: Any) -> bool:
@@ -67,6 +73,49 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
         samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2)
     )
     return max(bits) > 8 or kind != 1 or not standard or (planar == 2 and samples != 3)
+
+
+def check_notes(path: Path, metadata: Any, no_data: Any) -> float | None:
+    """Return the number that stands for a missing one by what GDAL notes of a picture, or None.
+
+    Parameters
+    ----------
+    path : path
+        The picture, beside which GDAL may have written more notes.
+    metadata, no_data : str, optional
+        The text of the tags `METADATA` and `NO_DATA`.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the notes say that the numbers of the file mean others, by a scale or an offset.
+    """
+    beside = path.with_name(f"{path.name}.aux.xml")
+    notes = re.findall(
+        r'<Item\b[^>]*\brole="(scale|offset)"[^>]*>([^<]*)', str(metadata or "")[:LARGEST_NOTES]
+    )
+    if beside.is_file():
+        with beside.open("rb") as file:
+            text = file.read(LARGEST_NOTES).decode(errors="replace")
+        notes += re.findall("<(Scale|Offset|NoDataValue)>([^<]*)", text)
+    for name, said in notes:
+        number = _number(said)
+        if name == "NoDataValue":
+            no_data = no_data or said
+        elif number != (name.lower() == "scale"):  # a scale of 1 and an offset of 0 say nothing
+            raise InvalidInputError(
+                f"{path}: expected numbers that mean themselves, got the {name.lower()}"
+                f" {shortened(said.strip())} in the notes of GDAL; write the file with"
+                " gdal_translate -unscale"
+            )
+    return _number(no_data)
+
+
+def _number(text: Any) -> float | None:
+    try:
+        return float(str(text).strip(" \0\r\n\t"))
+    except ValueError:
+        return None
 
 
 def _tifffile() -> Any:
@@ -143,6 +192,8 @@ class Tiff:
             raise InvalidInputError(f"{self.path}: expected a picture of numbers, got {self.dtype}")
         self.orientation = int(page.tags.get(274).value) if page.tags.get(274) is not None else 1
         self.extra = tuple(int(sample) for sample in page.extrasamples)
+        notes = [page.tags.valueof(tag) for tag in (METADATA, NO_DATA)]
+        self.missing = check_notes(self.path, *notes)
         axes, shape = self._series.axes, tuple(int(side) for side in self._series.shape)
         rows, columns = int(page.imagelength), int(page.imagewidth)
         index: list[Any] = []

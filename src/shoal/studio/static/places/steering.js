@@ -3,7 +3,7 @@
 import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { faultsOf, fieldRow, makeForm, seedField, seedIn } from "../shared/form.js";
 import { Store, dated, stepButtons } from "../shared/store.js";
-import { CROSSES, CROSSES_CLOSED, bends, crosses } from "../shared/geometry.js";
+import { CROSSES, CROSSES_CLOSED, crosses } from "../shared/geometry.js";
 import { hands, spotOf } from "../shared/hands.js";
 import {
   capital,
@@ -45,7 +45,7 @@ const BEGIN = {
     [0.3, 0.75],
   ],
 };
-const SKETCH = "Click corners of a convex outline (none inward)";
+const SKETCH = "Click corners of an outline";
 const PLANS = ["greedy", "shortest", "fewest-moves"];
 const CLOSEST = 40; // the largest zoom
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
@@ -173,13 +173,15 @@ export function steering({ remember }) {
     }
   }
 
-  /** What follows the hand: greedy's plan, and what two moves reach. */
+  /** What follows the hand: greedy's plan, where the workspace is convex, and what two moves reach. */
   const follow = newest(async () => {
     if (!place) return;
     const began = performance.now(),
       asked = fields();
     try {
-      plans = { greedy: await ask("steer", { problem: { ...asked, planner: "greedy" }, seed }) };
+      plans = place.convex
+        ? { greedy: await ask("steer", { problem: { ...asked, planner: "greedy" }, seed }) }
+        : {};
       performance.measure("shoal-greedy", { start: began });
       if (!corners) complain(null);
     } catch (error) {
@@ -205,7 +207,8 @@ export function steering({ remember }) {
    *  of the last one, without plans. */
   let offers = PLANS;
   function offered() {
-    if (place) offers = [...new Set([...(simple() ? PLANS : ["greedy"]), planner()])];
+    const quick = simple() ? PLANS : place?.convex ? ["greedy"] : [];
+    if (place) offers = [...new Set([...quick, planner()])];
     return offers;
   }
 
@@ -656,10 +659,6 @@ export function steering({ remember }) {
     }
     if (crosses(corners, corner)) {
       complain(CROSSES);
-      return;
-    }
-    if (bends([...corners, corner])) {
-      complain("This corner would bend inward: a workspace is convex, without inward corners.");
       return;
     }
     complain(null);

@@ -57,16 +57,6 @@ export const area = (ring) =>
 export const bearing = ([ax, ay], [bx, by]) =>
   ((Math.atan2(bx - ax, by - ay) * 180) / Math.PI + 360) % 360;
 
-/** Whether the outline of these corners bends inward somewhere. */
-export function bends(ring) {
-  const turns = ring.map((b, i) => {
-    const a = ring.at(i - 1),
-      c = ring[(i + 1) % ring.length];
-    return Math.sign((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]));
-  });
-  return turns.includes(1) && turns.includes(-1);
-}
-
 /** Whether a point lies inside a ring. */
 export const inside = ([x, y], ring) =>
   ring.reduce((odd, [ax, ay], i) => {
