@@ -148,6 +148,9 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
+_OF_ALL = (
+    2.0  # so many times, the mean number of turns of several robots counts with that of the last
+)
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1290,10 +1293,12 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     times = _working_times(plan)
     if price <= 0:
         return max(times, default=0.0)
-    return max(
-        time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
-        for robot, time in enumerate(times)
-    )
+    turns = [
+        int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
+        for robot in range(len(times))
+    ]
+    latest = max(time + price * own for time, own in zip(times, turns, strict=True))
+    return latest + (_OF_ALL * price * sum(turns) / len(turns) if len(turns) > 1 else 0.0)
 
 
 def plans_along(
@@ -1376,7 +1381,10 @@ def _team_plans(
         problem.chosen_vehicle,
     )
     footprints = scale * check_footprints(problem.chosen_footprint, robots)
-    tour_cost = _tour_cost(grid_tour, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
+    own = turn_cells(vehicle, grid.size)
+    tour_cost = _tour_cost(grid_tour, own, stepwise=problem.stepwise)
+    if problem.vehicle is not None:
+        tour_cost = replace(tour_cost, turn_price=problem.turn_price(own) - own)
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
