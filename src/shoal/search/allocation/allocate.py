@@ -143,7 +143,8 @@ _STRIDES = 96  # maximum number of first borders that are tried
 _TRIALS = 8_000
 _EITHER = 200_000  # cells times robots: above this, the arcs are those of ``hop``
 _CUTS = 24  # number of dear steps, and of equally distant cells, at which the first arc may begin
-_LATER = 1.02  # time that may be lost for borders between rows
+_LATER = 1.02  # time that may be lost for a border between rows
+_WHOLE = 1.05  # time that may be lost, with the price of turns, if all borders are between rows
 _PAIRS = 200_000  # pairs of rows times robots: above this, borders move one by one
 _CANDIDATES = 12  # number of trials whose borders are improved
 
@@ -254,7 +255,8 @@ def either_end(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     back to its start, if both ends are nearer to each other than to the robot.
 
     The tour is cut where its steps are dear, so that no robot flies a long way back to the first
-    row, and as far as that takes no longer, between two rows. Along the tour, the robots' arcs have
+    row, and between two rows: where turns cost something, all arcs are whole rows if that takes at
+    most 5 % longer, and else each border moves to the nearest end of a row for at most 2 %. Along the tour, the robots' arcs have
     the same order as the robots' starts.
     """
     return _sections(tour_cost, team, home=False)
@@ -315,13 +317,14 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
             borders = borders if trial is None else trial
         if borders is not None and high < best:
             best, best_cut = high, (borders, turn)
-    # what the turns cost into and out of an arc that begins and ends within rows
-    turns = 2 * (tour_cost.turn_cost + tour_cost.turn_price)
-    limit = max(best * _LATER, best + turns)
-    whole = _in_whole_rows(tour_cost, team, far, limit, home) if turns and m > 1 else None
-    borders, turn = best_cut if whole is None else whole
+    borders, turn = best_cut
+    whole = None
+    if tour_cost.turn_cost + tour_cost.turn_price and m > 1:
+        whole = _in_whole_rows(tour_cost, team, far, best * _WHOLE, home)
     if whole is None:
-        borders = _between_rows(tour_cost, team, far, limit, borders, turn, home)
+        borders = _between_rows(tour_cost, team, far, best * _LATER, borders, turn, home)
+    else:
+        borders, turn = whole
     arcs = _arcs_between(borders)
     return [
         _from_nearer_end(tour_cost, team, robot, arcs[(robot - turn) % m], home=home)

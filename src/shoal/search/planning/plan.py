@@ -148,9 +148,7 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
-_OF_ALL = (
-    2.0  # so many times, the mean number of turns of several robots counts with that of the last
-)
+_NEARLY = 1.03  # cost, relative to the best, up to which the turns of all vehicles decide
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1266,8 +1264,7 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
-    plans.sort(key=lambda plan: costs[id(plan)])
+    plans = by_choice(plans, problem)
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -1293,12 +1290,53 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     times = _working_times(plan)
     if price <= 0:
         return max(times, default=0.0)
-    turns = [
-        int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
-        for robot in range(len(times))
-    ]
-    latest = max(time + price * own for time, own in zip(times, turns, strict=True))
-    return latest + (_OF_ALL * price * sum(turns) / len(turns) if len(turns) > 1 else 0.0)
+    return max(
+        time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
+        for robot, time in enumerate(times)
+    )
+
+
+def by_choice(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+    """Return plans in the order in which the planner chooses: by the `price_of_turns`. With several
+    vehicles, those come first that cost at most a little more than the best, by the number of turns
+    of all vehicles, because the price counts only those of the last one.
+    """
+    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
+    ranked = sorted(plans, key=lambda plan: costs[id(plan)])
+    if not ranked or problem.robots == 1 or not ranked[0].flies:
+        return ranked
+    near = [plan for plan in ranked if is_near(costs[id(plan)], costs[id(ranked[0])])]
+    return [*sorted(near, key=_turns_in_all), *ranked[len(near) :]]
+
+
+def is_near(cost: float, best: float) -> bool:
+    """Return whether a plan costs so little more than the best that the turns of all vehicles decide
+    between them.
+    """
+    return cost <= _NEARLY * best
+
+
+def _turns_in_all(plan: SearchPlan) -> int:
+    return sum(int(turns_of(route).sum()) for _, route in whole_routes(plan))
+
+
+def whole_routes(plan: SearchPlan) -> list[tuple[int, Points]]:
+    """Return the number of each robot that has work, counted from 0, and its route: from its start
+    along its stops and, of a vehicle, to where it lands; float64, each of shape (k, 2) or (k, 3).
+    """
+    routes = []
+    for robot in range(len(plan.places)):
+        stops = plan.stops(robot)
+        if not len(stops):
+            continue
+        route = plan.route(robot, stops).points
+        if plan.flies:
+            home = (plan.places if plan.landing is None else plan.landing)[robot]
+            back = plan.leg(home, route[-1, :2])[::-1]
+            level = np.full((len(back), route.shape[1] - 2), route[-1, 2:])
+            route = np.vstack([route, np.hstack([back, level])[1:]])
+        routes.append((robot, route))
+    return routes
 
 
 def plans_along(
