@@ -144,7 +144,7 @@ _TRIALS = 8_000
 _EITHER = 200_000  # cells times robots: above this, the arcs are those of ``hop``
 _CUTS = 24  # number of dear steps, and of equally distant cells, at which the first arc may begin
 _LATER = 1.02  # time that may be lost for a border between rows
-_WHOLE = 1.05  # time that may be lost, with the price of turns, if all borders are between rows
+_WHOLE = 0.05  # share of the cells of a robot: time that may be lost if all borders are between rows
 _PAIRS = 200_000  # pairs of rows times robots: above this, borders move one by one
 _CANDIDATES = 12  # number of trials whose borders are improved
 
@@ -320,7 +320,8 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
     borders, turn = best_cut
     whole = None
     if tour_cost.turn_cost + tour_cost.turn_price and m > 1:
-        whole = _in_whole_rows(tour_cost, team, far, best * _WHOLE, home)
+        latest = best + _WHOLE * n / float(powers.sum())
+        whole = _in_whole_rows(tour_cost, team, far, latest, home)
     if whole is None:
         borders = _between_rows(tour_cost, team, far, best * _LATER, borders, turn, home)
     else:

@@ -72,7 +72,7 @@ from shoal.search.planning.orientation import (
     other_angles,
     through_layers,
 )
-from shoal.search.problem import TOUR, SearchProblem
+from shoal.search.problem import TOUR, TURN_PRICES, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
@@ -1422,7 +1422,8 @@ def _team_plans(
     own = turn_cells(vehicle, grid.size)
     tour_cost = _tour_cost(grid_tour, own, stepwise=problem.stepwise)
     if problem.vehicle is not None:
-        tour_cost = replace(tour_cost, turn_price=problem.turn_price(own) - own)
+        # also where rows are preferred: robots are back together only if turns count as they take
+        tour_cost = replace(tour_cost, turn_price=max(TURN_PRICES["time"] - own, 0.0))
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
