@@ -144,7 +144,7 @@ _TRIALS = 8_000
 _EITHER = 200_000  # cells times robots: above this, the arcs are those of ``hop``
 _CUTS = 24  # number of dear steps, and of equally distant cells, at which the first arc may begin
 _LATER = 1.02  # time that may be lost for a border between rows
-_WHOLE = 0.05  # share of the cells of a robot: time that may be lost if all borders are between rows
+_WHOLE = 0.08  # the same if all borders are between rows, as a share of the cells of a robot
 _PAIRS = 200_000  # pairs of rows times robots: above this, borders move one by one
 _CANDIDATES = 12  # number of trials whose borders are improved
 
@@ -255,9 +255,9 @@ def either_end(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     back to its start, if both ends are nearer to each other than to the robot.
 
     The tour is cut where its steps are dear, so that no robot flies a long way back to the first
-    row, and between two rows: where turns cost something, all arcs are whole rows if that takes at
-    most 5 % longer, and else each border moves to the nearest end of a row for at most 2 %. Along the tour, the robots' arcs have
-    the same order as the robots' starts.
+    row. Where turns cost something, all arcs are whole rows if that takes little longer; otherwise,
+    each border moves to the nearest end of a row, as far as that takes at most 2 % longer. Along
+    the tour, the robots' arcs have the same order as the robots' starts.
     """
     return _sections(tour_cost, team, home=False)
 

@@ -73,7 +73,8 @@ class TourCost:
         Whether the order by probabilities is one that random changes improve no more, and not only
         the first that no small change improves.
     turn_price : float
-        What a turn costs in cells, beyond ``turn_cost``, where allocators share the tour.
+        What a turn costs in cells, beyond ``turn_cost``, where allocators share the tour among
+        vehicles. It counts in no time of a robot.
     """
 
     tour: Tour

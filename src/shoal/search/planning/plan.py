@@ -148,7 +148,7 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
-_NEARLY = 1.03  # cost, relative to the best, up to which the turns of all vehicles decide
+_NEARLY = 1.04  # cost, relative to the best, up to which the turns of all vehicles decide
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
