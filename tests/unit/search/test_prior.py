@@ -880,7 +880,7 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
     ("vehicle", "apart", "ring", "chosen"),
     [
         ("multirotor", (60, 30), "66,66", "shorter"),
-        ("rover", (15,), "34,13", "tour"),
+        ("rover", (15,), "36,16", "tour"),
         ("rover", (0,), "58,36", "auto"),
     ],
 )

@@ -432,3 +432,19 @@ def test_the_order_of_strips_knows_that_links_stay_inside():
     away = {cell: steps_away(mask, cell) for cell in map(tuple, cells.tolist())}
     links = itertools.pairwise([*map(tuple, cells.tolist()), tuple(cells[0].tolist())])
     assert sum(away[cell][after] for cell, after in links) < np.count_nonzero(mask) + 4
+
+
+def test_vehicles_get_whole_rows_where_that_takes_little_longer():
+    # 24 rows of 12 cells, with turns that cost something to several vehicles
+    tour = make_tour("boustrophedon", (24, 12))
+    free, priced = (TourCost(tour, turn_price=price) for price in (0.0, 0.85))
+    starts = [int(tour.position[row, 5]) for row in (3, 11, 20)]
+    for name in ("either-end", "loop"):
+        arcs = [arc for own in allocate(priced, starts, allocator=name).arcs for arc in own]
+        seen = numbers_of(arcs, len(tour))
+        assert sorted(seen.tolist()) == list(range(len(tour)))
+        for own in allocate(priced, starts, allocator=name).arcs:
+            rows = tour.cells[numbers_of(own, len(tour)), 0]
+            assert (np.bincount(rows, minlength=24) % 12 == 0).all()
+    cut = [numbers_of(own, len(tour)) for own in allocate(free, starts, allocator="hop").arcs]
+    assert any((np.bincount(tour.cells[own, 0], minlength=24) % 12).any() for own in cut)

@@ -143,7 +143,9 @@ _STRIDES = 96  # maximum number of first borders that are tried
 _TRIALS = 8_000
 _EITHER = 200_000  # cells times robots: above this, the arcs are those of ``hop``
 _CUTS = 24  # number of dear steps, and of equally distant cells, at which the first arc may begin
-_LATER = 1.02  # time that may be lost for borders between rows
+_LATER = 1.02  # time that may be lost for a border between rows
+_WHOLE = 0.08  # the same if all borders are between rows, as a share of the cells of a robot
+_PAIRS = 200_000  # pairs of rows times robots: above this, borders move one by one
 _CANDIDATES = 12  # number of trials whose borders are improved
 
 
@@ -253,8 +255,9 @@ def either_end(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     back to its start, if both ends are nearer to each other than to the robot.
 
     The tour is cut where its steps are dear, so that no robot flies a long way back to the first
-    row, and as far as that takes no longer, between two rows. Along the tour, the robots' arcs have
-    the same order as the robots' starts.
+    row. Where turns cost something, all arcs are whole rows if that takes little longer; otherwise,
+    each border moves to the nearest end of a row, as far as that takes at most 2 % longer. Along
+    the tour, the robots' arcs have the same order as the robots' starts.
     """
     return _sections(tour_cost, team, home=False)
 
@@ -287,7 +290,7 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
     firsts = np.unique(np.concatenate([around, np.linspace(0, n - 1, _CUTS).astype(np.int64)]))
     candidates = []
     for first in firsts.tolist():
-        levels = tour_cost.ahead[first + 1 : first + n + 1] - tour_cost.ahead[first + 1] + 1.0
+        levels = tour_cost.priced[first + 1 : first + n + 1] - tour_cost.priced[first + 1] + 1.0
         shares = levels[-1] * np.cumsum(powers) / powers.sum()
         ends = np.minimum(np.searchsorted(levels, shares - 1e-9), n - 1)
         begins = np.append(0, ends[:-1] + 1) % n
@@ -315,7 +318,15 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
         if borders is not None and high < best:
             best, best_cut = high, (borders, turn)
     borders, turn = best_cut
-    arcs = _arcs_between(_between_rows(tour_cost, team, far, best, borders, turn, home))
+    whole = None
+    if tour_cost.turn_cost + tour_cost.turn_price and m > 1:
+        latest = best + _WHOLE * n / float(powers.sum())
+        whole = _in_whole_rows(tour_cost, team, far, latest, home)
+    if whole is None:
+        borders = _between_rows(tour_cost, team, far, best * _LATER, borders, turn, home)
+    else:
+        borders, turn = whole
+    arcs = _arcs_between(borders)
     return [
         _from_nearer_end(tour_cost, team, robot, arcs[(robot - turn) % m], home=home)
         for robot in range(m)
@@ -323,17 +334,27 @@ def _sections(tour_cost: TourCost, team: Team, *, home: bool) -> list[list[Arc]]
 
 
 def _either_time(
-    tour_cost: TourCost, team: Team, far: Floats, robot: int, first: int, ends: Indices, home: bool
+    tour_cost: TourCost,
+    team: Team,
+    far: Floats,
+    robot: int,
+    first: int | Indices,
+    ends: Indices,
+    home: bool,
 ) -> Floats:
     """Return the times in which a robot searches the arcs from a cell to each of the given cells,
-    beginning at the nearer end or, if that is sooner done, in the middle.
+    beginning at the nearer end or, if that is sooner done, in the middle. Turns have their price.
     """
-    n, ahead, points = len(tour_cost), tour_cost.ahead, tour_cost.points
-    work = (ahead[ends + 1] - ahead[first + 1] + 1.0) / team.gains[robot]
+    n, levels, points = len(tour_cost), tour_cost.priced, tour_cost.points
+    # a turn into the first cell, unless it is one of the tour, and one home
+    turns = 1.0 + (tour_cost.turns[first % n] == 0)
+    price = tour_cost.turn_cost + tour_cost.turn_price
+    work = levels[ends + 1] - levels[first + 1] + 1.0 + price * turns
+    work = work / team.gains[robot]
     to_first, to_last = far[robot, first % n], far[robot, ends % n]
     travel = to_first + to_last if home else np.minimum(to_first, to_last)
     inside = (int(team.starts[robot]) - first) % n < ends - first
-    across = np.linalg.norm(points[ends % n] - points[first % n], axis=1)
+    across = np.linalg.norm(points[ends % n] - points[first % n], axis=-1)
     travel = np.where(inside, np.minimum(travel, across), travel)
     return np.asarray((work + travel) / team.rates[robot])
 
@@ -352,7 +373,7 @@ def _either_pass(
         robot = (k + turn) % m
         # arcs that take longer without the way to them
         work = (1 + 1e-9) * (time + 1e-9) * float(team.rates[robot] * team.gains[robot])
-        after = int(np.searchsorted(tour_cost.ahead, tour_cost.ahead[begin + 1] + work, "right"))
+        after = int(np.searchsorted(tour_cost.priced, tour_cost.priced[begin + 1] + work, "right"))
         ends = np.arange(begin, min(after + 1, first + n))
         times = _either_time(tour_cost, team, far, robot, begin, ends, home)
         within = np.flatnonzero(times <= time + 1e-9)
@@ -361,6 +382,48 @@ def _either_pass(
         if begin >= first + n:
             return borders
     return None
+
+
+def _in_whole_rows(
+    tour_cost: TourCost, team: Team, far: Floats, latest: float, home: bool
+) -> tuple[Indices, int] | None:
+    """Return the borders of arcs of whole rows that robots search within the shortest time, and the
+    robot of the first arc, or None if that takes longer than ``latest``.
+    """
+    n, m = len(tour_cost), len(team.starts)
+    turning = tour_cost.turns > 0
+    begins = np.flatnonzero(np.roll(turning, 1) & turning)
+    rows = len(begins)
+    if rows < m or rows * rows * m > _PAIRS:
+        return None
+    numbers = np.arange(rows)
+    around = np.concatenate([begins, begins + n, begins + 2 * n])
+    # for each robot, the time for 1 to all rows behind the begin of each row
+    lasts = around[numbers[:, None] + 1 + numbers] - 1
+    times = np.array(
+        [
+            _either_time(tour_cost, team, far, robot, begins[:, None], lasts, home)
+            for robot in range(m)
+        ]
+    )
+    robots = (np.arange(m)[:, None] + np.arange(m)) % m  # of each arc, by that of the first one
+    found, low, time = None, float(times.min()), latest
+    while found is None or latest - low > 1e-3:
+        counts = np.where(times <= time, numbers + 1, 0).max(axis=2)
+        done = np.zeros((m + 1, m, rows), dtype=np.int64)  # rows, by the first robot and row
+        for k in range(m):
+            counted = counts[robots[:, k, None], (numbers + done[k]) % rows]
+            done[k + 1] = np.minimum(done[k] + counted, rows)
+        complete = np.argwhere(done[m] == rows)
+        if len(complete):
+            turn, first = complete[0].tolist()
+            found, latest = (around[first + done[:, turn, first]], turn), time
+        elif found is None:
+            return None
+        else:
+            low = time
+        time = (low + latest) / 2
+    return found
 
 
 def _between_rows(
@@ -373,7 +436,7 @@ def _between_rows(
     home: bool,
 ) -> Indices:
     """Return borders moved to the nearest ends of rows, as far as no robot then needs longer than
-    ``time`` by more than `_LATER`.
+    ``time``.
     """
     m = len(team.starts)
     turning = np.concatenate([tour_cost.turns] * 3) > 0
@@ -391,7 +454,7 @@ def _between_rows(
             _either_time(tour_cost, team, far, (part + turn) % m, low, np.array([high - 1]), home)[
                 0
             ]
-            <= time * _LATER
+            <= time
             for part, low, high in parts
         ):
             moved[k] = border
@@ -486,7 +549,7 @@ def _bisect(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
     """
     n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # the borders that the allocator ``stay`` chooses
-    gaps = np.diff(tour_cost.ahead[best]) / _powers(team)
+    gaps = np.diff(tour_cost.priced[best]) / _powers(team)
     low, high = n / float(_powers(team).sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)
     for _ in range(_HALVINGS):

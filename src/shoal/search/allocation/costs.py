@@ -72,6 +72,9 @@ class TourCost:
     thorough : bool
         Whether the order by probabilities is one that random changes improve no more, and not only
         the first that no small change improves.
+    turn_price : float
+        What a turn costs in cells, beyond ``turn_cost``, where allocators share the tour among
+        vehicles. It counts in no time of a robot.
     """
 
     tour: Tour
@@ -87,6 +90,7 @@ class TourCost:
     at_most: float = 1.25
     break_cost: float = 0.0
     thorough: bool = True
+    turn_price: float = 0.0
 
     def __post_init__(self) -> None:
         cells = check_kind(self.tour, Tour, what="tour").cells.astype(np.float64)
@@ -163,6 +167,11 @@ class TourCost:
         return partial_sums(np.tile(self.costs, 4))
 
     @cached_property
+    def priced(self) -> Floats:
+        """The sums of `ahead` with `turn_price` for each turn."""
+        return partial_sums(np.tile(self.costs + self.turn_price * np.roll(self.turns, 1), 4))
+
+    @cached_property
     def odds_ahead(self) -> Floats:
         """Sum of the probabilities of the first k cells of two rounds of the tour, for k from 0 to
         2 N; float64, shape (2 N + 1,).
@@ -178,7 +187,7 @@ class TourCost:
     @cached_property
     def arrays(self) -> TourArrays:
         """The costs and viewpoints of the tour as arrays for compiled functions."""
-        return TourArrays(self.ahead, self.points)
+        return TourArrays(self.priced, self.points)
 
     @property
     def whole(self) -> float:

@@ -16,9 +16,11 @@ from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
+    is_near,
     plan_search,
     plans_along,
     price_of_turns,
+    whole_routes,
     with_prior_odds,
 )
 from shoal.search.planning.sightings import planned_success
@@ -106,8 +108,8 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     and return the figures of all plans, the best first.
 
     A tour or an allocation that the problem names is the only one, without patterns. The order is
-    the one in which `plan_search` chooses: by the time until the last robot is done, with the price
-    of turns. With a prior, the plan that follows it is compared, too, and the order is by the
+    the one in which `plan_search` chooses (`by_choice`): by the time until the last robot is done,
+    with the price of turns, and among the best plans of several vehicles by the turns of all. With a prior, the plan that follows it is compared, too, and the order is by the
     expected time to find. Patterns that do not search everything come last.
 
     Raises
@@ -141,7 +143,16 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     if problem.tour == AUTO and problem.allocation == AUTO:
         patterns = pattern_plans(problem, seed, {})
         figures += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
-    return sorted(figures, key=_rank)
+    ranked = sorted(figures, key=_rank)
+    leader = ranked[0]
+    if problem.robots == 1 or not leader.plan.flies or leader.expected_find is not None:
+        return ranked
+    near = [
+        one
+        for one in ranked
+        if _rank(one)[:2] == _rank(leader)[:2] and is_near(one.price, leader.price)
+    ]
+    return [*sorted(near, key=lambda one: one.turns), *ranked[len(near) :]]
 
 
 def _rank(figures: PlanFigures) -> tuple[bool, bool, float]:
@@ -175,23 +186,7 @@ def routes_of(plan: SearchPlan) -> list[tuple[int, Points]]:
     """Return the number of each robot that has work, counted from 0, and its route in metres: from
     its start along its stops and, of a vehicle, to where it lands; float64, each of shape (k, 2).
     """
-    return [(robot, route[:, :2]) for robot, route in _routes(plan)]
-
-
-def _routes(plan: SearchPlan) -> list[tuple[int, Points]]:
-    routes = []
-    for robot in range(len(plan.places)):
-        stops = plan.stops(robot)
-        if not len(stops):
-            continue
-        route = plan.route(robot, stops).points
-        if plan.flies:
-            home = (plan.places if plan.landing is None else plan.landing)[robot]
-            back = plan.leg(home, route[-1, :2])[::-1]
-            level = np.full((len(back), route.shape[1] - 2), route[-1, 2:])
-            route = np.vstack([route, np.hstack([back, level])[1:]])
-        routes.append((robot, route))
-    return routes
+    return [(robot, route[:, :2]) for robot, route in whole_routes(plan)]
 
 
 def _figures(
@@ -205,7 +200,7 @@ def _figures(
     """Return the figures of a plan. ``limit`` counts for a moving target that is not found; a search
     for one that stands still is repeated.
     """
-    routes = _routes(plan)
+    routes = whole_routes(plan)
     robots = range(len(plan.places))
     searched = [plan.visible_cells(robot, plan.stops(robot)) for robot in robots]
     cells = np.unique(np.concatenate([cells for own in searched for cells in own]))

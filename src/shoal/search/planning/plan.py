@@ -72,7 +72,7 @@ from shoal.search.planning.orientation import (
     other_angles,
     through_layers,
 )
-from shoal.search.problem import TOUR, SearchProblem
+from shoal.search.problem import TOUR, TURN_PRICES, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
@@ -148,6 +148,7 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
+_NEARLY = 1.04  # cost, relative to the best, up to which the turns of all vehicles decide
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1290,8 +1291,7 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
-    plans.sort(key=lambda plan: costs[id(plan)])
+    plans = by_choice(plans, problem)
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -1321,6 +1321,49 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
         time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
         for robot, time in enumerate(times)
     )
+
+
+def by_choice(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
+    """Return plans in the order in which the planner chooses: by the `price_of_turns`. With several
+    vehicles, those come first that cost at most a little more than the best, by the number of turns
+    of all vehicles, because the price counts only those of the last one.
+    """
+    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
+    ranked = sorted(plans, key=lambda plan: costs[id(plan)])
+    if not ranked or problem.robots == 1 or not ranked[0].flies:
+        return ranked
+    near = [plan for plan in ranked if is_near(costs[id(plan)], costs[id(ranked[0])])]
+    return [*sorted(near, key=_turns_in_all), *ranked[len(near) :]]
+
+
+def is_near(cost: float, best: float) -> bool:
+    """Return whether a plan costs so little more than the best that the turns of all vehicles decide
+    between them.
+    """
+    return cost <= _NEARLY * best
+
+
+def _turns_in_all(plan: SearchPlan) -> int:
+    return sum(int(turns_of(route).sum()) for _, route in whole_routes(plan))
+
+
+def whole_routes(plan: SearchPlan) -> list[tuple[int, Points]]:
+    """Return the number of each robot that has work, counted from 0, and its route: from its start
+    along its stops and, of a vehicle, to where it lands; float64, each of shape (k, 2) or (k, 3).
+    """
+    routes = []
+    for robot in range(len(plan.places)):
+        stops = plan.stops(robot)
+        if not len(stops):
+            continue
+        route = plan.route(robot, stops).points
+        if plan.flies:
+            home = (plan.places if plan.landing is None else plan.landing)[robot]
+            back = plan.leg(home, route[-1, :2])[::-1]
+            level = np.full((len(back), route.shape[1] - 2), route[-1, 2:])
+            route = np.vstack([route, np.hstack([back, level])[1:]])
+        routes.append((robot, route))
+    return routes
 
 
 def plans_along(
@@ -1403,7 +1446,11 @@ def _team_plans(
         problem.chosen_vehicle,
     )
     footprints = scale * check_footprints(problem.chosen_footprint, robots)
-    tour_cost = _tour_cost(grid_tour, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
+    own = turn_cells(vehicle, grid.size)
+    tour_cost = _tour_cost(grid_tour, own, stepwise=problem.stepwise)
+    if problem.vehicle is not None:
+        # also where rows are preferred: robots are back together only if turns count as they take
+        tour_cost = replace(tour_cost, turn_price=max(TURN_PRICES["time"] - own, 0.0))
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
