@@ -251,6 +251,25 @@ def test_lines_on_transparent_ground(tmp_path, said, mode, ink, hidden, suffix):
     is_lines(path, channel="alpha")
 
 
+@pytest.mark.parametrize(
+    ("mode", "option"),
+    [("LA", "level"), ("LA", "label"), ("RGBA", "level"), ("RGBA", "label"), ("P", "level")],
+)
+def test_numbers_that_transparent_pixels_hide_do_not_count(tmp_path, mode, option):
+    """White lines on transparent white were free everywhere."""
+    path = tmp_path / "lines.png"
+    white = np.full_like(LINES, 255)
+    if mode == "P":
+        image = Image.fromarray(LINES).convert("P")
+        image.putpalette([255] * 6)
+        image.save(path, transparency=0)
+    else:
+        Image.fromarray(np.stack([white] * (len(mode) - 1) + [LINES * 255], axis=-1)).save(path)
+    with pytest.raises(InvalidInputError, match=f"{option}: expected opaque pixels"):
+        read_map(path, **{option: 50})
+    is_lines(path, channel="alpha", level=50)
+
+
 @pytest.mark.parametrize("ink", [0, 255])
 def test_faint_lines_stand_out_from_their_ground(tmp_path, ink):
     """The ground of lines that are less than half opaque was always white."""

@@ -499,22 +499,37 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
         if option == "label" and page.numbered:
             return page.numbers
         entries = page.palette[np.unique(page.numbers)]
-        if (entries[:, :3] == entries[:, :1]).all():
-            return np.asarray(page.palette[:, 0][page.numbers])
-        raise InvalidInputError(
-            f"{name}: level: expected one number for each pixel, got a palette of colours (--label,"
-            " --channel)"
-        )
+        if not (entries[:, :3] == entries[:, :1]).all():
+            raise InvalidInputError(
+                f"{name}: level: expected one number for each pixel, got a palette of colours"
+                " (--label, --channel)"
+            )
+        _check_seen(entries[:, 0], entries[:, 3] < 255, name, option)
+        return np.asarray(page.palette[:, 0][page.numbers])
     numbers = page.numbers
     if numbers.ndim == 2:
         return numbers
     colours = numbers[..., : 3 if page.names[:1] == ["red"] else 1]
     if page.names[:1] in (["red"], ["grey"]) and (colours == colours[..., :1]).all():
+        if page.names[-1:] == ["alpha"]:
+            _check_seen(colours[..., 0], numbers[..., -1] < (page.white or 1.0), name, option)
         return colours[..., 0]
     raise InvalidInputError(
         f"{name}: {option}: expected one number for each pixel, got the channels"
         f" {_channel_list(page.names)} (choose one by --channel)"
     )
+
+
+def _check_seen(
+    numbers: NDArray[Any], transparent: NDArray[np.bool_], name: str, option: str
+) -> None:
+    """Refuse numbers that transparent pixels hide, unless one number stands for these alone."""
+    hidden = np.unique(numbers[transparent])
+    if len(hidden) > 1 or np.isin(hidden, numbers[~transparent]).any():
+        raise InvalidInputError(
+            f"{name}: {option}: expected opaque pixels, because the number of a transparent one is"
+            " not seen, got transparent ones (--channel alpha takes opaque pixels as free)"
+        )
 
 
 def _ground_of(pages: Callable[[], Iterable[Page]]) -> float:
