@@ -283,7 +283,7 @@ class MissionSet:
         assert problem is not None
         for plan in alternatives:
             if without_delays(plan) >= best.end:
-                break
+                continue
             # a run of the problem with these names makes the same plan
             choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
             named = problem.replaced(

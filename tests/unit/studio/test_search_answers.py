@@ -248,7 +248,7 @@ def test_an_episode_that_is_run_again_has_its_times_and_its_tour(folder, made):
     if made != "no vehicle":
         fields |= {"vehicle": "multirotor", "launch": ((-20.0, -20.0),)}
     if made == "own margin":
-        fields |= {"margin": 5.0, "region": "circle:90"}
+        fields |= {"margin": 5.0, "region": "circle:100"}
     problem = SearchProblem(**{"region": "rectangle:300x200", **fields})
     if made in ("missions", "own margin"):
         episode = MissionSet.from_problem(problem, seed=1).run()
