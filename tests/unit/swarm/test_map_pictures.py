@@ -414,6 +414,13 @@ def test_a_scale_or_an_offset_of_gdal_is_refused(tmp_path, way, dtype):
         read_map(path, level=30)
 
 
+def test_long_notes_of_gdal_take_no_longer_than_their_length(tmp_path):
+    """Items that never end took hours: the time grew with the square of the length."""
+    path, numbers = tmp_path / "map.tif", np.repeat([[0, 40]], 4, axis=0).astype(np.uint8)
+    of_gdal(path, numbers, way="Pillow", metadata="<GDALMetadata>" + "<Item " * 300_000)
+    np.testing.assert_array_equal(read_map(path, level=30).free, numbers == 40)
+
+
 @pytest.mark.parametrize(("way", "dtype"), WAYS)
 @pytest.mark.parametrize("inside", [True, False])
 def test_the_missing_number_of_gdal_is_not_free(tmp_path, said, way, dtype, inside):

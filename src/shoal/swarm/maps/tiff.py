@@ -91,9 +91,9 @@ def check_notes(path: Path, metadata: Any, no_data: Any) -> float | None:
         Raised if the notes say that the numbers of the file mean others, by a scale or an offset.
     """
     beside = path.with_name(f"{path.name}.aux.xml")
-    notes = re.findall(
-        r'<Item\b[^>]*\brole="(scale|offset)"[^>]*>([^<]*)', str(metadata or "")[:LARGEST_NOTES]
-    )
+    # bounded, so that the time grows with the length of any text
+    item = r'<Item\b[^<>]{0,300}\brole="(scale|offset)"[^<>]{0,300}>([^<]*)'
+    notes = re.findall(item, str(metadata or "")[:LARGEST_NOTES])
     if beside.is_file():
         with beside.open("rb") as file:
             text = file.read(LARGEST_NOTES).decode(errors="replace")
