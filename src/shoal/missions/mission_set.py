@@ -56,11 +56,15 @@ from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.planning.orientation import STRAIGHT
 from shoal.search.planning.plan import (
+    NEARLY,
     SearchPlan,
     attempts,
     in_order,
     narrower_margin_text,
+    order_of_choice,
     plan_at_margin,
+    price_of_turns,
+    turns_in_all,
     without_delays,
 )
 from shoal.search.planning.sightings import planned_success
@@ -219,7 +223,7 @@ class MissionSet:
         assert plan is not None
         assert taken is not None
         if options.required_separation is not None and plan.image is None:
-            missions = missions._pick_fastest(plan.alternatives, terrain)
+            missions = missions._choose_after_waiting(plan.alternatives, terrain)
         if options.required_separation is not None and problem.prior and problem.order == AUTO:
             missions = missions._pick_soonest(terrain)
         if not taken.margin:
@@ -273,34 +277,46 @@ class MissionSet:
                 " others that they are kept apart from, or follow the ground"
             )
 
-    def _pick_fastest(
+    def _choose_after_waiting(
         self, alternatives: Sequence[SearchPlan], terrain: Terrain | None
     ) -> MissionSet:
-        """Return these missions, or those of an alternative plan whose last vehicle is back
-        earlier, because fewer vehicles wait for others.
+        """Return these missions, or those of the alternative plan that the planner would choose
+        (`order_of_choice`) if it knew how long vehicles wait for others.
         """
-        best, problem = self, self.problem
+        problem = self.problem
         assert problem is not None
+        assert self.plan is not None
+        made, costs, turns = [self], [self._price_of_turns], [turns_in_all(self.plan)]
         for plan in alternatives:
-            if without_delays(plan) >= best.end:
+            # without any waiting it would have to be much better, or nearly as good with fewer turns
+            price, own = price_of_turns(plan, problem), turns_in_all(plan)
+            if price > costs[0] * (NEARLY if own < turns[0] else 1 / NEARLY):
                 continue
             # a run of the problem with these names makes the same plan
             choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
             named = problem.replaced(
                 **{key: name for key, name in choices.items() if getattr(problem, key) == AUTO}
             )
-            try:
-                alternative = self.from_plan(
+            with suppress(InvalidInputError):
+                missions = self.from_plan(
                     plan,
                     self.options,
                     problem=named.at_place(problem.place),
                     seed=self.seed,
                     terrain=terrain,
                 )
-            except InvalidInputError:
-                continue
-            best = alternative if alternative.end < best.end else best
-        return best
+                made.append(missions)
+                costs.append(missions._price_of_turns)
+                turns.append(own)
+        return made[order_of_choice(costs, turns.__getitem__, problem)[0]]
+
+    @property
+    def _price_of_turns(self) -> float:
+        """The `price_of_turns` of the plan, with the time by which vehicles wait for others."""
+        assert self.plan is not None
+        assert self.problem is not None
+        waiting = self.end - without_delays(self.plan)
+        return price_of_turns(self.plan, self.problem) + waiting
 
     def _pick_soonest(self, terrain: Terrain | None) -> MissionSet:
         """Return these missions, or those in another order that find the target of the prior earlier

@@ -10,7 +10,7 @@ from shoal.search import SearchProblem, compare_plans, plan_search
 from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.planning.comparison import routes_of
 from shoal.search.planning.patterns import PATTERNS, pattern_plans
-from shoal.search.planning.plan import is_near
+from shoal.search.planning.plan import NEARLY
 from shoal.search.tours import TOURS
 
 
@@ -27,7 +27,7 @@ def test_each_tour_with_each_allocation_from_the_same_starts():
     least = min(one.price for one in found if one.share == 1)
     ranks = [
         (False, False, one.turns)
-        if one.share == 1 and is_near(one.price, least)
+        if one.share == 1 and one.price <= NEARLY * least
         else (one.share < 1, True, one.price)
         for one in found
     ]

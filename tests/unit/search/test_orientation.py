@@ -33,7 +33,7 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
-from shoal.search.planning.plan import plan_at_margin
+from shoal.search.planning.plan import plan_at_margin, turns_in_all
 from shoal.search.problem import AUTO_TOURS, TURN_PRICES
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
@@ -566,26 +566,32 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
         MissionSet.from_problem(problem.replaced(angle=best.grid.angle))
 
 
-def test_missions_are_those_of_the_plan_that_is_fastest_once_vehicles_are_kept_apart(tmp_path):
-    """With one launch point, the fastest flights would wait the longest for one another."""
+@pytest.mark.parametrize(("robots", "changes"), [(3, False), (5, True)])
+def test_missions_are_those_of_the_plan_that_is_best_once_vehicles_are_kept_apart(
+    robots, changes, tmp_path
+):
+    """With one launch point, the best flights may wait the longest for one another."""
     problem = SearchProblem(
         "rectangle:200x150",
-        robots=3,
+        robots=robots,
         vehicle="multirotor",
         footprint=30.0,
         cross_track=0.0,
         launch=[(-20.0, -20.0)],
     )
     missions = MissionSet.from_problem(problem)
-    ends = {
-        plan.allocation.allocator: MissionSet.from_plan(plan, missions.options).end
-        for plan in (
-            missions.plan,
-            plan_search(missions.problem.replaced(tour="auto", allocation="auto")),
-        )
-    }
-    assert len(ends) == 2
-    assert min(ends, key=ends.get) == missions.plan.allocation.allocator
+    planned = plan_search(missions.problem.replaced(tour="auto", allocation="auto"))
+    sets = [
+        MissionSet.from_plan(plan, missions.options) for plan in (planned, *planned.alternatives)
+    ]
+    assert missions.end in [one.end for one in sets]
+    assert (missions.end != sets[0].end) == changes
+    if changes:  # more turns, but much earlier
+        assert missions.end < 0.7 * sets[0].end
+    else:  # nearly as early as the earliest, with fewer turns
+        earliest = min(sets, key=lambda one: one.end)
+        assert earliest.end < missions.end < 1.04 * earliest.end
+        assert turns_in_all(missions.plan) < turns_in_all(earliest.plan)
     episode = missions.run()
     episode.save(tmp_path / "episode.json")
     again = SearchEpisode.load(tmp_path / "episode.json")

@@ -10,16 +10,16 @@ import numpy as np
 
 from shoal.core.checks import check_integer, check_kind
 from shoal.core.dataclass import dataclass
-from shoal.search.flight.timing import turns_of
 from shoal.search.planning.patterns import pattern_plans
 from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
-    is_near,
+    order_of_choice,
     plan_search,
     plans_along,
     price_of_turns,
+    turns_in_all,
     whole_routes,
     with_prior_odds,
 )
@@ -108,7 +108,7 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     and return the figures of all plans, the best first.
 
     A tour or an allocation that the problem names is the only one, without patterns. The order is
-    the one in which `plan_search` chooses (`by_choice`): by the time until the last robot is done,
+    the one in which `plan_search` chooses (`order_of_choice`): by the time until the last robot is done,
     with the price of turns, and among the best plans of several vehicles by the turns of all. With a prior, the plan that follows it is compared, too, and the order is by the
     expected time to find. Patterns that do not search everything come last.
 
@@ -144,15 +144,11 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
         patterns = pattern_plans(problem, seed, {})
         figures += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
     ranked = sorted(figures, key=_rank)
-    leader = ranked[0]
-    if problem.robots == 1 or not leader.plan.flies or leader.expected_find is not None:
+    if ranked[0].expected_find is not None:
         return ranked
-    near = [
-        one
-        for one in ranked
-        if _rank(one)[:2] == _rank(leader)[:2] and is_near(one.price, leader.price)
-    ]
-    return [*sorted(near, key=lambda one: one.turns), *ranked[len(near) :]]
+    alike = [one for one in ranked if _rank(one)[:2] == _rank(ranked[0])[:2]]
+    order = order_of_choice([one.price for one in alike], lambda n: alike[n].turns, problem)
+    return [*(alike[n] for n in order), *ranked[len(alike) :]]
 
 
 def _rank(figures: PlanFigures) -> tuple[bool, bool, float]:
@@ -213,7 +209,7 @@ def _figures(
     return PlanFigures(
         plan,
         seconds=plan.planned_seconds,
-        turns=sum(int(turns_of(route).sum()) for _, route in routes),
+        turns=turns_in_all(plan),
         length=float(sum(plan.leg_lengths(route).sum() for _, route in routes)),
         evenness=float(np.mean(times)) / last if last else 1.0,
         price=price_of_turns(plan, problem),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -148,7 +148,7 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
-_NEARLY = 1.04  # cost, relative to the best, up to which the turns of all vehicles decide
+NEARLY = 1.04  # cost, relative to the best, up to which the turns of all vehicles decide
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1324,26 +1324,27 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
 
 
 def by_choice(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
-    """Return plans in the order in which the planner chooses: by the `price_of_turns`. With several
-    vehicles, those come first that cost at most a little more than the best, by the number of turns
-    of all vehicles, because the price counts only those of the last one.
+    """Return plans in the order in which the planner chooses, by `price_of_turns`."""
+    costs = [price_of_turns(plan, problem) for plan in plans]
+    return [plans[n] for n in order_of_choice(costs, lambda n: turns_in_all(plans[n]), problem)]
+
+
+def order_of_choice(
+    costs: Sequence[float], turns: Callable[[int], int], problem: SearchProblem
+) -> list[int]:
+    """Return the numbers of plans in the order in which the planner chooses: by their costs. With
+    several vehicles, those come first that cost at most a little more than the best, by the number of
+    turns of all vehicles, because the costs count only those of the last one.
     """
-    costs = {id(plan): price_of_turns(plan, problem) for plan in plans}
-    ranked = sorted(plans, key=lambda plan: costs[id(plan)])
-    if not ranked or problem.robots == 1 or not ranked[0].flies:
+    ranked = sorted(range(len(costs)), key=costs.__getitem__)
+    if not ranked or problem.robots == 1 or problem.vehicle is None:
         return ranked
-    near = [plan for plan in ranked if is_near(costs[id(plan)], costs[id(ranked[0])])]
-    return [*sorted(near, key=_turns_in_all), *ranked[len(near) :]]
+    near = [n for n in ranked if costs[n] <= NEARLY * costs[ranked[0]]]
+    return [*sorted(near, key=turns), *ranked[len(near) :]]
 
 
-def is_near(cost: float, best: float) -> bool:
-    """Return whether a plan costs so little more than the best that the turns of all vehicles decide
-    between them.
-    """
-    return cost <= _NEARLY * best
-
-
-def _turns_in_all(plan: SearchPlan) -> int:
+def turns_in_all(plan: SearchPlan) -> int:
+    """Return the number of turns on the routes of all robots."""
     return sum(int(turns_of(route).sum()) for _, route in whole_routes(plan))
 
 
