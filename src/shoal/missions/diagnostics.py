@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 
 from shoal.core.dataclass import dataclass
+from shoal.core.xml import Element, XmlError, parse_xml
 from shoal.missions.fence import Fence
 from shoal.search.flight.imaging import CameraItem
-from shoal.search.regions.formats.kml import Element, XmlError, parse_xml
 from shoal.search.regions.outline import Points
 
 Severity = Literal["error", "warning"]

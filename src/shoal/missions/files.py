@@ -24,6 +24,7 @@ from shoal.core.checks import (
 )
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
+from shoal.core.xml import decode_xml
 from shoal.missions.diagnostics import RULES, Sheet
 from shoal.missions.formats import FORMATS, MissionFormat, formats_by_suffix
 from shoal.missions.formats.fences import (
@@ -38,7 +39,6 @@ from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.coverage import TURNING
-from shoal.search.regions.formats.kml import decode_xml
 from shoal.search.regions.outline import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered

@@ -9,9 +9,9 @@ import shapely
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
+from shoal.core.xml import DEEPEST, MOST_ELEMENTS
 from shoal.search import open_region, region_of
 from shoal.search.problem import SearchProblem
-from shoal.search.regions.outline import DEEPEST, MOST_ELEMENTS
 
 FIELD = [(8.50, 47.40), (8.52, 47.40), (8.52, 47.41), (8.50, 47.41), (8.50, 47.40)]
 POND = [(8.505, 47.403), (8.509, 47.403), (8.509, 47.406), (8.505, 47.406), (8.505, 47.403)]

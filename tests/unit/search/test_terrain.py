@@ -482,12 +482,12 @@ BAD = [
     (
         "a.tif",
         {"notes": "<GDALMetadata><Item>"},
-        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
+        "a.tif: expected what GDAL notes of the numbers of a raster, got a text that cannot be read",
     ),
     (
         "a.tif",
         {"notes": "<!DOCTYPE a [<!ENTITY b 'bb'>]>" + notes_of(scale="&b;")},
-        "a.tif: expected what GDAL notes of the numbers of the grid, got a text that cannot be read",
+        "a.tif: expected what GDAL notes of the numbers of a raster, got a text that cannot be read",
     ),
 ]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from shoal.core.xml import Element
 from shoal.missions.diagnostics import Sheet, parse_root
 from shoal.missions.formats.items import (
     attributes_as_text,
@@ -18,7 +19,6 @@ from shoal.missions.formats.items import (
     take_attributes,
 )
 from shoal.missions.mission import Mission
-from shoal.search.regions.formats.kml import Element
 
 
 def write(mission: Mission) -> str:

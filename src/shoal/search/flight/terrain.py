@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_file, check_points, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.gdal import METADATA, NO_DATA, Notes, notes_beside, notes_inside
 from shoal.core.geometry import partial_sums, step_lengths
-from shoal.search.regions.formats.kml import XmlError, parse_xml
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -341,7 +341,6 @@ LARGEST_TERRAIN = 500_000_000
 
 # TIFF tags
 _SCALE, _TIEPOINT, _TRANSFORM, _KEYS = 33550, 33922, 34264, 34735
-_METADATA, _NO_DATA = 42112, 42113
 # GeoTIFF keys
 _MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED = 1024, 1025, 2048, 3072
 _VERTICAL, _VERTICAL_UNIT = 4096, 4099
@@ -351,26 +350,6 @@ _HEAD = ("ncols", "nrows", "cellsize")
 _AT_ONCE = 2**20  # characters of text that are read at once
 _SANE = 20_000.0  # metres: no point on Earth is higher or deeper
 _METRES = ("", "m", "metre", "metres", "meter", "meters")  # names of the unit of heights
-_LARGEST_NOTES = 10_000_000  # bytes of the XML with which GDAL describes a grid
-
-
-@dataclass(frozen=True)
-class _Notes:
-    """What GDAL notes of the numbers of a grid: a number in the file means number x scale + offset.
-
-    Parameters
-    ----------
-    scale, offset : float
-    unit : str
-        Unit of the numbers, or "" if it is not stated.
-    no_data : str
-        The number in the file that stands for a missing one, or "".
-    """
-
-    scale: float = 1.0
-    offset: float = 0.0
-    unit: str = ""
-    no_data: str = ""
 
 
 def open_grid(path: str | os.PathLike[str], *, what: str) -> Terrain:
@@ -496,63 +475,14 @@ def _vertical_unit(keys: dict[int, int]) -> str:
         return ""
 
 
-def _read_notes(text: str, where: str, *, root: str) -> _Notes:
-    """Return what GDAL notes of the first band in a text of XML, inside a GeoTIFF or in a file beside
-    it, which have different roots.
-    """
-    try:
-        tree = parse_xml(text.strip(" \0\r\n\t"), root=root)
-    except XmlError as error:
-        raise InvalidInputError(
-            f"{where}: expected what GDAL notes of the numbers of the grid, got a text that cannot be"
-            f" read: {error}"
-        ) from None
-    if root == "GDALMetadata":
-        said = {
-            item.attributes.get("role", "").lower(): item.text.strip()
-            for item in tree.children
-            if item.tag == "Item" and item.attributes.get("sample", "0").strip() == "0"
-        }
-    else:
-        bands = [band for band in tree.children if band.tag == "PAMRasterBand"]
-        said = {
-            names[note.tag]: note.text.strip()
-            for band in bands
-            if band.attributes.get("band", "1").strip() == "1"
-            for names in [
-                {
-                    "Scale": "scale",
-                    "Offset": "offset",
-                    "UnitType": "unittype",
-                    "NoDataValue": "none",
-                }
-            ]
-            for note in band.children
-            if note.tag in names
-        }
-    numbers: dict[str, float] = {}
-    for name, default in (("scale", 1.0), ("offset", 0.0)):
-        try:
-            number = float(said.get(name, default))
-        except ValueError:
-            number = np.nan
-        if not np.isfinite(number) or (name == "scale" and number == 0):
-            expected = "a scale that is not 0" if name == "scale" else "an offset"
-            raise InvalidInputError(f"{where}: expected {expected}, got {shortened(said[name])}")
-        numbers[name] = number
-    unit, no_data = said.get("unittype", ""), said.get("none", "")
-    return _Notes(numbers["scale"], numbers["offset"], unit, no_data)
-
-
 def _check_notes_beside(source: Path, heights: Floats) -> str:
     """Refuse a grid whose numbers have another meaning by the file that GDAL writes beside it, and
     return the unit by that file.
     """
-    beside = source.with_name(f"{source.name}.aux.xml")
-    if not beside.is_file():
+    bands, beside = notes_beside(source)
+    if not bands:
         return ""
-    text = read_text(beside, what="file of notes", most=_LARGEST_NOTES)
-    notes = _read_notes(text, str(beside), root="PAMDataset")
+    notes = bands[0]
     known = np.isfinite(heights).sum()
     lost = notes.no_data and np.isfinite(_mask_no_data(heights.copy(), notes.no_data)).sum() < known
     if (notes.scale, notes.offset) != (1.0, 0.0) or lost:
@@ -608,11 +538,11 @@ def _geotiff(source: Path) -> tuple[Terrain, str]:
             f"{source}: expected the EPSG code of a coordinate reference system, got"
             f" {code or 'none'}"
         )
-    notes = _Notes()
-    if _METADATA in tags:
-        notes = _read_notes(str(tags[_METADATA])[:_LARGEST_NOTES], str(source), root="GDALMetadata")
+    notes = Notes()
+    if METADATA in tags:
+        notes = notes_inside(str(tags[METADATA]), str(source))[0]
     # the missing number is one of the file, before scale and offset
-    heights = _mask_no_data(heights, str(tags.get(_NO_DATA, "")).strip(" \x00"))
+    heights = _mask_no_data(heights, str(tags.get(NO_DATA, "")).strip(" \x00"))
     if (notes.scale, notes.offset) != (1.0, 0.0):
         heights = heights * notes.scale + notes.offset
     system, unit = _check_system(source, f"EPSG:{code}")

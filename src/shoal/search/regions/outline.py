@@ -50,12 +50,6 @@ MOST_CUTS = 50_000
 of area.
 """
 
-MOST_ELEMENTS = 300_000
-"""Maximum number of elements in a KML file."""
-
-DEEPEST = 100
-"""Maximum nesting depth of the elements in a KML file."""
-
 # exceptions that reading a damaged archive can raise
 _FAULTS = (
     zipfile.BadZipFile,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
+from shoal.core.gdal import METADATA, NO_DATA
 from shoal.swarm.maps import tiff
 from shoal.swarm.maps.reading import (
     LARGEST_PICTURE,
@@ -172,7 +173,7 @@ def open_picture(path: Path, options: MapOptions, *, most: int | None = None) ->
                 _mend_palette_of_bmp(image, file)
             depth = _bits_of_png(file) if image.format == "PNG" else 0
             tags: Any = image.tag_v2 if image.format == "TIFF" else {}  # type: ignore[attr-defined]
-            missing = tiff.check_notes(path, tags.get(tiff.METADATA), tags.get(tiff.NO_DATA))
+            missing = tiff.check_notes(path, tags.get(METADATA), tags.get(NO_DATA))
             yield Picture(_pages(path, image, options, most, png_depth=depth), missing=missing)
 
 

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError, import_extra
+from shoal.core.gdal import METADATA, NO_DATA, notes_beside, notes_inside
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     AxisChoices,
@@ -31,11 +31,6 @@ WHOLE = {8, 16, 32, 64}
 
 SIMPLE = {1, 2, 4, 8, 12, 16}
 """Numbers of bits of a grey pixel that Pillow reads exactly."""
-
-METADATA, NO_DATA = 42112, 42113
-"""Tags in which GDAL notes what the numbers of a file mean, and which one stands for a missing one."""
-
-LARGEST_NOTES = 10_000_000  # characters
 
 
 def needs_tifffile(path: Path, tags: Any) -> bool:
@@ -83,31 +78,23 @@ def check_notes(path: Path, metadata: Any, no_data: Any) -> float | None:
     path : path
         The picture, beside which GDAL may have written more notes.
     metadata, no_data : str, optional
-        The text of the tags `METADATA` and `NO_DATA`.
+        The text of the tags `METADATA` and `NO_DATA` (`shoal.core.gdal`).
 
     Raises
     ------
     InvalidInputError
-        Raised if the notes say that the numbers of the file mean others, by a scale or an offset.
+        Raised if the notes cannot be read, or say that the numbers of the file mean others, by a
+        scale or an offset.
     """
-    beside = path.with_name(f"{path.name}.aux.xml")
-    # bounded, so that the time grows with the length of any text
-    item = r'<Item\b[^<>]{0,300}\brole="(scale|offset)"[^<>]{0,300}>([^<]*)'
-    notes = re.findall(item, str(metadata or "")[:LARGEST_NOTES])
-    if beside.is_file():
-        with beside.open("rb") as file:
-            text = file.read(LARGEST_NOTES).decode(errors="replace")
-        notes += re.findall("<(Scale|Offset|NoDataValue)>([^<]*)", text)
-    for name, said in notes:
-        number = _number(said)
-        if name == "NoDataValue":
-            no_data = no_data or said
-        elif number != (name.lower() == "scale"):  # a scale of 1 and an offset of 0 say nothing
-            raise InvalidInputError(
-                f"{path}: expected numbers that mean themselves, got the {name.lower()}"
-                f" {shortened(said.strip())} in the notes of GDAL; write the file with"
-                " gdal_translate -unscale"
-            )
+    inside = notes_inside(str(metadata), str(path)) if metadata else []
+    for notes in (*inside, *notes_beside(path)[0]):
+        no_data = no_data or notes.no_data
+        for name, number, plain in (("scale", notes.scale, 1), ("offset", notes.offset, 0)):
+            if number != plain:
+                raise InvalidInputError(
+                    f"{path}: expected numbers that mean themselves, got the {name} {number:g} in"
+                    " the notes of GDAL; write the file with gdal_translate -unscale"
+                )
     return _number(no_data)
 
 
