@@ -7,13 +7,17 @@ and holes. Several robots share its strips by length. "Kept inside" is the same 
 moved into the region and its legs led around corners: it stays inside as Shoal's plans do, but no
 longer sees everything. Time is that of the whole search, with the way out and home, at 1 m/s and
 with a turn that takes as long as a footprint (``--turn``); a turn is a change of direction of more
-than a degree. With --pictures, a picture of each pair is written.
+than a degree. With --pictures, a picture of each pair is written. With --beside CHECKOUT, the command
+`shoal search` plans each region with this code and with that of another checkout of Shoal, and the
+turns that both report are compared.
 """
 
 from __future__ import annotations
 
 import argparse
 import heapq
+import json
+import tempfile
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -24,6 +28,8 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 from shapely.affinity import rotate, scale, translate
 
+from benchmarks.plans import seconds_of
+from benchmarks.timing import ROOT
 from benchmarks.turns import own_outlines
 from shoal.search import SearchProblem, SearchRegion, coverage_check, plan_search, region_of
 from shoal.search.cells.grid import cells_of
@@ -31,6 +37,8 @@ from shoal.search.cells.routing import RegionPaths
 from shoal.search.flight.timing import turns_of
 
 INNER = 0.005  # metres: so far from the border are points that are moved inside
+_METRES = 111_194.9  # per degree at the equator
+_LONGEST = 300.0  # seconds of a plan
 SHORT = 2.0  # footprints: a shorter leg within a search is counted as short
 
 
@@ -251,6 +259,34 @@ def compare(
     return (figures, seen.covered_fraction, seen.outside_m, plan), ours, theirs, region
 
 
+def reported_turns(checkout: Path, area: Any, size: float, robots: int, more: Sequence[str]) -> int:
+    """Return the turns of all routes that the command reports with the code of a checkout."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "region.geojson"
+        on_earth = shapely.transform(area, lambda xy: xy / _METRES)
+        file.write_text(shapely.to_geojson(on_earth), encoding="utf-8")
+        given = ["-m", "shoal", "search", str(file), "--robots", str(robots)]
+        given += ["--footprint", str(size), "--vehicle", "ideal", "--angle", "auto", *more]
+        given += ["--tour", "auto", "--seed", "1", "--json"]
+        _, told = seconds_of(given, folder, checkout, _LONGEST)
+    return sum(route["turns"] for route in json.loads(told)["routes"])
+
+
+def compare_checkouts(options: argparse.Namespace) -> None:
+    """Print the turns of this checkout and of another one."""
+    more = [] if options.prefer is None else ["--prefer", options.prefer]
+    print("| region | robots | turns | turns there |\n|---|---|---|---|")
+    ratios: dict[int, list[float]] = {}
+    for name, area, size in outlines(options.regions)[options.first :]:
+        for robots in (int(word) for word in options.robots.split(",")):
+            ours = reported_turns(ROOT, area, size, robots, more)
+            theirs = reported_turns(options.beside.resolve(), area, size, robots, [])
+            ratios.setdefault(robots, []).append(ours / theirs)
+            print(f"| {name} | {robots} | {ours} | {theirs} |", flush=True)
+    for robots, found in ratios.items():
+        print(f"geometric mean, {robots} robots: {np.exp(np.log(found).mean()):.3f}")
+
+
 def draw(
     place: Path, region: SearchRegion, plans: Sequence[list[np.ndarray]], titles: Sequence[str]
 ) -> None:
@@ -283,7 +319,11 @@ def main() -> None:
     parser.add_argument("--prefer")
     parser.add_argument("--turn", type=float, default=1.0, help="time of a turn, in footprints")
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--beside", type=Path, help="another checkout of Shoal")
     options = parser.parse_args()
+    if options.beside is not None:
+        compare_checkouts(options)
+        return
     fields = {} if options.prefer is None else {"prefer": options.prefer}
     print(
         "| region | robots | tour | grid | time | turns | of strips | two a strip | length | kept"
