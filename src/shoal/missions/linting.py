@@ -234,18 +234,21 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
 
 def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for a mission that takes longer than the vehicle's endurance without its
-    reserve.
+    reserve, with the climb of a return.
     """
     try:
-        duration = mission_of(sheet, sheet.file).duration(vehicle)
+        mission = mission_of(sheet, sheet.file)
+        duration, needed = mission.duration(vehicle), mission.battery_seconds(vehicle)
     except InvalidInputError as error:
         if str(error).startswith("wind_speed"):  # too slow a flight for the wind
             sheet.add("speed", "", f"expected{str(error).partition('expected')[2]}")
         return  # other rules report what else is invalid, and heights above ground give no climbs
-    if duration > vehicle.usable_seconds:
+    if needed > vehicle.usable_seconds:
         message = (
             f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance"
-            f" without the reserve, got {duration / 60:.4g} min"
+            f" without the reserve, got {needed / 60:.4g} min"
+            + " with the climb of its return"
+            * (needed > duration)
         )
         sheet.add("endurance", "", message)
 
