@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import describe_missing_file
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -271,15 +272,14 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
     ``most`` bytes.
     """
     try:
-        found, folder = path.is_file(), path.is_dir()
-        size = path.stat().st_size if found else 0
+        size = path.stat().st_size if path.is_file() else 0
     except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
     expected = f"{path}: expected {'an' if what[0] in 'aeiou' else 'a'} {what}"
-    if not found:
-        raise InvalidInputError(f"{expected}, got {'a folder' if folder else 'no such file'}")
+    if missing := describe_missing_file(path):
+        raise InvalidInputError(f"{expected}, got {missing}")
     if size == 0:
         raise InvalidInputError(f"{expected}, got an empty file")
     if size > most:

@@ -31,6 +31,17 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
     return target
 
 
+def describe_missing_file(path: str | os.PathLike[str]) -> str:
+    """Return what is at a path in place of a file: ``"no such file"``, ``"a folder"``, or ``"a pipe
+    or a device"``, which may let a reader wait for ever; empty for a file.
+    """
+    if os.path.isfile(path):  # unlike Path.is_file, it accepts names of any length
+        return ""
+    if os.path.isdir(path):
+        return "a folder"
+    return "a pipe or a device" if os.path.exists(path) else "no such file"
+
+
 _inputs: set[Path] = set()  # of the commands that run, resolved
 
 
@@ -68,8 +79,9 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(path)
     temporary: Path | None = None
     try:
-        if target.is_dir():
-            raise OutputError(f"cannot write {target}: it is a folder")
+        there = describe_missing_file(target)
+        if there not in ("", "no such file"):  # the file would replace it
+            raise OutputError(f"cannot write {target}: it is {there}")
         target.parent.mkdir(parents=True, exist_ok=True)
         # The name is noted before the file exists, so an interruption at any moment removes the
         # file.

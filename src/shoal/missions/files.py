@@ -23,7 +23,7 @@ from shoal.core.checks import (
     read_text,
 )
 from shoal.core.errors import InvalidInputError, errors_at
-from shoal.core.files import atomic
+from shoal.core.files import atomic, describe_missing_file
 from shoal.missions.diagnostics import RULES, Sheet
 from shoal.missions.formats import FORMATS, MissionFormat, formats_by_suffix
 from shoal.missions.formats.fences import (
@@ -456,6 +456,8 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     form = FORMATS.get(format_of(source))
     sheet = Sheet(source.name)
     try:
+        if (missing := describe_missing_file(source)) and source.exists():
+            raise InvalidInputError(f"{source}: expected a mission file, got {missing}")
         if source.stat().st_size > LARGEST_FILE:
             raise InvalidInputError(
                 f"{source}: expected a file of at most {LARGEST_FILE} bytes, got"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, describe_error, import_extra
+from shoal.core.files import describe_missing_file
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.policies.protocol import Decision, View
 
@@ -149,6 +150,8 @@ def _version(file: str) -> tuple[int, int]:
         stat = os.stat(file)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"policy model: cannot read {file!r}: {error}") from None
+    if missing := describe_missing_file(file):
+        raise InvalidInputError(f"policy model: expected a file, got {file}: {missing}")
     return stat.st_mtime_ns, stat.st_size
 
 

@@ -25,7 +25,7 @@ from shoal.core.checks import (
 )
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, UnknownNameError
-from shoal.core.files import atomic, check_suffix
+from shoal.core.files import atomic, check_suffix, describe_missing_file
 from shoal.core.interruption import interruption_held
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.scans import COLUMNS, Trace
@@ -105,11 +105,8 @@ def write(
 def read(path: str | os.PathLike[str], *, trust: bool) -> dict[str, Any]:
     """Read an episode file, and return the fields of the `SwarmEpisode`."""
     source = Path(path)
-    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
-        raise InvalidInputError(
-            f"{source}: expected an episode file, got"
-            f" {'a folder' if os.path.isdir(source) else 'no such file'}"
-        )
+    if missing := describe_missing_file(source):
+        raise InvalidInputError(f"{source}: expected an episode file, got {missing}")
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)
