@@ -128,9 +128,9 @@ def check_text(value: Any, *, what: str) -> str:
     return value
 
 
-def check_function(value: Any, *, what: str) -> None:
-    """Check that a value is a function, or None."""
-    if value is not None and not callable(value):
+def check_function(value: Any, *, what: str, optional: bool = True) -> None:
+    """Check that a value is a function or, if it is ``optional``, None."""
+    if not callable(value) and not (optional and value is None):
         raise InvalidInputError(f"{what}: expected a function, got {shortened(value)}")
 
 
