@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.core.files import describe_missing_file
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -265,6 +264,17 @@ def check_points(
             f"{what}: expected {kind}, got {tuple(array[index].tolist())} at point {index + 1}"
         )
     return array
+
+
+def describe_missing_file(path: str | os.PathLike[str]) -> str:
+    """Return what is at a path in place of a file: ``"no such file"``, ``"a folder"``, or ``"a pipe
+    or a device"``, which may let a reader wait for ever; empty for a file.
+    """
+    if os.path.isfile(path):  # unlike Path.is_file, it accepts names of any length
+        return ""
+    if os.path.isdir(path):
+        return "a folder"
+    return "a pipe or a device" if os.path.exists(path) else "no such file"
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:

@@ -31,17 +31,6 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
     return target
 
 
-def describe_missing_file(path: str | os.PathLike[str]) -> str:
-    """Return what is at a path in place of a file: ``"no such file"``, ``"a folder"``, or ``"a pipe
-    or a device"``, which may let a reader wait for ever; empty for a file.
-    """
-    if os.path.isfile(path):  # unlike Path.is_file, it accepts names of any length
-        return ""
-    if os.path.isdir(path):
-        return "a folder"
-    return "a pipe or a device" if os.path.exists(path) else "no such file"
-
-
 _inputs: set[Path] = set()  # of the commands that run, resolved
 
 
@@ -75,6 +64,8 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         `keep_inputs`) and its content would change. A failed write leaves no partial file.
     """
     import secrets  # slow to import
+
+    from shoal.core.checks import describe_missing_file
 
     target = Path(path)
     temporary: Path | None = None

@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from shoal.core.checks import shortened
+from shoal.core.checks import describe_missing_file, shortened
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.core.files import describe_missing_file
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
 

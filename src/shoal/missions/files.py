@@ -19,11 +19,12 @@ from shoal.core.checks import (
     check_integer,
     check_list,
     check_number,
+    describe_missing_file,
     parse_json,
     read_text,
 )
 from shoal.core.errors import InvalidInputError, errors_at
-from shoal.core.files import atomic, describe_missing_file
+from shoal.core.files import atomic
 from shoal.missions.diagnostics import RULES, Sheet
 from shoal.missions.formats import FORMATS, MissionFormat, formats_by_suffix
 from shoal.missions.formats.fences import (

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, describe_missing_file
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.core.files import describe_missing_file
 from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import advance
 from shoal.search.protocol.state import (

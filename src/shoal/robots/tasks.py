@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_number, parse_json, read_text, shortened
+from shoal.core.checks import check_number, describe_missing_file, parse_json, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.core.files import describe_missing_file, write_json
+from shoal.core.files import write_json
 from shoal.search import SearchEpisode, SearchPlan
 from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import describe_missing_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, describe_error, import_extra
-from shoal.core.files import describe_missing_file
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.policies.protocol import Decision, View
 

@@ -20,12 +20,13 @@ from shoal.core.checks import (
     check_integer,
     check_number,
     check_text,
+    describe_missing_file,
     parse_json,
     shortened,
 )
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, UnknownNameError
-from shoal.core.files import atomic, check_suffix, describe_missing_file
+from shoal.core.files import atomic, check_suffix
 from shoal.core.interruption import interruption_held
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.scans import COLUMNS, Trace
