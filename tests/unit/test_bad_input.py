@@ -6,9 +6,11 @@ empty one, and words that the sentence must hold: what was expected, what came, 
 
 from __future__ import annotations
 
+import inspect
 import io
 import json
 import os
+import pkgutil
 import resource
 import shlex
 import signal
@@ -1310,3 +1312,39 @@ def test_ctrl_c(tmp_path):
         SwarmEpisode.load(out / "episodes" / name).verify()
         for name in (names[0], names[-2], names[-1])
     )
+
+
+@pytest.mark.parametrize("value", [3, "print", [print]])
+@pytest.mark.parametrize(
+    "function",
+    [
+        "shoal.lab.bench:run_suite",
+        "shoal.lab.coordinator:run_sweep",
+        "shoal.lab.trials:run_trials",
+        "shoal.papers.reproduce:reproduce",
+        "shoal.papers.reproduce:reproduce_all",
+        "shoal.rigs.driving:drive",
+        "shoal.rigs.remote:open_rig",
+        "shoal.rigs.remote:RemoteRig",
+        "shoal.robots.rehearsal:Rehearsal.run",
+        "shoal.robots.starting:start_missions",
+        "shoal.robots.starting:watch_fleet",
+        "shoal.robots.uploading:upload_missions",
+        "shoal.search.simulation.live.supervisor:run_live",
+        "shoal.steering.driving:follow",
+        "shoal.steering.driving:steer_rig",
+        "shoal.swarm.run:run",
+        "shoal.swarm.theory.one_dimension:sample",
+        "shoal.views:film",
+    ],
+)
+def test_what_is_called_back_must_be_a_function(function, value):
+    """Refused before anything runs, and before whatever else is wrong."""
+    call = pkgutil.resolve_name(function)
+    parameters = inspect.signature(call).parameters.values()
+    given = {one.name: None for one in parameters if one.default is one.empty}
+    calls = [one.name for one in parameters if one.name.startswith("on_") and one.name != "on_map"]
+    assert calls
+    for name in calls:
+        with pytest.raises(InvalidInputError, match=rf"^{name}: expected a function, got "):
+            call(**given | {name: value})

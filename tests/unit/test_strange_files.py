@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import stat
+
 import numpy as np
 import pytest
 
 import shoal
 from shoal import parts
+from shoal.cli import run
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep
 from shoal.lab.coordinator import prepare
+from shoal.lab.database import connect
+from shoal.missions import read_mission
+from shoal.robots.journal import Journal
 
 HUGE = "1" + "0" * 400
 PLACES = {
@@ -124,3 +132,35 @@ def test_an_episode_that_unfolds_to_millions_of_commands_is_not_unfolded(tmp_pat
         InvalidInputError, match="commands: expected at most 20000000 bytes, got 30000128"
     ):
         shoal.load(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes have names on POSIX only")
+def test_pipes_are_neither_read_nor_replaced(tmp_path, capsys):
+    """A reader of a pipe waits until somebody writes, and a file in its place was no pipe any
+    more. The alarm ends what waits.
+    """
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    onnx, plan, text = (tmp_path / name for name in ("n.onnx", "robot-01.plan", "map.txt"))
+    for name in (onnx, plan, text, tmp_path / "task.key"):
+        os.mkfifo(name)
+    search = "search square:60 --robots 1 --footprint 20 --vehicle multirotor --prepare"
+    signal.alarm(60)
+    try:
+        with pytest.raises(InvalidInputError, match="state of a robot, got a pipe or a device"):
+            Journal(pipe, "search", 1)
+        with pytest.raises(InvalidInputError, match="mission file, got a pipe or a device"):
+            read_mission(plan)
+        with pytest.raises(InvalidInputError, match="a store, got a pipe or a device"):
+            connect(pipe, write=True)
+        for words, said in (
+            (f"map line:9 --policy model:{onnx}", "expected a file, got"),
+            (f"{search} {tmp_path}", "task.key: it is a pipe or a device"),
+            (f"maps line:9 --out {text}", "map.txt: it is a pipe or a device"),
+            (f"maps {text} --out {tmp_path / 'other.txt'}", "map, got a pipe or a device"),
+        ):
+            assert run(words.split()) == 2, words
+            assert said in " ".join(capsys.readouterr().err.split())
+    finally:
+        signal.alarm(0)
+    assert all(stat.S_ISFIFO(one.stat().st_mode) for one in (pipe, onnx, plan, text))

@@ -127,9 +127,9 @@ def check_text(value: Any, *, what: str) -> str:
     return value
 
 
-def check_function(value: Any, *, what: str) -> None:
-    """Check that a value is a function, or None."""
-    if value is not None and not callable(value):
+def check_function(value: Any, *, what: str, optional: bool = True) -> None:
+    """Check that a value is a function or, if it is ``optional``, None."""
+    if not callable(value) and not (optional and value is None):
         raise InvalidInputError(f"{what}: expected a function, got {shortened(value)}")
 
 
@@ -266,20 +266,30 @@ def check_points(
     return array
 
 
+def describe_missing_file(path: str | os.PathLike[str]) -> str:
+    """Return what is at a path in place of a file: ``"no such file"``, ``"a folder"``, or ``"a pipe
+    or a device"``, which may let a reader wait for ever; empty for a file.
+    """
+    if os.path.isfile(path):  # unlike Path.is_file, it accepts names of any length
+        return ""
+    if os.path.isdir(path):
+        return "a folder"
+    return "a pipe or a device" if os.path.exists(path) else "no such file"
+
+
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
     """Raise an error if there is no file at ``path``, or if the file is empty or larger than
     ``most`` bytes.
     """
     try:
-        found, folder = path.is_file(), path.is_dir()
-        size = path.stat().st_size if found else 0
+        size = path.stat().st_size if path.is_file() else 0
     except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
     expected = f"{path}: expected {'an' if what[0] in 'aeiou' else 'a'} {what}"
-    if not found:
-        raise InvalidInputError(f"{expected}, got {'a folder' if folder else 'no such file'}")
+    if missing := describe_missing_file(path):
+        raise InvalidInputError(f"{expected}, got {missing}")
     if size == 0:
         raise InvalidInputError(f"{expected}, got an empty file")
     if size > most:

@@ -65,11 +65,14 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     import secrets  # slow to import
 
+    from shoal.core.checks import describe_missing_file
+
     target = Path(path)
     temporary: Path | None = None
     try:
-        if target.is_dir():
-            raise OutputError(f"cannot write {target}: it is a folder")
+        there = describe_missing_file(target)
+        if there not in ("", "no such file"):  # the file would replace it
+            raise OutputError(f"cannot write {target}: it is {there}")
         target.parent.mkdir(parents=True, exist_ok=True)
         # The name is noted before the file exists, so an interruption at any moment removes the
         # file.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import as_path, check_kind, check_list, shortened, suggestion
+from shoal.core.checks import as_path, check_function, check_kind, check_list, shortened, suggestion
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab.batches import SweepStatus
@@ -265,6 +265,7 @@ def run_suite(
     >>> status.done, score.test.mean, score.completed
     (100, 1.0, 100)
     """
+    check_function(on_progress, what="on_progress")
     check_kind(suite, Suite, what="suite").check_unchanged()
     path = as_path(store, what="store")
     stored: tuple[str, ...] = ()

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from typing import Any
 
-from shoal.core.checks import as_path, check_kind
+from shoal.core.checks import as_path, check_function, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError, describe_error
 from shoal.core.notices import tell_once
@@ -119,6 +119,7 @@ def run_sweep(
     >>> status.done, status.complete
     (6, True)
     """
+    check_function(on_progress, what="on_progress")
     end_second_start()
     check_kind(sweep, Sweep, what="sweep")
     if only is not None:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from shoal.core.checks import shortened
+from shoal.core.checks import describe_missing_file, shortened
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
@@ -79,10 +79,9 @@ def connect(path: Path, *, write: bool, damaged: bool = False) -> sqlite3.Connec
         raise InvalidInputError(
             f"{path}: expected a store in a readable folder, got the error: {error.strerror}"
         ) from None
-    if path.is_dir():
-        raise InvalidInputError(f"{path}: expected a store, got a folder")
-    if not existing and not write:
-        raise InvalidInputError(f"{path}: expected a store, got no such file")
+    missing = describe_missing_file(path)
+    if missing and (existing or not write):
+        raise InvalidInputError(f"{path}: expected a store, got {missing}")
     if existing and path.stat().st_size == 0:
         raise InvalidInputError(
             f"{path}: expected a store or the name of a new file, got an empty file (remove the"

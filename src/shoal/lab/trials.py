@@ -116,9 +116,9 @@ def run_trials(
     >>> [e.moves for e in run_trials(SwarmProblem([[1] * 20], particles=20), trials=3, workers=2)]
     [4, 4, 4]
     """
-    check_kind(problem, SwarmProblem, what="problem")
     check_function(on_trial, what="on_trial")
     check_function(on_moves, what="on_moves")
+    check_kind(problem, SwarmProblem, what="problem")
     workers = count_processors() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)

@@ -15,15 +15,13 @@ from shoal.missions.rules import ROUNDING, inside_of, search_slice
 from shoal.search.flight.legs import complete_path
 from shoal.search.flight.separation import Approach, Separation, nearest_approach
 from shoal.search.flight.terrain import Terrain, ground_profile
-from shoal.search.flight.timing import Floats, Trajectory, trajectory
+from shoal.search.flight.timing import RETURN_HEIGHT, Floats, Trajectory, trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
 # metres: an eighth of this is the deviation of the ground from a straight line between two heights
 _FINE = 0.1
-RETURN_HEIGHT = 60.0
-"""Metres above home to which a return may climb first: RTL_RETURN_ALT of PX4, unless it is set."""
 
 
 def mission_trajectory(

@@ -385,7 +385,9 @@ def check_sheets(sheets: list[Sheet], options: CheckOptions) -> MissionCheck:
     _check_chosen_format(sheets, present, chosen)
     smallest = _smallest_image(flown, region, options, terrain)
     coverages, errors, bands, region = _coverages(flown, region, options, terrain)
-    read = [mission for sheet in flown if (mission := _read_mission(sheet, region)) is not None]
+    read = [
+        mission for sheet in flown if (mission := _read_mission(sheet, region, vehicle)) is not None
+    ]
     missions = tuple(sorted(read, key=lambda mission: (mission.robot, mission.sortie)))
     clearance = (
         None
@@ -779,7 +781,7 @@ def facing_of(
     return angle, image
 
 
-def _read_mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
+def _read_mission(sheet: Sheet, region: SearchRegion, vehicle: Vehicle | None) -> Mission | None:
     """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0 or a
     waypoint on another continent.
 
@@ -788,7 +790,7 @@ def _read_mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
     if path_of(sheet) is None or not np.isfinite(metres_of(sheet, region)).all():
         return None
     try:
-        return mission_of(sheet, sheet.file)
+        return mission_of(sheet, sheet.file, vehicle)
     except InvalidInputError:
         return None
 

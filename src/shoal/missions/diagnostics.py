@@ -183,6 +183,11 @@ RULES: dict[str, Rule] = {
         "error", "turns of a fixed wing leave the region farther than the airspace allows"
     ),
     "speed": Rule("error", "a speed is 0 or less, or above 100 m/s"),
+    "too-fast": Rule(
+        "warning",
+        "a speed is above the cruise speed of the vehicle, so that times and the battery are those"
+        " at the cruise speed",
+    ),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
     "homes-near": Rule(
         "warning",

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from shoal.core.checks import (
     check_integer,
     check_list,
     check_number,
+    describe_missing_file,
     parse_json,
     read_text,
 )
@@ -37,7 +38,7 @@ from shoal.missions.formats.fences import (
 )
 from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
-from shoal.search.flight.vehicle import Vehicle
+from shoal.search.flight.vehicle import PRESETS, Vehicle
 from shoal.search.regions.coverage import TURNING
 from shoal.search.regions.outline import LARGEST_FILE
 
@@ -456,6 +457,8 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     form = FORMATS.get(format_of(source))
     sheet = Sheet(source.name)
     try:
+        if (missing := describe_missing_file(source)) and source.exists():
+            raise InvalidInputError(f"{source}: expected a mission file, got {missing}")
         if source.stat().st_size > LARGEST_FILE:
             raise InvalidInputError(
                 f"{source}: expected a file of at most {LARGEST_FILE} bytes, got"
@@ -602,15 +605,22 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     return mission_of(sheet, path)
 
 
-def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
-    """Convert the sheet of a mission file to a mission."""
+def mission_of(
+    sheet: Sheet, path: str | os.PathLike[str], vehicle: Vehicle | None = None
+) -> Mission:
+    """Convert the sheet of a mission file to a mission.
+
+    With a vehicle, no leg is faster than the vehicle, and a mission that states no speed has the
+    cruise speed of the vehicle.
+    """
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(
                 f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}"
             )
     kind = sheet.kind if sheet.kind in KINDS else "multirotor"
-    defaults = Vehicle(preset=kind)
+    defaults, fastest = Vehicle(preset=kind), fastest_of(vehicle)
+    usual = fastest if isfinite(fastest) else defaults.cruise
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
     same = {field.name for field in fields(Sheet)} & {field.name for field in fields(Mission)}
@@ -620,11 +630,22 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
         "kind": kind,
         "autopilot": "ardupilot" if sheet.autopilot == "ardupilot" else "px4",
         "altitude": sheet.altitudes[0] if sheet.altitudes else defaults.height,
-        "speed": defaults.cruise if sheet.speed is None else sheet.speed,
+        "speed": usual if sheet.speed is None else min(sheet.speed, fastest),
         "altitude_frame": sheet.altitude_frame or "home",
-        "speeds": None if sheet.speeds is None else np.array(sheet.speeds),
+        "speeds": None if sheet.speeds is None else np.minimum(sheet.speeds, fastest),
         "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
         "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
     }
     with errors_at(path):
         return Mission(sheet.points, **values)
+
+
+def fastest_of(vehicle: Vehicle | None) -> float:
+    """Return the speed in m/s that no mission of a vehicle exceeds: its cruise speed, or infinity
+    without a vehicle, and for an ideal vehicle whose speed nobody has given.
+    """
+    if vehicle is None or (
+        vehicle.preset == "ideal" and vehicle.cruise == PRESETS["ideal"]["cruise_speed"]
+    ):
+        return inf
+    return vehicle.cruise

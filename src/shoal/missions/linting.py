@@ -18,7 +18,7 @@ from shoal.core.geometry import angles_of, step_lengths
 from shoal.missions.approach import constant_speed, near_homes
 from shoal.missions.camera import check_camera
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
-from shoal.missions.files import MANIFEST, mission_of, number_apart, open_sheets
+from shoal.missions.files import MANIFEST, fastest_of, mission_of, number_apart, open_sheets
 from shoal.missions.formats.fences import FENCE
 from shoal.missions.mission import CAPS
 from shoal.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, path_of
@@ -30,6 +30,7 @@ from shoal.search.regions.region import SearchRegion
 _SAME_PLACE = 1e-7  # degrees
 _SAME_METRES = 0.01
 _STEEPEST = 12.0  # degrees: an approach
+_ALIKE = 1e-6  # relative: speeds as files round them
 _ROUGH = 0.01  # relative to the time: what rounded coordinates change on short legs
 
 
@@ -138,6 +139,7 @@ def lint_sheets(
             )
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
+                _check_speeds(sheet, vehicle)
                 _check_duration(sheet, vehicle)
                 check_camera(sheet, vehicle)
             if vehicle is not None and vehicle.radius:
@@ -232,20 +234,39 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
         )
 
 
+def _check_speeds(sheet: Sheet, vehicle: Vehicle) -> None:
+    """Add a diagnostic for the first leg that is faster than the vehicle."""
+    if sheet.speed is None:
+        return
+    fastest, speeds = fastest_of(vehicle), sheet.speeds or [sheet.speed]
+    over = [number for number, speed in enumerate(speeds) if speed > fastest * (1 + _ALIKE)]
+    if over:
+        place = "" if sheet.speeds is None else [*sheet.places, ""][over[0]]
+        sheet.add(
+            "too-fast",
+            place,
+            f"expected at most {fastest:g} m/s, the cruise speed of the vehicle, got"
+            f" {max(speeds):g} m/s: the check counts {fastest:g} m/s there",
+        )
+
+
 def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for a mission that takes longer than the vehicle's endurance without its
-    reserve.
+    reserve, with the climb of a return.
     """
     try:
-        duration = mission_of(sheet, sheet.file).duration(vehicle)
+        mission = mission_of(sheet, sheet.file, vehicle)
+        duration, needed = mission.duration(vehicle), mission.battery_seconds(vehicle)
     except InvalidInputError as error:
         if str(error).startswith("wind_speed"):  # too slow a flight for the wind
             sheet.add("speed", "", f"expected{str(error).partition('expected')[2]}")
         return  # other rules report what else is invalid, and heights above ground give no climbs
-    if duration > vehicle.usable_seconds:
+    if needed > vehicle.usable_seconds:
         message = (
             f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance"
-            f" without the reserve, got {duration / 60:.4g} min"
+            f" without the reserve, got {needed / 60:.4g} min"
+            + " with the climb of its return"
+            * (needed > duration)
         )
         sheet.add("endurance", "", message)
 
@@ -404,7 +425,7 @@ def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
                     f" {sheet.start:.4g} s",
                 )
             try:
-                mission = mission_of(sheet, sheet.file)
+                mission = mission_of(sheet, sheet.file, vehicle)
                 lasts = mission.duration(vehicle or constant_speed(mission))
             except InvalidInputError:
                 continue  # other rules report what is invalid

@@ -26,7 +26,7 @@ from shoal.search.flight.flight import FRAMES, Altitudes, Flight
 from shoal.search.flight.imaging import CameraItem, planned_items
 from shoal.search.flight.legs import complete_path, merge_straight_legs
 from shoal.search.flight.sorties import PathFinder, Sorties
-from shoal.search.flight.timing import trajectory
+from shoal.search.flight.timing import return_seconds, trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -344,6 +344,22 @@ class Mission:
         path = self.path_in(LocalFrame(*self.home) if self.geographic else None)
         return trajectory(path, vehicle, rate=self.rates(vehicle)).duration
 
+    def battery_seconds(self, vehicle: Vehicle) -> float:
+        """Return the time in seconds for which the battery must last: the duration and, if the
+        mission ends with a return, its climb to the height at which the autopilot returns.
+
+        Raises
+        ------
+        InvalidInputError
+            If a waypoint is too far from home.
+        """
+        duration = self.duration(vehicle)
+        if self.landing is not None or self.kind == "rover":
+            return duration
+        above_ground = self.altitude_frame == "ground" and self.heights is None
+        ups = self.levels if above_ground else self.heights_above_home  # as in `path_in`
+        return duration + return_seconds(vehicle, float(ups[-1]))
+
     def rates(self, vehicle: Vehicle) -> float | NDArray[np.float64]:
         """Return the speed of the mission divided by the vehicle's cruise speed: one number, or one
         for each leg of `path_in`.
@@ -357,11 +373,11 @@ class Mission:
         """Return the duration and the usable fraction of the mission, for a given vehicle, as a
         mapping for JSON.
         """
-        duration, usable = self.duration(vehicle), vehicle.usable_seconds
+        usable = vehicle.usable_seconds
         return {
             "mission": self.name,
-            "duration_s": duration,
-            "usable_fraction": None if usable == inf else duration / usable,
+            "duration_s": self.duration(vehicle),
+            "usable_fraction": None if usable == inf else self.battery_seconds(vehicle) / usable,
         }
 
     def circle_in(self, frame: LocalFrame | None) -> Points:

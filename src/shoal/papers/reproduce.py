@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_function, check_integer
 from shoal.core.errors import InvalidInputError, describe_error
 from shoal.core.files import atomic, write_json
 from shoal.core.registry import Registry
@@ -88,6 +88,7 @@ def reproduce(
     on_progress : callable, optional
         Function that Shoal calls with the progress of each sweep.
     """
+    check_function(on_progress, what="on_progress")
     recipe, folder = recipes().get(name), Path(out)
     if on_map is not None and not recipe.on_map:
         raise InvalidInputError(
@@ -201,6 +202,7 @@ def reproduce_all(
     InvalidInputError, OutputError
         If an option is invalid for every figure, or if writing the page of results fails.
     """
+    check_function(on_result, what="on_result")
     if on_map is not None:
         open_map(on_map)
     if options.get("trials") is not None:

@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_integer, check_kind, count_text, shortened
+from shoal.core.checks import (
+    check_choice,
+    check_function,
+    check_integer,
+    check_kind,
+    count_text,
+    shortened,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
 from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
@@ -304,6 +311,8 @@ def drive(
     >>> result.trust.level, result.alarms
     ('high', ())
     """
+    check_function(on_moves, what="on_moves")
+    check_function(on_rest, what="on_rest")
     seed = check_integer(seed, what="seed", least=0)
     for name in fields:
         check_choice(name, what="drive", choices=DRIVEN)

@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_number, check_points
+from shoal.core.checks import check_function, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.rigs.physics import ANGLES
@@ -179,6 +179,7 @@ class RigSession:
         session: str | None = None,
         resume: LoggedSession | None = None,
     ) -> None:
+        check_function(on_event, what="on_event")
         self.transport = transport
         self.repeat_after = check_number(repeat_after, what="repeat_after", above=0)
         self.end_after = check_number(end_after, what="end_after", above=0)
@@ -686,6 +687,7 @@ def open_rig(
     RigError
         Raised if the rig does not answer, or if the rig uses another version of the protocol.
     """
+    check_function(on_event, what="on_event")
     return RemoteRig(
         open_transport(spec),
         repeat_after=repeat_after,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, describe_missing_file
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import advance
@@ -91,6 +91,9 @@ class Journal:
         self.events: list[Event] = []
         self.reports: list[dict[str, Any]] = []
         head = {"search": search, "robot": number}
+        missing = describe_missing_file(path)
+        if missing not in ("", "no such file"):
+            raise InvalidInputError(f"{path}: expected the state of a robot, got {missing}")
         try:
             self._file = os.open(
                 path, os.O_RDONLY if read_only else os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644

@@ -25,6 +25,7 @@ from zlib import crc32
 
 import numpy as np
 
+from shoal.core.checks import check_function
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.robots.clock import SharedClock
@@ -293,6 +294,8 @@ class Rehearsal:
         seed : int
             Seed of the stranger.
         """
+        check_function(on_progress, what="on_progress", optional=False)
+        check_function(on_event, what="on_event", optional=False)
         with ExitStack() as stack:
             run = _Run(self, name, happenings, stack)
             if stranger:

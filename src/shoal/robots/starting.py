@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field
 from typing import Any
 
-from shoal.core.checks import check_kind, check_list
+from shoal.core.checks import check_function, check_kind, check_list
 from shoal.core.dataclass import dataclass
 from shoal.robots import modes
 from shoal.robots.mavlink import PX4, HeardVehicle, LinkError, Station, type_text
@@ -360,6 +360,7 @@ def start_missions(
         Seconds by which a start may be late.
     on_event : callable, optional
     """
+    check_function(on_event, what="on_event", optional=False)
     waiting = sorted(fleet.launches.values(), key=lambda launch: (launch.start, launch.robot))
     fleet.starters = {}
     while waiting or fleet.starters:
@@ -421,6 +422,7 @@ def watch_fleet(
     on_report : callable, optional
         Function that is called with the launches of these robots.
     """
+    check_function(on_report, what="on_report", optional=False)
     until = None if seconds is None else fleet.now() + seconds
     launches = [fleet.launches[robot] for robot in fleet.vehicles if of is None or robot in of]
     flown = {launch.robot for launch in launches if launch.telemetry.armed}

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_number, parse_json, read_text, shortened
+from shoal.core.checks import check_number, describe_missing_file, parse_json, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.files import write_json
@@ -231,8 +231,10 @@ def write_task(
     body["signature"] = _sign(key, body)
     task, key_file = home / TASK, home / KEY
     try:
-        foreign = key_file.exists() and key_file.read_bytes() != key + b"\n"
-        if foreign:
+        there = describe_missing_file(key_file)
+        if there not in ("", "no such file"):
+            raise FileExistsError(EEXIST, f"it is {there}")
+        if not there and key_file.read_bytes() != key + b"\n":
             raise FileExistsError(EEXIST, "it is the key of another search, whose robots need it")
         home.mkdir(parents=True, exist_ok=True)
         handle = os.open(key_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)

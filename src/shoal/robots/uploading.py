@@ -11,7 +11,7 @@ from dataclasses import field
 from threading import BoundedSemaphore
 from typing import Any
 
-from shoal.core.checks import check_list, count_text
+from shoal.core.checks import check_function, check_list, count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.robots.mavlink import (
@@ -260,6 +260,7 @@ def upload_missions(
     list of Delivery
         One for each pair, in their order.
     """
+    check_function(on_event, what="on_event", optional=False)
     pairs = check_pairs(pairs)
     stations = check_list(stations, Station, what="stations")
     deliveries = {cargo.robot: new_delivery(cargo, seat) for cargo, seat in pairs}

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer, check_points
+from shoal.core.checks import check_function, check_integer, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
@@ -233,6 +233,7 @@ def steer_rig(
     >>> steer_rig(problem, rig).status
     <Status.ARRIVED: 'arrived'>
     """
+    check_function(on_move, what="on_move")
     seed = check_integer(seed, what="seed", least=0)
     problem = _check_drive(problem, rig)
     if problem.n_particles != 2:
@@ -304,6 +305,7 @@ def follow(
     InvalidInputError, SteeringDriveError, OutputError
         As for `steer_rig`, and for way-points outside the workspace.
     """
+    check_function(on_move, what="on_move")
     problem = _check_drive(problem, rig)
     check_integer(particle, what="particle", least=1, most=problem.n_particles)
     points = check_points(waypoints, what="waypoints", dimensions=2)

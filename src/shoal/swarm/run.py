@@ -92,10 +92,10 @@ def run(
     >>> str(episode.status), episode.commands
     ('complete', 'ludr')
     """
-    if not isinstance(problem, SwarmProblem):
-        raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
     check_function(on_moves, what="on_moves")
     check_function(on_trace, what="on_trace")
+    if not isinstance(problem, SwarmProblem):
+        raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
     seed = check_integer(seed, what="seed", least=0)
     trial = check_integer(trial, what="trial", least=0)
     setup, rng = problem.setup, trial_rng(seed, trial)

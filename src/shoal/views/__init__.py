@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from shoal.core.checks import check_choice
+from shoal.core.checks import check_choice, check_function
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.core.version import versions
@@ -160,6 +160,7 @@ def film(
     OutputError
         If writing the file fails. After a failure, no partial file remains.
     """
+    check_function(on_frame, what="on_frame")
     from shoal.views.drawing.encoding import check_film, encode_film
     from shoal.views.drawing.stage import stage_of
 

@@ -16,7 +16,7 @@ from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.missions import CheckOptions, read_mission
 from shoal.robots.flown import check_flown
-from shoal.search import LocalFrame, read_tracks, region_of
+from shoal.search import LocalFrame, SearchProblem, read_tracks, region_of
 from shoal.search.regions.places import swept_area
 
 pytest.importorskip("pymavlink")
@@ -453,6 +453,33 @@ def test_a_search_reads_flight_logs_and_gpx_as_tracks(tmp_path):
     (tmp_path / "planned.gpx").write_text("<gpx><rte><rtept lat='1' lon='2'/></rte></gpx>")
     with pytest.raises(InvalidInputError, match="a track that was flown"):
         swept_area(str(tmp_path / "planned.gpx"), region, 20.0)
+
+
+def test_climbs_are_no_search(tmp_path, monkeypatch):
+    """A fixed wing that climbs for 200 m, searches 200 m at 80 m, and sinks for 200 m."""
+    heard = []
+    monkeypatch.setattr("shoal.core.notices.listeners", [heard.append])
+    frame = LocalFrame(8.5, 47.4)
+    region = region_of(shapely.box(0, 0, 1000, 40), frame=frame)
+    along = np.arange(0.0, 801.0, 2.0)
+    heights = np.interp(along, [0.0, 200.0, 600.0, 800.0], [0.0, 80.0, 80.0, 0.0])
+    degrees = frame.to_degrees(np.column_stack([along, np.full(len(along), 20.0)]))
+    rows = np.column_stack([BEGIN + along / 10, degrees, heights])
+    log = str(write_tlog(tmp_path / "wing.tlog", {1: rows}))
+    # from 160 m, where it is 64 m high, to 640 m
+    assert swept_area(log, region, 20.0).area == pytest.approx((480 + 20) * 20, rel=1e-3)
+    assert len(heard) == 1
+    assert "39 % of the way in flight count as climbs and descents" in heard[0]
+    assert "lower than 64 m above home" in heard[0]
+    # the camera of a vehicle at 40 m sees enough from 32 m on
+    seen = swept_area(log, region, 20.0, altitude=40.0)
+    assert seen.area == pytest.approx((640 + 20) * 20, rel=1e-3)
+    camera = "sensor_width=13.2,sensor_height=8.8,focal_length=8.8"
+    problem = SearchProblem(
+        region, searched=[log], robots=1, vehicle=f"fixed-wing,altitude=160,{camera}"
+    )
+    with pytest.raises(InvalidInputError, match="expected a flight of 128 m above home"):
+        problem.place.outline  # noqa: B018  # it opens the tracks
 
 
 def test_heights_of_rovers_are_errors(field, tmp_path):

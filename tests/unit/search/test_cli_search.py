@@ -383,7 +383,7 @@ def test_plans_go_home_to_recharge_as_simulated_robots_do(launch):
         "ring:80x30",
         robots=1,
         footprint=20,
-        vehicle="multirotor,endurance=3,recharge=3",
+        vehicle="multirotor,endurance=3.6,recharge=3",
         launch=launch,
     )
     simulated, planned = (

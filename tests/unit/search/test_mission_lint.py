@@ -798,7 +798,9 @@ PLANTS = [
         ("sequence",),
     ),
     ("endurance", ".plan", later_speed(0.01), "", ()),
-    ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
+    ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ("too-fast",)),
+    ("too-fast", ".csv", swap(",5\n", ",8\n", -1), "", ()),
+    ("too-fast", ".plan", later_speed(25.0), "item 5", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
     ("homes-near", ".plan", beside(mission(robot=2)), "", ()),
     ("homes-near", ".csv", beside(mission(robot=2, home=(8.5, 47.4), landing=HOME)), "", ()),
@@ -862,7 +864,7 @@ PLANTS = [
     ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
     ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
     ("beside", ".waypoints", cut_fence, "fence.txt", ()),
-    ("formats-differ", ".plan", other_speed, "", ()),
+    ("formats-differ", ".plan", other_speed, "", ("too-fast",)),
     ("formats-differ", ".plan", other_place, "", ()),
     ("formats-differ", ".kml", other_autopilot, "", ("firmware-mixed", "firmware")),
     ("sortie-missing", ".plan", beside(mission(sortie=3)), "", ()),
@@ -913,7 +915,9 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
     assert lint(tmp_path, region, vehicle=vehicle, **EXPECTED) == []
     plant(tmp_path, suffix)
     with suppress(InvalidInputError):
-        vehicle = vehicle_of(f"{read_mission(tmp_path / f'robot-01{suffix}').kind},endurance=1000")
+        kind = read_mission(tmp_path / f"robot-01{suffix}").kind
+        speed = ",cruise_speed=5" if kind == "rover" else ""  # that of all planted missions
+        vehicle = vehicle_of(f"{kind},endurance=1000{speed}")
     found = lint(tmp_path, region, vehicle=vehicle, **EXPECTED)
     assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
     diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
@@ -1401,6 +1405,34 @@ def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
         assert lint(tmp_path, region) == []
 
 
+def test_no_leg_counts_as_faster_than_the_vehicle(tmp_path, region):
+    vehicle = vehicle_of("multirotor")
+    write_good(tmp_path, ".plan")
+    (usual,) = check_missions(tmp_path, region, None, vehicle=vehicle).flights
+    later_speed(25.0)(tmp_path, ".plan")
+    fast = check_missions(tmp_path, region, None, vehicle=vehicle)
+    assert list(fast.flights) == [usual]
+    assert [(one.rule, one.sentence) for one in fast.diagnostics] == [
+        (
+            "too-fast",
+            "expected at most 5 m/s, the cruise speed of the vehicle, got 25 m/s: the check counts"
+            " 5 m/s there",
+        )
+    ]
+    # without a speed in the file, the vehicle's own
+    write_good(tmp_path, ".waypoints")
+    edit(
+        tmp_path / "robot-01.waypoints",
+        lambda text: "\n".join(
+            "\t".join([str(k - 1), *row.split("\t")[1:]]) if k else row
+            for k, row in enumerate(row for row in text.splitlines() if "\t178\t" not in row)
+        ),
+    )
+    slow = vehicle_of("multirotor,cruise_speed=2,turn_time=2")
+    own = check_missions(tmp_path, region, None, vehicle=slow, format="wpl")
+    assert own.flights[0]["duration_s"] > 1.5 * usual["duration_s"]
+
+
 @pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
 def test_missions_with_several_speeds_are_written_and_read(kind, tmp_path):
     speeds = [12.0, 12.0, 9.0, 9.0, 15.0]
@@ -1531,5 +1563,5 @@ def test_files_that_state_no_kind_are_missions_of_the_vehicle_of_the_check(tmp_p
     assert found == {
         "multirotor": set(),
         "fixed-wing": {"turn-radius", "climb", "transit"},
-        "rover": {"altitude"},
+        "rover": {"altitude", "too-fast"},
     }[kind] - ({"transit"} if kind == "fixed-wing" else set())

@@ -36,6 +36,7 @@ from shoal.search.problem import SearchProblem
 from shoal.views.search.missions import missions_figure
 
 FRAME = LocalFrame(8.5, 47.4)
+RETURN = 30 / 2.5 + 30 / 1.5 + 2 * 5 / 2.5  # s: from 30 m to 60 m and down again, and two stops
 LANES = [
     (-90.0, -20.0),
     (0.0, -20.0),
@@ -652,7 +653,7 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
         == {mission.name for mission in missions}
     )
     assert told["usable_fractions"]["robot-01"] == pytest.approx(
-        told["durations_s"]["robot-01"] / 900
+        (told["durations_s"]["robot-01"] + RETURN) / 900
     )
     arguments = ["missions", "check", str(tmp_path), str(field), "--footprint", "20", "--vehicle"]
     assert run([*arguments, "multirotor,endurance=20,reserve=0.25"]) == 0
@@ -662,8 +663,8 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     )
     out = " ".join(capsys.readouterr().out.split())
     said = re.search(
-        r"flight robot-01: ([\d.]+) min, ([\d.]+) % of the 15 min that the battery allows without"
-        r" its reserve",
+        r"flight robot-01: ([\d.]+) min, with a climb of its return ([\d.]+) % of the 15 min that the"
+        r" battery allows without its reserve",
         out,
     )
     assert [float(number) for number in said.groups()] == pytest.approx([minutes, share], rel=0.01)
@@ -676,6 +677,38 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     flights = json.loads(capsys.readouterr().out)["flights"]
     assert [one["mission"] for one in flights] == [mission.name for mission in missions]
     assert {one["usable_fraction"] for one in flights} == {None}
+
+
+def test_the_battery_lasts_for_the_climb_of_a_return(tmp_path):
+    small = vehicle_of("multirotor,endurance=3.2,reserve=0")
+    returning = missions_of(LANES, FRAME, vehicle=small)
+    landing = missions_of(LANES, FRAME, vehicle=small, ending="land")
+    assert len(returning) > 1
+    for mission in returning:
+        assert mission.battery_seconds(small) == pytest.approx(mission.duration(small) + RETURN)
+        assert mission.battery_seconds(small) <= small.usable_seconds
+    assert landing[0].battery_seconds(small) == landing[0].duration(small)
+    assert landing[0].duration(small) > returning[0].duration(small) + RETURN / 2
+    high = missions_of(LANES, FRAME, vehicle="multirotor,altitude=60")[0]
+    assert high.battery_seconds(small) == high.duration(small)
+    # the check: a mission that the battery allows without the climb only
+    (whole,) = missions_of(LANES, FRAME, vehicle="multirotor")
+    write_missions([whole], tmp_path, formats=["plan"])
+    for spare, mistakes in ((RETURN - 1, 1), (RETURN + 1, 0)):
+        minutes = (whole.duration(small) + spare) / 60
+        found = lint(tmp_path, vehicle=vehicle_of(f"multirotor,reserve=0,endurance={minutes!r}"))
+        told = [one.sentence for one in found if one.rule == "endurance"]
+        assert len(told) == mistakes
+        assert all(one.endswith("min with the climb of its return") for one in told)
+
+
+def test_a_plan_keeps_the_climb_of_a_return_in_the_battery():
+    problem = SearchProblem("rectangle:300x200", robots=1, footprint=20, vehicle="multirotor")
+    plain = MissionSet.from_problem(problem, MissionOptions()).missions
+    assert len(plain) == 1
+    minutes = (plain[0].duration(vehicle_of("multirotor")) + RETURN / 2) / 60
+    tight = problem.replaced(vehicle=f"multirotor,reserve=0,recharge=1,endurance={minutes!r}")
+    assert len(MissionSet.from_problem(tight, MissionOptions()).missions) == 2
 
 
 def test_a_mission_set_is_planned_checked_written_read_and_run(tmp_path):

@@ -43,6 +43,13 @@ def corner(tmp_path, *, rows=10, columns=10):
     return str(tmp_path / "corner.npy"), values / values.sum()
 
 
+@pytest.fixture
+def notices(monkeypatch):
+    heard = []
+    monkeypatch.setattr("shoal.core.notices.listeners", [heard.append])
+    return heard
+
+
 def odds_at(plan):
     """Return the probability of each cell of a lattice with row 0 in the north."""
     found = np.zeros(plan.grid.shape)
@@ -58,6 +65,41 @@ def test_an_array_spans_the_region_with_row_0_in_the_north(tmp_path):
     assert likely.tolist() == [95.0, 95.0]
     rows, columns = ((100 - places[:, 1]) // 10).astype(int), (places[:, 0] // 10).astype(int)
     np.testing.assert_allclose(plan.tour_cost.odds, values[rows, columns], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "told"),
+    [
+        (20, 20, None),
+        (10, 10, None),
+        (33, 33, None),
+        (1, 1, None),
+        (
+            19,
+            20,
+            "19 rows of 20 numbers span the 100 m by 100 m of the region, so that each number stands"
+            " for 5 m by 5.263 m",
+        ),
+        (1, 20, "its 1 row of 20 numbers span"),
+    ],
+)
+def test_an_array_of_another_shape_than_the_region_is_said(rows, columns, told, tmp_path, notices):
+    file, _ = corner(tmp_path, rows=rows, columns=columns)
+    open_prior([file], 0.0, open_region("square:100"))
+    assert len(notices) == (told is not None)
+    if told is not None:
+        assert told in notices[0]
+        assert "exchanged" not in notices[0]
+
+
+def test_an_array_whose_rows_and_columns_are_exchanged_is_said(tmp_path, notices):
+    file, _ = corner(tmp_path, rows=30, columns=15)
+    region = open_region("rectangle:299x151")
+    open_prior([corner(tmp_path, rows=15, columns=30)[0]], 0.0, region)
+    assert not notices
+    corner(tmp_path, rows=30, columns=15)
+    open_prior([file], 0.0, region)
+    assert notices[0].endswith("with rows and columns exchanged, for squares")
 
 
 def test_the_odds_of_turned_cells_are_those_of_the_ground_under_them():

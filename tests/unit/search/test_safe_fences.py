@@ -562,6 +562,41 @@ def test_a_zone_does_not_grow_over_a_path_along_its_side():
     assert simple.buffer(-2e-3).intersection(path).length == 0
 
 
+def test_ways_outside_are_those_that_a_fixed_wing_flies():
+    """With its climb and its turns: from a launch point inside, it was said to stay inside."""
+    square = shapely.box(0, 0, 1000, 1000)
+
+    def plan_from(x, y, **vehicle):
+        return plan_search(
+            SearchProblem(
+                "square:1000",
+                robots=1,
+                footprint=40,
+                vehicle={"preset": "fixed-wing", "endurance": 180.0} | vehicle,
+                launch=((x, y),),
+                simulate=False,
+            ),
+            seed=1,
+        )
+
+    # north along the side, to a climb that ends 300 m outside, where it turns in a circle
+    slow = plan_from(20.0, 20.0, climb_speed=1.0)
+    (flight,) = slow.flown_sorties(0, slow.stops(0)).trajectories()
+    away, left = 0.0, False
+    for begin, end in pairwise(flight.points[:, :2]):
+        leg = shapely.LineString([begin, end])
+        away += leg.length - leg.intersection(square).length
+        left |= not square.covers(shapely.Point(end))
+        if left and square.covers(shapely.Point(end)):
+            break
+    assert slow.outside_lengths(0)[0] == pytest.approx(away, abs=0.1)
+    assert away > 900.0
+    out, home = plan_from(500.0, 500.0).outside_lengths(0)
+    assert out == 0.0
+    assert home > 50.0  # it turns beyond the border
+    assert plan_from(-300.0, 500.0).outside_lengths(0)[0] > 500.0  # 300 m away
+
+
 def test_stay_inside_crosses_the_border_once_and_at_the_nearest_place():
     given = {"robots": 1, "footprint": 20.0, "launch": ((-60.0, 90.0),), "simulate": False}
     region = region_of(shapely.union(shapely.box(0, 0, 200, 30), shapely.box(0, 0, 30, 200)))

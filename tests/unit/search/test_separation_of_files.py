@@ -12,10 +12,11 @@ import pytest
 
 from shoal.cli import run
 from shoal.missions import Mission, check_missions, lint, read_mission, write_missions
-from shoal.missions.approach import RETURN_HEIGHT, missions_approach
+from shoal.missions.approach import missions_approach
 from shoal.missions.fence import Fence
 from shoal.search import open_region
 from shoal.search.flight.separation import Separation
+from shoal.search.flight.timing import RETURN_HEIGHT
 from shoal.search.regions.projection import LocalFrame
 
 FRAME = LocalFrame(8.502, 47.401)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
 _FLIGHTS = 12  # maximum number of printed flights
+_MOMENT = 0.01  # seconds
 _SHOWN = 3  # maximum number of diagnostics of one kind in one file
 
 Folder = Annotated[
@@ -224,7 +225,13 @@ def flights_rows(flights: Sequence[dict[str, Any]], usable: float | None) -> lis
     """
     rows = []
     for number, one in enumerate(flights[:_FLIGHTS]):
-        share = "" if usable is None else f", {100 * one['usable_fraction']:.3g} %"
+        share = ""
+        if usable is not None:
+            # more than the duration where a return may climb
+            climbs = one["usable_fraction"] * usable > one["duration_s"] + _MOMENT
+            share = (
+                f", {'with a climb of its return ' * climbs}{100 * one['usable_fraction']:.3g} %"
+            )
         of = (
             ""
             if usable is None or number

@@ -15,7 +15,7 @@ from shoal.core.geometry import partial_sums
 from shoal.search.flight.dubins import NEAR
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.imaging import image_waypoints
-from shoal.search.flight.timing import Trajectory
+from shoal.search.flight.timing import Trajectory, return_seconds
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 
 PathFinder = Callable[[Points, Points], ArrayLike]
@@ -164,7 +164,7 @@ class Sorties:
         lasts, so that few halves are flown.
         """
         ends, last = [until, far], -1
-        over = [self._trajectory(begin, at).duration - self.limit for at in ends]
+        over = [self._battery_seconds(begin, at) - self.limit for at in ends]
 
         def fits(at: float) -> bool:
             if ends[0] < at < ends[1]:
@@ -176,7 +176,7 @@ class Sorties:
                 break
             guess = ends[0] + over[0] / (over[0] - over[1]) * (ends[1] - ends[0])
             side = 0 if fits(guess) else 1
-            over[side] = self._trajectory(begin, guess).duration - self.limit
+            over[side] = self._battery_seconds(begin, guess) - self.limit
             if side == last:
                 over[1 - side] /= 2
             last = side
@@ -188,8 +188,18 @@ class Sorties:
     def _fits(self, begin: float, until: float) -> bool:
         return (
             self._n_items(self._sortie(begin, until)) <= self.most_waypoints
-            and self._trajectory(begin, until).duration <= self.limit
+            and self._battery_seconds(begin, until) <= self.limit
         )
+
+    def _battery_seconds(self, begin: float, until: float) -> float:
+        """Return the time for which a sortie needs the battery, with the climb of a return."""
+        flown = self._trajectory(begin, until)
+        return flown.duration + self._return_seconds(self._sortie(begin, until))
+
+    def _return_seconds(self, waypoints: NDArray[np.float64]) -> float:
+        if self.flight.ending != "return":
+            return 0.0
+        return return_seconds(self.flight.vehicle, float(waypoints[-1, 2]))
 
     def _n_items(self, waypoints: NDArray[np.float64]) -> int:
         """Return the largest number of mission items of waypoints and of images there."""
@@ -277,7 +287,7 @@ class Sorties:
         """
         shortest = self._sortie(begin, begin)
         if (
-            self.flight.trajectory(shortest).duration <= self.limit
+            self.flight.trajectory(shortest).duration + self._return_seconds(shortest) <= self.limit
             and self._n_items(shortest) + 1 > self.most_waypoints
         ):
             raise InvalidInputError(
@@ -287,11 +297,12 @@ class Sorties:
             )
         away = np.hypot(*(self.path[:, :2] - self.home).T)
         farthest = self.path[int(np.argmax(away))]  # the next obstacle to progress
-        needed = self.flight.trajectory(self.flight.waypoints(farthest[None])).duration
+        there = self.flight.waypoints(farthest[None])
+        needed = self.flight.trajectory(there).duration + self._return_seconds(there)
         because = f"{text_of(farthest)} is {away.max():.6g} m from home"
         if needed <= self.limit:  # the paths from home and back are longer than straight paths
             until = min(begin + _SHORTEST, float(self.at[-1]))
-            needed = self._flight(until).trajectory(self._sortie(begin, until)).duration
+            needed = self._battery_seconds(begin, until)
             because = f"the paths from home to {text_of(self._point(begin))} and back take as long"
         raise InvalidInputError(
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot"

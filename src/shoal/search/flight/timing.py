@@ -19,6 +19,8 @@ STRAIGHT = 2.0 * sin(radians(0.5))
 CORNER = 2.0 * sin(radians(22.5))  # the same for 45 degrees: at a sharper bend, a vehicle stops
 _SLOWEST = 1e-9  # of the square of a speed: rounding errors must not stop a vehicle in a curve
 STILL = 0.005  # metres: a shorter leg is due to the rounding of coordinates, and no motion
+RETURN_HEIGHT = 60.0
+"""Metres above home to which a return may climb first: RTL_RETURN_ALT of PX4, unless it is set."""
 CUT = 1.0
 """Distance in metres from a waypoint within which a vehicle rounds off a bend, if the vehicle has
 no acceptance radius.
@@ -252,3 +254,20 @@ def climbing_seconds(vehicle: Vehicle) -> float:
     descend again.
     """
     return float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum())
+
+
+def return_seconds(vehicle: Vehicle, height: float) -> float:
+    """Return the time in seconds by which the autopilot's return is longer than a way home at the
+    height above home where it begins: the climb to the height of the return, the descent from
+    there, and the stops before and after the climb.
+
+    Examples
+    --------
+    >>> vehicle = Vehicle(cruise_speed=10.0, climb_speed=2.0, sink_speed=1.0, acceleration=5.0)
+    >>> return_seconds(vehicle, 30.0), return_seconds(vehicle, 80.0)
+    (49.0, 0.0)
+    """
+    climb = RETURN_HEIGHT - height
+    if vehicle.kind == "rover" or climb <= 0:
+        return 0.0
+    return float(vehicle.vertical_seconds([climb, -climb]).sum()) + 2 * vehicle.turn_seconds

@@ -690,11 +690,19 @@ class SearchPlan:
         """Return the length of a robot's paths outside the region, in metres: from its launch
         point, and to its landing point.
 
-        The landing point is the launch point, unless the plan has landing points.
+        The landing point is the launch point, unless the plan has landing points. The paths of a
+        fixed wing are those that it flies, with its turns and circles.
         """
         stops = self.stops(robot)
         if not len(stops):
             return 0.0, 0.0
+        if self.vehicle.radius and isinstance(self._durations(robot, stops), tuple):
+            flights = self.flown_sorties(robot, stops).searching()
+            (first, begin, _), (last, _, end) = flights[0], flights[-1]
+            # a climb may end outside, beyond the place where the search begins
+            out = self._until_inside(first.points, int((first.times <= begin).sum()))
+            back = self._until_inside(last.points[::-1], int((last.times >= end).sum()))
+            return self._length_outside(out), self._length_outside(back)
         end = self.places[robot] if self.landing is None else self.landing[robot]
         first, last = self.positions(stops[[0, -1]])[:, :2]
         return self._outside_length(self.places[robot], first), self._outside_length(last, end)
@@ -703,7 +711,22 @@ class SearchPlan:
         """Return the length of the path of `leg` outside the region, in metres."""
         if not self.transit and self.grid.region.contains([start, end]).all():
             return 0.0
-        return float(shapely.linestrings(self.leg(start, end)).difference(self._allowed).length)
+        return self._length_outside(self.leg(start, end))
+
+    def _until_inside(self, path: Points, count: int) -> Points:
+        """Return the first ``count`` points of a path, or more until the path is in the region."""
+        inside = shapely.intersects_xy(self._allowed, *path[:, :2].T)
+        inside[: max(count - 1, 0)] = False
+        return path[: int(np.argmax(inside)) + 1] if inside.any() else path
+
+    def _length_outside(self, path: Points) -> float:
+        """Return the length of a path outside the region, in metres."""
+        if len(path) < 2:
+            return 0.0
+        # leg by leg: where a line crosses itself, a difference counts one of the two
+        legs = np.stack([path[:-1, :2], path[1:, :2]], axis=1)
+        outside = shapely.difference(shapely.linestrings(legs), self._allowed)
+        return float(shapely.length(outside).sum())
 
     @cached_property
     def _allowed(self) -> Any:

@@ -969,9 +969,20 @@ class SearchProblem(Problem):
         """
         if not self.searched:
             return region
-        side = float(np.min(self.footprint or self._base_vehicle.row_spacing or FOOTPRINT))
-        flies = self._base_vehicle.kind != "rover"
-        areas = [swept_area(track, region, side, flies=flies) for track in self.searched]
+        vehicle = self._base_vehicle
+        side = float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT))
+        # from another altitude, a camera sees another width
+        by_camera = self.footprint is None and vehicle.image_size is not None
+        areas = [
+            swept_area(
+                track,
+                region,
+                side,
+                flies=vehicle.kind != "rover",
+                altitude=vehicle.height if by_camera else None,
+            )
+            for track in self.searched
+        ]
         for track, area in zip(self.searched, areas, strict=True):
             if not area.intersects(region.area):
                 raise InvalidInputError(

@@ -20,12 +20,14 @@ from shoal.core.checks import (
     check_file,
     check_number,
     check_text,
+    count_text,
     parse_json,
     read_text,
     shortened,
 )
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
+from shoal.core.notices import tell_once
 from shoal.search.cells.layers import Grid, LayeredGrid, layers_of
 from shoal.search.problem.target import Drift, Ground, MovingGround, Tracks
 from shoal.search.regions.builder import list_of
@@ -977,12 +979,31 @@ def _array(source: Path, file: Any, region: SearchRegion) -> Raster:
         )
     west, south, east, north = region.outline.bounds
     rows, columns = values.shape
-    return Raster(
+    density = Raster(
         _normalised(source, values.astype(np.float64)),
         west,
         north,
         ((east - west) / columns, (north - south) / rows),
     )
+    if not _fits(values.shape, (north - south, east - west)):
+        turned = _fits(values.shape[::-1], (north - south, east - west))
+        tell_once(
+            f"prior: {source}: its {count_text(rows, 'row')} of {count_text(columns, 'number')} span"
+            f" the {east - west:.4g} m by {north - south:.4g} m of the region, so that each number"
+            f" stands for {density.sides[0]:.4g} m by {density.sides[1]:.4g} m"
+            + "; with rows and columns exchanged, for squares"
+            * turned
+        )
+    return density
+
+
+def _fits(counts: tuple[int, ...], lengths: tuple[float, float]) -> bool:
+    """Return whether some square divides both lengths into the given counts, rounded: then the
+    numbers of an array stand for squares, as far as its shape can tell.
+    """
+    least = max(length / (count + 0.5) for count, length in zip(counts, lengths, strict=True))
+    most = min(length / (count - 0.5) for count, length in zip(counts, lengths, strict=True))
+    return least < most * _CERTAIN
 
 
 def _normalised(source: Path | str, values: Floats) -> Floats:

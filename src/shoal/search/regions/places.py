@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.formats.flight_logs import GAP, LOGS, flight_lines, interruptions
+from shoal.search.regions.formats.flight_logs import GAP, LOGS, interruptions, search_lines
 from shoal.search.regions.formats.geodata import read_positions
 from shoal.search.regions.formats.kml import read_gpx_line, read_gpx_tracks
 from shoal.search.regions.formats.tables import Vertex, read_vertices
@@ -167,7 +167,12 @@ _GAP = 1e-3  # metres: narrower gaps between what two legs saw are rounding erro
 
 
 def swept_area(
-    track: str | ArrayLike, region: SearchRegion, side: float, *, flies: bool = True
+    track: str | ArrayLike,
+    region: SearchRegion,
+    side: float,
+    *,
+    flies: bool = True,
+    altitude: float | None = None,
 ) -> Any:
     """Return what a vehicle saw along a track that it flew: the squares of the given side along each
     leg, as a Shapely geometry in metres.
@@ -176,8 +181,8 @@ def swept_area(
     ----------
     track : str or array_like of float, shape (k, 2)
         Points in metres, or the path of a file: a CSV or GeoJSON file of points or of a line, the
-        tracks of a GPX file, or a flight log (``.tlog``, ``.bin`` or ``.ulg``), which counts from
-        when its vehicle is in flight. Blank lines and other labels of a CSV file, segments and long
+        tracks of a GPX file, or a flight log (``.tlog``, ``.bin`` or ``.ulg``), which counts while
+        its vehicle is high enough. Blank lines and other labels of a CSV file, segments and long
         gaps of GPX, gaps of a log, and positions that no vehicle reaches in time interrupt the
         track.
     region : SearchRegion
@@ -186,6 +191,10 @@ def swept_area(
         Side of the square in metres. The square is parallel to the leg.
     flies : bool
         Whether the vehicle flies. All of a rover's log counts, whatever heights it says.
+    altitude : float, optional
+        Altitude in metres above home from which a vehicle sees the squares. A log counts from 0.8
+        times this altitude on, by default from 0.8 times the height above which it has half of its
+        way.
 
     Examples
     --------
@@ -196,7 +205,7 @@ def swept_area(
     import shapely
 
     lines = (
-        _track_lines(Path(track), region, flies=flies)
+        _track_lines(Path(track), region, flies=flies, altitude=altitude)
         if isinstance(track, str)
         else [check_plane_points(track, what="searched")]
     )
@@ -220,7 +229,9 @@ def swept_area(
     return strip.buffer(_GAP, join_style="mitre").buffer(-_GAP, join_style="mitre")
 
 
-def _track_lines(path: Path, region: SearchRegion, *, flies: bool) -> list[Points]:
+def _track_lines(
+    path: Path, region: SearchRegion, *, flies: bool, altitude: float | None
+) -> list[Points]:
     """Return the uninterrupted parts of a track in a file, in metres."""
     kind = path.suffix.lower()
     if kind == ".gpx":
@@ -229,7 +240,7 @@ def _track_lines(path: Path, region: SearchRegion, *, flies: bool) -> list[Point
             raise InvalidInputError(f"{path}: expected a track that was flown, got none")
         lines = [part for points, times in segments for part in _uninterrupted(points, times)]
     elif kind in LOGS:
-        lines = flight_lines(path, flies=flies)
+        lines = search_lines(path, flies=flies, altitude=altitude)
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import describe_missing_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, describe_error, import_extra
 from shoal.swarm.grid.board import letters_of
@@ -149,6 +150,8 @@ def _version(file: str) -> tuple[int, int]:
         stat = os.stat(file)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"policy model: cannot read {file!r}: {error}") from None
+    if missing := describe_missing_file(file):
+        raise InvalidInputError(f"policy model: expected a file, got {file}: {missing}")
     return stat.st_mtime_ns, stat.st_size
 
 

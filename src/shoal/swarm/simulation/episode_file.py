@@ -20,6 +20,7 @@ from shoal.core.checks import (
     check_integer,
     check_number,
     check_text,
+    describe_missing_file,
     parse_json,
     shortened,
 )
@@ -105,11 +106,8 @@ def write(
 def read(path: str | os.PathLike[str], *, trust: bool) -> dict[str, Any]:
     """Read an episode file, and return the fields of the `SwarmEpisode`."""
     source = Path(path)
-    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
-        raise InvalidInputError(
-            f"{source}: expected an episode file, got"
-            f" {'a folder' if os.path.isdir(source) else 'no such file'}"
-        )
+    if missing := describe_missing_file(source):
+        raise InvalidInputError(f"{source}: expected an episode file, got {missing}")
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)

@@ -19,7 +19,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_function, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import count_processors
@@ -678,6 +678,7 @@ def sample(
     >>> found.boundary.tolist(), found.coverage.tolist(), found.largest_gap.tolist()
     ([2, 2, 2], [2, 2, 2], [0, 0, 0])
     """
+    check_function(on_trials, what="on_trials")
     trials = check_integer(trials, what="trials", least=1, most=MAX_TRIALS)
     seed = check_integer(seed, what="seed", least=0)
     workers = None if workers is None else check_integer(workers, what="workers", least=1)

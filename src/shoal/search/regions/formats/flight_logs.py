@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import as_path, check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, import_extra
-from shoal.core.notices import quiet
+from shoal.core.notices import quiet, tell_once
 
 LARGEST_LOG = 2**32  # bytes
 _SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
@@ -75,20 +75,63 @@ _LASTS = 5  # steps between positions, most of which a wrong position leaves alo
 _DEGREE = 111_195.0  # metres of a degree of latitude, about
 
 
-def flight_lines(path: str | os.PathLike[str], *, flies: bool = True) -> list[NDArray[np.float64]]:
-    """Return the uninterrupted tracks of all vehicles in a flight log while they were in flight,
-    or, of a vehicle that never was, such as a rover, all its tracks; longitude and latitude in
-    degrees, float64, each of shape (k, 2).
+HIGH_ENOUGH = 0.8
+"""Share of the height of a search from which on a vehicle sees what it searches."""
+
+
+def search_lines(
+    path: str | os.PathLike[str], *, flies: bool = True, altitude: float | None = None
+) -> list[NDArray[np.float64]]:
+    """Return the uninterrupted tracks of all vehicles in a flight log while they were high enough to
+    search, or, of a vehicle that never was in flight, such as a rover, all its tracks; longitude and
+    latitude in degrees, float64, each of shape (k, 2).
+
+    High enough is `HIGH_ENOUGH` of the ``altitude`` in metres above home. By default, this altitude
+    is the height above which a vehicle flew half of its way. A notice tells of ways that were lower.
     """
     lines: list[NDArray[np.float64]] = []
     for track in read_tracks(path):
-        counts = track.heights > ALOFT
-        counts |= not (flies and counts.any())
+        aloft = track.heights > ALOFT
+        counts = aloft | (not (flies and aloft.any()))
+        if flies and aloft.any():
+            steps = _steps(track.places)
+            ways = np.where(aloft[1:] & aloft[:-1], np.hypot(*steps.T), 0.0)
+            usual = _median(track.heights[1:], ways) if altitude is None else altitude
+            counts = track.heights >= max(HIGH_ENOUGH * usual, ALOFT)
+            low = float(ways[~(counts[1:] & counts[:-1])].sum())
+            if low > 0.0:
+                tell_once(
+                    f"searched: {track.file}: {100 * low / ways.sum():.2g} % of the way in flight"
+                    f" count as climbs and descents, not as searched: lower than"
+                    f" {HIGH_ENOUGH * usual:.3g} m above home, {HIGH_ENOUGH:g} times the height of the"
+                    " search"
+                )
         ends = interruptions(track.times, track.places)
         ends = np.union1d(ends, np.flatnonzero(counts[1:] != counts[:-1]) + 1)
         parts = np.split(np.arange(len(counts)), ends)
         lines += [track.places[part] for part in parts if counts[part[0]]]
+    if not lines and altitude is not None:
+        raise InvalidInputError(
+            f"searched: {path}: expected a flight of {HIGH_ENOUGH * altitude:.3g} m above home or more,"
+            f" {HIGH_ENOUGH:g} times the altitude of the vehicle with its camera, got none"
+        )
     return lines
+
+
+def _median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Return the value above which half of the weights lie; without weights, the largest value."""
+    order = np.argsort(values)
+    sums = np.cumsum(weights[order])
+    if not sums[-1] > 0:
+        return float(values.max())
+    return float(values[order][np.searchsorted(sums, sums[-1] / 2)])
+
+
+def _steps(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the steps between places in degrees as metres east and north; float64, (k - 1, 2)."""
+    steps = _DEGREE * np.diff(places, axis=0)
+    steps[:, 0] *= np.cos(np.radians(places[1:, 1]))
+    return np.asarray(steps)
 
 
 def interruptions(
@@ -117,9 +160,7 @@ def interruptions(
     >>> interruptions(np.arange(4.0), places).tolist()
     [2, 3]
     """
-    seconds, steps = np.abs(np.diff(times)), np.diff(places, axis=0)
-    steps[:, 0] *= np.cos(np.radians(places[1:, 1]))
-    metres, fastest = _DEGREE * np.hypot(*steps.T), _FASTEST
+    seconds, metres, fastest = np.abs(np.diff(times)), np.hypot(*_steps(places).T), _FASTEST
     if len(metres) >= _LASTS:
         speeds = np.lib.stride_tricks.sliding_window_view(metres / (seconds + exact), _LASTS)
         fastest = min(max(_FASTER * float(np.median(speeds, axis=1).max()), _SLOWEST), _FASTEST)

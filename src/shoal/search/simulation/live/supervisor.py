@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from shoal.core.checks import check_integer, count_text
+from shoal.core.checks import check_function, check_integer, count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -219,6 +219,7 @@ def run_live(
     >>> outcome.complete, outcome.covered, sorted(outcome.declared)
     (True, 1.0, [1, 2])
     """
+    check_function(on_event, what="on_event")
     _check(scenario, speed=speed, port=port)
     brief = scenario.brief
     # compiled once, not in each process
