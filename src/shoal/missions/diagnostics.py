@@ -349,6 +349,7 @@ class Sheet:
     landing: tuple[float, float] | None = None
     loiter: float | None = None
     start: float | None = None
+    cruise: float | None = None
     takeover: float | None = None
     take_off: float | None = None
     fence: Fence | None = None

@@ -47,7 +47,7 @@ MANIFEST = "missions.json"  # the manifest: the names of the written files
 ANGLE = "footprint_angle_degrees"  # a key of the manifest
 # a key of the manifest: for each mission, the numbers of its waypoints in all, out and home
 _WAYS = "ways"
-_FILES, _STARTS = "files", "starts_s"  # further keys of the manifest
+_FILES, _STARTS, _CRUISES = "files", "starts_s", "cruise_speeds"  # further keys of the manifest
 _SAME_START = 0.01  # seconds by which rounded starts may differ
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
@@ -225,12 +225,17 @@ def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> Non
 
 
 def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, dict[str, float]]:
-    """Return the known start times, durations and usable fractions of missions, as mappings from
-    the mission's name.
+    """Return the known start times, durations and usable fractions of missions, and the cruise speeds
+    of robots that are faster than the vehicle of their team, as mappings from the mission's name.
     """
     flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
     times = {
         _STARTS: {mission.name: mission.start for mission in missions if mission.start is not None},
+        _CRUISES: {
+            mission.name: mission.speed
+            for mission in missions
+            if vehicle is not None and mission.speed > vehicle.cruise
+        },
         "durations_s": {flight["mission"]: flight["duration_s"] for flight in flights},
         "usable_fractions": {
             flight["mission"]: flight["usable_fraction"]
@@ -299,7 +304,7 @@ def _texts_in(folder: Path) -> ReadBeside:
 def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     """Add data from the files beside mission files to the sheets of these missions.
 
-    All sheets get start times and the footprint angle from the manifest ``missions.json``. Sheets
+    All sheets get start times, cruise speeds and the footprint angle from the manifest ``missions.json``. Sheets
     without the numbers of waypoints on the ways out and home get them from there too, if their
     number of waypoints is the one in the manifest. Sheets of formats whose fence is beside them get
     the fence and the rally points. Mistakes in these files become diagnostics. A manifest with a
@@ -313,6 +318,7 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
             sheet.add("manifest", place, f"expected{sentence}")
         manifest = {}
     starts, counts = manifest.get(_STARTS, {}), manifest.get(_WAYS, {})
+    cruises = manifest.get(_CRUISES, {})
     for sheet in sheets:
         mission = Path(sheet.file).stem
         start = starts.get(mission)
@@ -323,6 +329,7 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
                 f"expected {sheet.start:g} s, the start in {sheet.file}, got {start:g} s",
             )
         sheet.start = sheet.start if start is None else float(start)
+        sheet.cruise = cruises.get(mission)
         sheet.footprint_angle = manifest.get(ANGLE, sheet.footprint_angle)
         count = counts.get(mission, {})
         if sheet.waypoints_out is None and count.get("waypoints") == len(sheet.points):
@@ -375,6 +382,7 @@ def _read_manifest(read: ReadBeside) -> dict[str, Any]:
     for key, kind, expected in (
         (_FILES, list, "a list of file names"),
         (_STARTS, dict, "an object with a start time for each mission"),
+        (_CRUISES, dict, "an object with a cruise speed for each mission"),
         (_WAYS, dict, "an object with numbers of waypoints for each mission"),
     ):
         if not isinstance(content.get(key, kind()), kind):
@@ -383,6 +391,8 @@ def _read_manifest(read: ReadBeside) -> dict[str, Any]:
             )
     for mission, start in content.get(_STARTS, {}).items():
         check_number(start, what=f"{MANIFEST}, {_STARTS}, {mission}", least=0)
+    for mission, speed in content.get(_CRUISES, {}).items():
+        check_number(speed, what=f"{MANIFEST}, {_CRUISES}, {mission}", above=0)
     for mission, count in content.get(_WAYS, {}).items():
         where = f"{MANIFEST}, {_WAYS}, {mission}"
         if not isinstance(count, dict):
@@ -610,7 +620,7 @@ def mission_of(
 ) -> Mission:
     """Convert the sheet of a mission file to a mission.
 
-    With a vehicle, no leg is faster than the vehicle, and a mission that states no speed has the
+    With a vehicle, no leg is faster than `fastest_of` it, and a mission that states no speed has the
     cruise speed of the vehicle.
     """
     for diagnostic in sheet.diagnostics:
@@ -619,7 +629,7 @@ def mission_of(
                 f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}"
             )
     kind = sheet.kind if sheet.kind in KINDS else "multirotor"
-    defaults, fastest = Vehicle(preset=kind), fastest_of(vehicle)
+    defaults, fastest = Vehicle(preset=kind), fastest_of(vehicle, sheet)
     usual = fastest if isfinite(fastest) else defaults.cruise
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
@@ -640,12 +650,13 @@ def mission_of(
         return Mission(sheet.points, **values)
 
 
-def fastest_of(vehicle: Vehicle | None) -> float:
-    """Return the speed in m/s that no mission of a vehicle exceeds: its cruise speed, or infinity
-    without a vehicle, and for an ideal vehicle whose speed nobody has given.
+def fastest_of(vehicle: Vehicle | None, sheet: Sheet) -> float:
+    """Return the speed in m/s that a mission of a vehicle does not exceed: the cruise speed of the
+    vehicle, or of this robot if the manifest states one, as for a team with rates; infinity without a
+    vehicle, and for an ideal vehicle whose speed nobody has given.
     """
     if vehicle is None or (
         vehicle.preset == "ideal" and vehicle.cruise == PRESETS["ideal"]["cruise_speed"]
     ):
         return inf
-    return vehicle.cruise
+    return vehicle.cruise if sheet.cruise is None else sheet.cruise

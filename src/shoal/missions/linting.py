@@ -238,7 +238,7 @@ def _check_speeds(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for the first leg that is faster than the vehicle."""
     if sheet.speed is None:
         return
-    fastest, speeds = fastest_of(vehicle), sheet.speeds or [sheet.speed]
+    fastest, speeds = fastest_of(vehicle, sheet), sheet.speeds or [sheet.speed]
     over = [number for number, speed in enumerate(speeds) if speed > fastest * (1 + _ALIKE)]
     if over:
         place = "" if sheet.speeds is None else [*sheet.places, ""][over[0]]

@@ -1419,6 +1419,18 @@ def test_no_leg_counts_as_faster_than_the_vehicle(tmp_path, region):
             " 5 m/s there",
         )
     ]
+    # a robot of a team may be faster than the team's vehicle, if the folder says so
+    manifest = json.loads((tmp_path / "missions.json").read_text())
+    for stated, left in ((25.0, []), (10.0, ["too-fast"])):
+        told = manifest | {"cruise_speeds": {"robot-01": stated}}
+        (tmp_path / "missions.json").write_text(json.dumps(told))
+        own = check_missions(tmp_path, region, None, vehicle=vehicle)
+        assert [one.rule for one in own.diagnostics] == left
+        assert own.flights[0]["duration_s"] < usual["duration_s"]
+    told = manifest | {"cruise_speeds": {"robot-01": 0}}
+    (tmp_path / "missions.json").write_text(json.dumps(told))
+    wrong = check_missions(tmp_path, region, None, vehicle=vehicle)
+    assert [one.rule for one in wrong.diagnostics] == ["manifest"]
     # without a speed in the file, the vehicle's own
     write_good(tmp_path, ".waypoints")
     edit(
