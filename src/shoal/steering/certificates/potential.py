@@ -224,50 +224,40 @@ class _Program:
         settings = solver_settings(clarabel)
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         settings.iterative_refinement_enable = False
-        sizes = [size * (size + 1) // 2 for _, size in self.matrices]
+        starts, sizes = np.array(self.matrices).T
+        firsts = np.cumsum([0, *(sizes * (sizes + 1) // 2)])
         inside = np.concatenate(
             [
-                np.arange(first, first + count)
-                for (first, _), count in zip(self.matrices, sizes, strict=True)
+                start + np.arange(end - first)
+                for start, first, end in zip(starts, firsts, firsts[1:], strict=False)
             ]
         )
-        cones = [clarabel.PSDTriangleConeT(size) for _, size in self.matrices]
+        cones = [clarabel.PSDTriangleConeT(size) for size in sizes.tolist()]
         cones += [clarabel.SecondOrderConeT(3)] * len(self.norms)
-        firsts = np.cumsum([0, *sizes])
-        normals = np.array(self.norms, np.int64).reshape(-1)
-        at_normals = (firsts[-1] + 3 * np.arange(len(self.norms))[:, None] + [1, 2]).reshape(-1)
+        # the rows of a cone are a constant, then two variables for a norm, or the variables of a matrix
         height = int(firsts[-1]) + 3 * len(self.norms)
-        in_cones = csc_matrix(
-            (
-                np.full(len(inside) + len(normals), -1.0),
-                (np.append(np.arange(len(inside)), at_normals), np.append(inside, normals)),
-            ),
-            (height, self.count),
-        )
-        offsets = np.zeros(height)
-        offsets[firsts[-1] :: 3] = 1.0
+        constants = np.zeros(height)
+        constants[firsts[-1] :: 3] = 1.0
+        rows = np.delete(np.arange(height), np.flatnonzero(constants))
+        columns = np.append(inside, np.array(self.norms, np.int64))
+        in_cones = csc_matrix((np.ones(len(rows)), (rows, columns)), (height, self.count))
         costs = np.zeros(self.count)
         costs[list(self.costs)] = list(self.costs.values())
-        equations = csc_matrix(
-            (
-                np.concatenate(self._values),
-                (np.concatenate(self._rows), np.concatenate(self._columns)),
-            ),
-            (self.height, self.count),
-        )
-        # each equation gives an entry of a matrix that is in no other one; without these entries and
-        # the equations, the solver takes two thirds of the time
+        places = (np.concatenate(self._rows), np.concatenate(self._columns))
+        equations = csc_matrix((np.concatenate(self._values), places), (self.height, self.count))
+        # each equation gives an entry of a matrix that is in no other one: without both, the solver
+        # takes two thirds of the time, and leaves nothing of the equations
         single = inside[np.diff(equations.indptr)[inside] == 1]
         given = np.zeros(self.height, np.int64)
         given[equations.indices[equations.indptr[single]]] = single
         rest = np.delete(np.arange(self.count), given)
-        scale = diags(1 / equations[np.arange(self.height), given].A1)
+        scale = diags(1 / equations.data[equations.indptr[given]])
         known, others = scale @ np.concatenate(self._constants), scale @ equations[:, rest]
         solution = clarabel.DefaultSolver(
             csc_matrix((len(rest), len(rest))),
             costs[rest],
-            csc_matrix(in_cones[:, rest] - in_cones[:, given] @ others),
-            offsets - in_cones[:, given] @ known,
+            csc_matrix(in_cones[:, given] @ others - in_cones[:, rest]),
+            constants + in_cones[:, given] @ known,
             cones,
             settings,
         ).solve()
