@@ -4,7 +4,9 @@ is above any plan of any planner.
 Options: --problems N (a class), --seconds S (ascending, for example 10,60; the search goes on to the
 last one), --workers N (threads; with one, seconds are those of the processor), --seed K, --only CLASS, --first N (number of the first problem),
 --plans N (other plans with which each bound is compared), --runs (how far the programs of runs are
-below the plans of disks that certificates find, if the arcs of all contacts are known), --results FILE (one JSON object a line,
+below the plans of disks that certificates find, if the arcs of all contacts are known), --limits
+(at round walls, what potentials prove if the first and the last contact are those of the plan that a
+certificate finds: no division of these contacts proves more), --results FILE (one JSON object a line,
 appended as they come; problems in the file are not run again), --figure FILE (drawn from all
 results in the file).
 """
@@ -14,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from itertools import groupby
 from pathlib import Path
 from time import monotonic, process_time
@@ -21,8 +24,12 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from shoal.steering import SteeringProblem, certify, check_certificate, polygon
+from shoal.steering.certificates.check_contacts import Contacts, Sector
+from shoal.steering.certificates.check_potential import DEGREES
+from shoal.steering.certificates.potential import contact_potential
 from shoal.steering.certificates.relaxation import ROUND_WALLS, Hold, Relaxation
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.planners.chains import Chain, refine_chain
@@ -32,6 +39,8 @@ from shoal.steering.workspaces.convex import hull
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 LIMITS = (1e-3, 0.01, 0.05, 0.25, np.inf)
+_SLIVER = 0.004  # angle of a sector that is nearly one direction
+_SOLVED = 1e-4  # relative: what a solver leaves
 _SLACK = 1e-9  # relative: rounding errors of the length of a plan
 
 
@@ -192,20 +201,88 @@ def print_runs(given: argparse.Namespace) -> None:
         print(f"| {number} | {shown} | {100 * gaps[0]:.2f} % | {100 * gaps[1]:.2f} % |", flush=True)
 
 
+def print_limits(given: argparse.Namespace) -> None:
+    """Print what potentials prove for the plans whose first and last contacts are nearly those of the
+    plan that a certificate finds, relative to the length that would prove a gap of 5 or 1 %.
+    """
+    print("| class | problem | 5 % | 1 % |")
+    print("|---|---|---|---|")
+    short: dict[tuple[str, float], int] = {}
+    for name in [given.only] if given.only else ("60-gon", "disk"):
+        for number in given.numbers or range(given.first, given.first + given.problems):
+            rng = np.random.default_rng([given.seed, number, list(CLASSES).index(name)])
+            problem = SteeringProblem(**CLASSES[name](rng))
+            episode = run(problem, seed=int(rng.integers(1 << 30)))
+            if not episode:
+                continue
+            episode = certify(episode, seconds=2, workers=1).episode
+            shown = ""
+            for gap in LIMITS[2:0:-1]:
+                share = _share_proven(problem, episode, gap)
+                short[name, gap] = short.get((name, gap), 0) + (share < 1 - _SOLVED)
+                shown += f" {share:.4f} |"
+            print(f"| {name} | {number} |{shown}", flush=True)
+    for (name, gap), count in short.items():
+        print(f"{name}: {count} problems cannot have a gap of {100 * gap:g} % in this way")
+
+
+def _share_proven(problem: SteeringProblem, episode: SteeringEpisode, gap: float) -> float:
+    """Return the bound of a potential for the plans with nearly the first and the last contact of a
+    plan, divided by the length that would prove a gap; infinity if there are no shorter plans.
+    """
+    relaxation = Relaxation(
+        problem.place, episode.states[0], episode.states[-1], problem.tolerance, episode.length
+    )
+    walls = relaxation.walls
+    unit, ring = walls.rings or (0.0, 0.0)
+    start, goal = (
+        [Fraction(float(x)) for x in ((ends - walls.middle) / unit).ravel()]
+        for ends in (relaxation.start, relaxation.goal)
+    )
+    limit = relaxation.limit / unit / (1 + gap)
+    sizes = [Fraction(x) for x in (relaxation.tolerance / unit, limit, ring / unit**2)]
+    contacts = Contacts(start, goal, *sizes)
+    stops = _stops(episode)
+    if not stops:
+        return np.inf
+    middle = episode.states[0, 0] + (walls.middle - relaxation.start[0]) * relaxation.scale
+    ends = [(k, np.arctan2(*(place - middle)[::-1])) for k, place in (stops[0], stops[-1])]
+    first, last = (
+        Sector(particle, *(_direction(angle + side * _SLIVER) for side in (-0.5, 0.5)))
+        for particle, angle in ends
+    )
+    around = contacts.region(first, last)
+    if around is None:
+        return np.inf
+    degree, accuracy = DEGREES[-1], 1e-6
+    bound, _ = contact_potential(contacts, (first, last), around, degree, accuracy)
+    return bound / limit
+
+
+def _direction(angle: float) -> tuple[Fraction, Fraction]:
+    return Fraction(float(np.cos(angle))), Fraction(float(np.sin(angle)))
+
+
+def _stops(episode: SteeringEpisode) -> list[tuple[int, NDArray[np.float64]]]:
+    """Return the particle and the place of each contact of a plan."""
+    found, places = [], episode.states
+    for move, before, after in zip(episode.inputs, places, places[1:], strict=False):
+        stopped = np.linalg.norm(after - before - move, axis=1) > 1e-7 * np.linalg.norm(move)
+        found += [(k, after[k]) for k in np.flatnonzero(stopped).tolist()]
+    return found
+
+
 def _contacts(problem: SteeringProblem, episode: SteeringEpisode) -> list[tuple[int, int]]:
     """Return the particle and the arc of each contact of a plan in a disk; an arc is at most half a
     turn from the one before.
     """
     found: list[tuple[int, int]] = []
-    places = episode.states
-    for move, before, after in zip(episode.inputs, places, places[1:], strict=False):
-        stopped = np.linalg.norm(after - before - move, axis=1) > 1e-7 * np.linalg.norm(move)
-        for particle in np.flatnonzero(stopped).tolist():
-            x, y = after[particle] - problem.place.center
-            arc = int(np.floor(np.arctan2(y, x) / (2 * np.pi) * ROUND_WALLS))
-            if found:
-                arc -= ROUND_WALLS * round((arc - found[-1][1]) / ROUND_WALLS)
-            found.append((particle, arc))
+    for particle, place in _stops(episode):
+        x, y = place - problem.place.center
+        arc = int(np.floor(np.arctan2(y, x) / (2 * np.pi) * ROUND_WALLS))
+        if found:
+            arc -= ROUND_WALLS * round((arc - found[-1][1]) / ROUND_WALLS)
+        found.append((particle, arc))
     return found
 
 
@@ -228,11 +305,16 @@ def main() -> None:
     parser.add_argument("--only", choices=tuple(CLASSES))
     parser.add_argument("--plans", type=int, default=10)
     parser.add_argument("--runs", action="store_true")
+    parser.add_argument("--limits", action="store_true")
+    parser.add_argument("--numbers", type=int, nargs="*", help="of the problems for --limits")
     parser.add_argument("--results", type=Path)
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
     if given.runs:
         print_runs(given)
+        return
+    if given.limits:
+        print_limits(given)
         return
     seconds = [float(part) for part in given.seconds.split(",")]
     lines = (

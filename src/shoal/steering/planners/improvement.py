@@ -426,9 +426,11 @@ def improved_chains(
         for chain in shortest.values()
         if chain.length < 1.01 * pool.chains[0].length
     ]
-    if refined and disk:
-        shortest_chain = min(refined, key=lambda chain: chain.length)
-        refined.append(with_sliding_contacts(query, shortest_chain, wide=wide))
+    if disk:
+        refined.sort(key=lambda chain: chain.length)
+        # a plan that slides may be the shortest one only with many contacts
+        sliding = refined if wide else refined[:1]
+        refined += [with_sliding_contacts(query, chain, wide=wide) for chain in sliding]
     return sorted(refined, key=lambda chain: chain.length)
 
 
