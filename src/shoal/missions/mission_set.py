@@ -56,15 +56,12 @@ from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.planning.orientation import STRAIGHT
 from shoal.search.planning.plan import (
-    NEARLY,
     SearchPlan,
     attempts,
     in_order,
     narrower_margin_text,
-    order_of_choice,
     plan_at_margin,
     price_of_turns,
-    turns_in_all,
     without_delays,
 )
 from shoal.search.planning.sightings import planned_success
@@ -280,37 +277,33 @@ class MissionSet:
     def _choose_after_waiting(
         self, alternatives: Sequence[SearchPlan], terrain: Terrain | None
     ) -> MissionSet:
-        """Return these missions, or those of the alternative plan that the planner would choose
-        (`order_of_choice`) if it knew how long vehicles wait for others.
+        """Return these missions, or those of an alternative plan with a lower `price_of_turns`,
+        because fewer vehicles wait for others.
         """
-        problem = self.problem
+        best, problem = self, self.problem
         assert problem is not None
-        assert self.plan is not None
-        made, costs, turns = [self], [self._price_of_turns], [turns_in_all(self.plan)]
         for plan in alternatives:
-            # without any waiting it would have to be much better, or nearly as good with fewer turns
-            price, own = price_of_turns(plan, problem), turns_in_all(plan)
-            if price > costs[0] * (NEARLY if own < turns[0] else 1 / NEARLY):
+            if price_of_turns(plan, problem) >= best._price_of_turns:
                 continue
             # a run of the problem with these names makes the same plan
             choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
             named = problem.replaced(
                 **{key: name for key, name in choices.items() if getattr(problem, key) == AUTO}
             )
-            with suppress(InvalidInputError):
-                missions = self.from_plan(
+            try:
+                alternative = self.from_plan(
                     plan,
                     self.options,
                     problem=named.at_place(problem.place),
                     seed=self.seed,
                     terrain=terrain,
                 )
-                made.append(missions)
-                costs.append(missions._price_of_turns)
-                turns.append(own)
-        return made[order_of_choice(costs, turns.__getitem__, problem)[0]]
+            except InvalidInputError:
+                continue
+            best = min(best, alternative, key=lambda missions: missions._price_of_turns)
+        return best
 
-    @property
+    @cached_property
     def _price_of_turns(self) -> float:
         """The `price_of_turns` of the plan, with the time by which vehicles wait for others."""
         assert self.plan is not None

@@ -10,7 +10,6 @@ from shoal.search import SearchProblem, compare_plans, plan_search
 from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.planning.comparison import routes_of
 from shoal.search.planning.patterns import PATTERNS, pattern_plans
-from shoal.search.planning.plan import NEARLY
 from shoal.search.tours import TOURS
 
 
@@ -23,14 +22,7 @@ def test_each_tour_with_each_allocation_from_the_same_starts():
         (tour, allocation) for tour in TOURS for allocation in ALLOCATORS
     } | {(pattern, "pattern") for pattern in PATTERNS}
     assert all((one.plan.places == found[0].plan.places).all() for one in found)
-    # the nearly equal best ones by the turns of all vehicles, all others by their price
-    least = min(one.price for one in found if one.share == 1)
-    ranks = [
-        (False, False, one.turns)
-        if one.share == 1 and one.price <= NEARLY * least
-        else (one.share < 1, True, one.price)
-        for one in found
-    ]
+    ranks = [(one.share < 1, one.price) for one in found]
     assert ranks == sorted(ranks)
     for one in found:
         lengths = [float(np.hypot(*np.diff(way, axis=0).T).sum()) for _, way in routes_of(one.plan)]

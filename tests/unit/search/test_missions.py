@@ -704,11 +704,16 @@ def test_the_battery_lasts_for_the_climb_of_a_return(tmp_path):
 
 def test_a_plan_keeps_the_climb_of_a_return_in_the_battery():
     problem = SearchProblem("rectangle:300x200", robots=1, footprint=20, vehicle="multirotor")
-    plain = MissionSet.from_problem(problem, MissionOptions()).missions
-    assert len(plain) == 1
-    minutes = (plain[0].duration(vehicle_of("multirotor")) + RETURN / 2) / 60
-    tight = problem.replaced(vehicle=f"multirotor,reserve=0,recharge=1,endurance={minutes!r}")
-    assert len(MissionSet.from_problem(tight, MissionOptions()).missions) == 2
+    returns = MissionOptions(ending="return")
+    made = MissionSet.from_problem(problem, returns)
+    (plain,), names = made.missions, made.plan
+    minutes = (plain.duration(vehicle_of("multirotor")) + RETURN / 2) / 60
+    tight = problem.replaced(
+        vehicle=f"multirotor,reserve=0,recharge=1,endurance={minutes!r}",
+        tour=names.tour.name,
+        allocation=names.allocation.allocator,
+    )
+    assert len(MissionSet.from_problem(tight, returns).missions) == 2
 
 
 def test_a_mission_set_is_planned_checked_written_read_and_run(tmp_path):

