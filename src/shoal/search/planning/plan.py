@@ -214,7 +214,7 @@ class SearchPlan:
     plain : SearchPlan, optional
         The plan without the prior and without delays, or None without a prior.
     alternatives : tuple of SearchPlan
-        The next fastest of the compared plans, which may be faster once vehicles are kept apart.
+        The next best of the compared plans, which may be better once vehicles are kept apart.
     flown : dict
         Cache of the durations of flights, which all compared allocations of one tour share.
     """
