@@ -566,9 +566,11 @@ def _check_folder(sheets: Sequence[Sheet], folder: Path) -> None:
     """Add diagnostics for files that the manifest of a folder lists and that are missing, for
     missions that it does not list, and for several missions without a manifest.
     """
-    names = {Path(sheet.file).stem for sheet in sheets}
-    if not (folder / MANIFEST).is_file():
-        if len(names) > 1 and all(sheet.start is None for sheet in sheets):
+    names, manifest = {Path(sheet.file).stem for sheet in sheets}, folder / MANIFEST
+    if missing := describe_missing_file(manifest):
+        if manifest.exists():
+            sheets[0].add("manifest", MANIFEST, f"expected a file, got {missing}")
+        elif len(names) > 1 and all(sheet.start is None for sheet in sheets):
             sheets[0].add(
                 "no-manifest",
                 "",

@@ -1328,6 +1328,10 @@ def test_missions_without_their_manifest_or_fence_are_told(tmp_path, region):
     assert lint(tmp_path, region) == []
     (tmp_path / "missions.json").unlink()
     assert [fault.rule for fault in lint(tmp_path, region)] == ["no-manifest"]
+    (tmp_path / "missions.json").mkdir()
+    (fault,) = lint(tmp_path, region)
+    assert (fault.rule, fault.sentence) == ("manifest", "expected a file, got a folder")
+    (tmp_path / "missions.json").rmdir()
     (tmp_path / "robot-02.plan").unlink()
     assert lint(tmp_path, region) == []  # one mission needs no start time
 
