@@ -304,8 +304,8 @@ def _texts_in(folder: Path) -> ReadBeside:
 def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     """Add data from the files beside mission files to the sheets of these missions.
 
-    All sheets get start times, cruise speeds and the footprint angle from the manifest ``missions.json``. Sheets
-    without the numbers of waypoints on the ways out and home get them from there too, if their
+    All sheets get start times, cruise speeds and the footprint angle from the manifest
+    ``missions.json``. Sheets without the numbers of waypoints on the ways out and home get them from there too, if their
     number of waypoints is the one in the manifest. Sheets of formats whose fence is beside them get
     the fence and the rally points. Mistakes in these files become diagnostics. A manifest with a
     mistake is not used at all: a wrong start time could bring vehicles together.
@@ -622,8 +622,8 @@ def mission_of(
 ) -> Mission:
     """Convert the sheet of a mission file to a mission.
 
-    With a vehicle, no leg is faster than `fastest_of` it, and a mission that states no speed has the
-    cruise speed of the vehicle.
+    With a vehicle, no leg is faster than `fastest_of` says, and a mission that states no speed has
+    the cruise speed of the vehicle.
     """
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:

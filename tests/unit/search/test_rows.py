@@ -189,7 +189,8 @@ def test_rows_have_fewer_turns_and_time_takes_less_time(robots):
     )
     (sooner, more), (straight, fewer) = plans(region, robots)
     assert fewer <= more + robots - 1  # the robot that is back last decides
-    assert sooner.planned_seconds <= 1.02 * straight.planned_seconds
+    # for one robot, only the other preference plans the orientation with the best headland
+    assert sooner.planned_seconds <= (1.02 if robots == 1 else 1.01) * straight.planned_seconds
     free = plan_search(
         SearchProblem(region, robots=robots, footprint=20, angle="auto", tour="spanning-tree"),
         seed=1,

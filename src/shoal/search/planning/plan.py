@@ -1333,8 +1333,8 @@ def _is_same(first: GridTour, second: GridTour) -> bool:
 def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return the time that decides between plans, in seconds: the longest time between the
     departure of a robot and its return, with what the robot's turns cost in comparisons beyond
-    their own time, and of vehicles also `_TEAM` times the least price of a robot's turns on average. Without a
-    vehicle, robots do not return.
+    their own time. For vehicles, `_TEAM` times the least price of a robot's turns on average comes
+    on top, so that the turns of all count. Without a vehicle, robots do not return.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
     price = problem.turn_price(own)
