@@ -62,6 +62,7 @@ from shoal.search.planning.plan import (
     narrower_margin_text,
     plan_at_margin,
     price_of_turns,
+    tell_if_straight_rows_are_faster,
     without_delays,
 )
 from shoal.search.planning.sightings import planned_success
@@ -229,6 +230,7 @@ class MissionSet:
             )
         if taken.margin != widest:
             tell_once(narrower_margin_text(taken.margin or 0.0, widest))
+        tell_if_straight_rows_are_faster(plan, taken, seed)
         missions._tell_if_late()
         missions._check_sees_ground()
         return missions

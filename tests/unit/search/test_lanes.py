@@ -1,6 +1,7 @@
 """Rows along a line: cells, plans, missions and pictures of long regions."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,11 +9,14 @@ import shapely
 from tests.soak import often
 
 import shoal
+from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionSet, check_missions
 from shoal.search import SearchProblem, coverage_check, open_region, plan_search, region_of
 from shoal.search.cells.lanes import cells_along, center_line
 from shoal.search.flight.timing import turns_of
+from shoal.search.planning import plan as plan_module
+from shoal.search.planning.plan import turns_by_robot
 from shoal.search.regions.places import read_line
 from shoal.search.regions.projection import LocalFrame
 from shoal.views.search.page import page_data
@@ -194,3 +198,48 @@ def test_searches_along_a_line_run_are_stored_and_drawn(tmp_path):
     assert told["cells"] == episode.plan.grid.n_cells
     panels = shoal.views.search.history.SearchHistory(episode).panels
     assert {*panels.numbers.ravel().tolist()} - {-1} == {*range(episode.plan.grid.n_cells)}
+
+
+def notices_of(monkeypatch, make):
+    """Return the notices about rows along a line while ``make`` runs."""
+    told = []
+    monkeypatch.setattr(notices, "listeners", [told.append])
+    monkeypatch.setattr(plan_module, "listeners", notices.listeners)
+    monkeypatch.setattr(notices, "_told", set())
+    make()
+    return [text for text in told if text.startswith("along")]
+
+
+def test_a_region_that_is_not_long_is_told_what_straight_rows_need(monkeypatch):
+    problem = SearchProblem(
+        "square:100", robots=2, footprint=10, along="centre", vehicle="ideal", allocation="loop"
+    )
+    (text,) = notices_of(monkeypatch, lambda: plan_search(problem, seed=1))
+    found = re.match(r"along: robots need (\d+) s and turn (\d+) .* and (\d+) s and (\d+) ", text)
+    seconds, turns, straight_seconds, straight_turns = map(int, found.groups())
+    straight = plan_search(problem.replaced(along=None, angle=90, tour="boustrophedon"), seed=1)
+    assert straight_seconds == round(straight.planned_seconds) < seconds / 5
+    assert straight_turns == turns_by_robot(straight).sum() < turns / 10
+
+
+def test_missions_along_a_line_tell_what_straight_rows_need(monkeypatch):
+    problem = SearchProblem(
+        "square:60", robots=1, footprint=10, along="centre", vehicle="ideal", allocation="loop"
+    )
+    (text,) = notices_of(monkeypatch, lambda: MissionSet.from_problem(problem, seed=1))
+    assert "in straight rows at" in text
+
+
+def test_a_corridor_is_not_told_of_straight_rows(monkeypatch):
+    problem = SearchProblem(strip(13), along="centre", robots=2, footprint=15, vehicle="ideal")
+    assert notices_of(monkeypatch, lambda: plan_search(problem, seed=1)) == []
+
+
+def test_a_corner_that_only_a_turned_footprint_sees_has_a_viewpoint():
+    """The footprint turns with its robot, so it may see less than one at the angle of the line."""
+    problem = SearchProblem(
+        "ring:100x70", robots=2, footprint=5.528, along="centre", margin=3.01, allocation="loop"
+    )
+    grid = plan_search(problem, seed=1).grid
+    assert shapely.intersects_xy(grid.region.free.buffer(1e-6), *grid.viewpoints.T).all()
+    assert (np.diff(grid.viewpoint_starts) > 0).all()

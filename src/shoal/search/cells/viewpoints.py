@@ -79,7 +79,12 @@ def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) 
     import shapely
 
     areas = _around(free, pieces, half)
+    # a footprint that turns with its robot may see less of a corner than one at the lattice's angle
+    beyond = np.flatnonzero(shapely.is_empty(areas))
+    areas[beyond] = [shapely.points(_nearest(free, centers[k])) for k in beyond]
     viewpoints, remainders = _within(pieces, areas, centers, half, speck, most=_MOST)
+    for k in beyond.tolist():
+        viewpoints[k] = viewpoints[k][:1]
     # A robot sees the rest while it follows the border of the free area. From single points on a
     # slanted border, it would not.
     unseen = np.flatnonzero(shapely.area(remainders) > speck)

@@ -573,6 +573,16 @@ def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float
     return float(leg_lengths(path[:-1]).sum()) + turn * float(turns_of(path).sum())
 
 
+def longest_angle(area: Any) -> float:
+    """Return the direction of the longer side of the smallest rectangle around an area, in degrees."""
+    import shapely
+
+    box = shapely.minimum_rotated_rectangle(area)
+    sides = np.diff(shapely.get_coordinates(box)[:3], axis=0)
+    x, y = sides[np.argmax(np.hypot(*sides.T))]
+    return float(np.degrees(np.arctan2(y, x)) % 180.0)
+
+
 def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[float]:
     """Return the angles of rows that are tried if no vehicle can fly at the best one: those with
     the lowest estimated cost of one round, and along both axes.

@@ -9,11 +9,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from shoal.search.allocation.allocate import Arc
 from shoal.search.cells.grid import CellGrid
+from shoal.search.planning.orientation import longest_angle
 from shoal.search.planning.plan import SearchPlan, plans_along, with_prior_odds, with_work
 from shoal.search.problem import SearchProblem
 
@@ -133,23 +133,13 @@ def pattern_plans(
         return []
     oriented = problem.replaced(tour="boustrophedon", allocation="stay")
     if problem.along is None and not isinstance(problem.angle, float):
-        oriented = oriented.replaced(angle=_longer_side(problem))
+        oriented = oriented.replaced(angle=longest_angle(problem.place.area))
     oriented = oriented.at_place(problem.place)
     plan = plans_along(oriented, "boustrophedon", seed, cache)[0]
     if not isinstance(plan.grid, CellGrid):
         return []
     plan = with_prior_odds(plan, problem)
     return [(name, with_work(plan, name, _work(plan, name))) for name in PATTERNS]
-
-
-def _longer_side(problem: SearchProblem) -> float:
-    """Return the direction of the longer side of the smallest rectangle around the region, in
-    degrees.
-    """
-    box = shapely.minimum_rotated_rectangle(problem.place.area)
-    sides = np.diff(shapely.get_coordinates(box)[:3], axis=0)
-    x, y = sides[np.argmax(np.hypot(*sides.T))]
-    return float(np.degrees(np.arctan2(y, x)) % 180.0)
 
 
 def _work(plan: SearchPlan, name: str) -> list[tuple[Arc, ...]]:

@@ -19,7 +19,7 @@ from shoal.core.checks import check_integer, check_kind
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import partial_sums
-from shoal.core.notices import tell_once
+from shoal.core.notices import listeners, tell_once
 from shoal.search.allocation.allocate import (
     Allocation,
     Arc,
@@ -69,6 +69,7 @@ from shoal.search.planning.orientation import (
     best_grid_tour,
     compared_allocations,
     in_layers,
+    longest_angle,
     other_angles,
     through_layers,
 )
@@ -153,6 +154,7 @@ _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _ROUNDED = 1e-9  # cells: rounding error of a number of cells
+_MUCH_SLOWER = 1.2  # times as long as straight rows: along a line
 _HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
@@ -796,6 +798,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         if not isinstance(plan.refusal, NoRoomError):
             if margin < region.margin:
                 tell_once(narrower_margin_text(margin, region.margin))
+            tell_if_straight_rows_are_faster(plan, attempt, seed)
             return _report_refusal(plan)
         first = plan if first is None else first
     assert first is not None
@@ -1168,6 +1171,36 @@ def narrower_margin_text(margin: float, default: float) -> str:
         f"margin: {margin:.3g} m in place of {default:.3g} m, because with the wider margin a"
         " vehicle has no room for its turns or its path; --margin sets another one"
     )
+
+
+def tell_if_straight_rows_are_faster(plan: SearchPlan, problem: SearchProblem, seed: int) -> None:
+    """Tell if a plan along a line takes much longer than one with straight rows along the region's
+    longest side.
+
+    The other plan compares nothing, so the one without a line may be still faster.
+    """
+    along = plan.plain or plan  # nothing that is about a prior differs between them
+    seconds = without_delays(along)
+    if (
+        not listeners
+        or problem.along is None
+        or plan.refusal is not None
+        or seconds <= _MUCH_SLOWER * plan.least_seconds
+    ):
+        return
+    choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
+    straight = problem.replaced(along=None, angle=longest_angle(problem.place.area), **choices)
+    try:
+        other = _plain_plan(straight.at_place(problem.place), seed)
+    except InvalidInputError:
+        return
+    if other.refusal is None and seconds > _MUCH_SLOWER * without_delays(other):
+        tell_once(
+            f"along: robots need {seconds:.0f} s and turn {turns_by_robot(along).sum()} times along"
+            f" the line, and {without_delays(other):.0f} s and {turns_by_robot(other).sum()} times"
+            f" in straight rows at {other.row_angle:.4g} degrees: --along is for long regions that"
+            " are a few footprints wide"
+        )
 
 
 def _report_refusal(plan: SearchPlan) -> SearchPlan:
