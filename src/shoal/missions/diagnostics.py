@@ -235,6 +235,11 @@ RULES: dict[str, Rule] = {
         "`missions.json` lists a mission without a file, or a file of the fence or of rally points"
         " that is missing",
     ),
+    "file-gone": Rule(
+        "warning",
+        "`missions.json` lists a file that is missing: the table of start times, or a file of a"
+        " mission that has files of other formats",
+    ),
     "unlisted": Rule("warning", "`missions.json` does not list a mission of its folder"),
     "fence-differs": Rule(
         "warning", "some missions of a folder have a fence, and others have none"

@@ -19,6 +19,7 @@ from shoal.core.checks import (
     check_integer,
     check_list,
     check_number,
+    count_text,
     describe_missing_file,
     parse_json,
     read_text,
@@ -50,6 +51,8 @@ _WAYS = "ways"
 _FILES, _STARTS, _CRUISES = "files", "starts_s", "cruise_speeds"  # further keys of the manifest
 _SAME_START = 0.01  # seconds by which rounded starts may differ
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
+
+_NAMED = 3  # missing files of one format that are named
 
 _HOW_TO_START = """\
 Start times in hours, minutes and seconds after the start of the search.
@@ -579,12 +582,26 @@ def _check_folder(sheets: Sequence[Sheet], folder: Path) -> None:
             )
         return
     listed = _read_file_list(folder)
-    for file in sorted(listed - {STARTS}):
-        path = folder / file
-        if path.is_file():
-            continue
-        if path.stem not in names or file in (FENCE, RALLY):
+    gone = sorted(file for file in listed if not (folder / file).is_file())
+    others: dict[str, list[str]] = {}  # by suffix: of missions with files of other formats
+    for file in gone:
+        if file == STARTS:
+            sheets[0].add(
+                "file-gone",
+                MANIFEST,
+                f"expected the file {STARTS}, the table of the start times, got none",
+            )
+        elif Path(file).stem not in names or file in (FENCE, RALLY):
             sheets[0].add("file-missing", MANIFEST, f"expected the file {file}, got none")
+        else:
+            others.setdefault(Path(file).suffix, []).append(file)
+    for suffix, files in others.items():
+        if len(files) == sum(file.endswith(suffix) for file in listed - {STARTS, FENCE, RALLY}):
+            missing = f"{suffix} files of {count_text(len(files), 'mission')}"
+        else:
+            missing = f"file{'s' * (len(files) > 1)} {', '.join(files[:_NAMED])}"
+            missing += f" and {len(files) - _NAMED} more" * (len(files) > _NAMED)
+        sheets[0].add("file-gone", MANIFEST, f"expected the {missing}, got none")
     missions = {Path(file).stem for file in listed}
     for sheet in sheets:
         if missions and Path(sheet.file).stem not in missions:

@@ -110,6 +110,12 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
                 f" {cargos[mission.robot].file.name} too"
             )
         cargos[mission.robot] = _read_cargo(path, form, mission, beside=source.is_dir())
+    for sheet in sheets:  # other formats of the same missions
+        if (sheet.sortie or 1) == sortie and sheet.robot is not None and sheet.robot not in cargos:
+            raise InvalidInputError(
+                f"{source}: expected a file {FORMATS.get(form).suffix} of each robot, got"
+                f" {sheet.file} alone of robot {sheet.robot}"
+            )
     if not cargos:
         sorties = sorted({sheet.sortie or 1 for sheet in by_format[form]})
         raise InvalidInputError(f"sortie: expected one of {sorties} in {source}, got {sortie}")

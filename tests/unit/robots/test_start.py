@@ -31,6 +31,14 @@ from shoal.search.regions.formats.flight_logs import read_tracks
 LATER = 20.0  # seconds
 
 
+def test_no_robot_is_left_out_whose_file_is_in_another_format(tmp_path):
+    write_missions(missions(), tmp_path, formats=["plan", "wpl"])
+    assert {cargo.file.suffix for cargo in read_cargos(tmp_path).values()} == {".plan"}
+    (tmp_path / "robot-02.plan").unlink()
+    with pytest.raises(InvalidInputError, match=r"a file \.plan of each robot, got robot-02\.wayp"):
+        read_cargos(tmp_path)
+
+
 @pytest.fixture
 def folder(tmp_path):
     first, second = missions()

@@ -625,6 +625,20 @@ PLANTS = [
         "missions.json",
         (),
     ),
+    (
+        "file-gone",
+        ".plan",
+        manifest('{"files": ["robot-01.plan", "robot-01.kml"]}'),
+        "missions.json",
+        (),
+    ),
+    (
+        "file-gone",
+        ".waypoints",
+        manifest('{"files": ["robot-01.waypoints", "starts.txt"]}'),
+        "missions.json",
+        (),
+    ),
     ("unlisted", ".plan", manifest('{"files": ["fence.txt"]}'), "", ("file-missing",)),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
@@ -929,6 +943,24 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
     if RULES[rule].fatal and plant is not every_axis:
         with pytest.raises(InvalidInputError, match="expected"):
             read_mission(tmp_path / f"robot-01{suffix}")
+
+
+def test_files_of_a_folder_that_are_gone_are_told_once_for_each_format(tmp_path, region):
+    written = write_missions(
+        [mission(robot=robot, start=0.0) for robot in (1, 2)],
+        tmp_path,
+        formats=["plan", "wpl", "kml"],
+    )
+    assert "file-gone" not in {one.rule for one in lint(tmp_path, region, **EXPECTED)}
+    for path in written:
+        if path.suffix in {".kml", ".txt"} or path.name == "robot-02.waypoints":
+            path.unlink()
+    found = [one.sentence for one in lint(tmp_path, region, **EXPECTED) if one.rule == "file-gone"]
+    assert found == [
+        "expected the file starts.txt, the table of the start times, got none",
+        "expected the .kml files of 2 missions, got none",
+        "expected the file robot-02.waypoints, got none",
+    ]
 
 
 def test_every_rule_is_planted():
