@@ -194,7 +194,7 @@ SEARCH = {"kind": "search", "region": "square:60", "robots": 2, "footprint": 10}
         (
             SEARCH,
             {"starts": ["random", "none.csv"]},
-            "at starts = none.csv: none.csv: expected a table of starts",
+            "at starts = none.csv: none.csv: expected a table of start positions",
         ),
         (
             SEARCH,
@@ -204,7 +204,7 @@ SEARCH = {"kind": "search", "region": "square:60", "robots": 2, "footprint": 10}
         (
             SEARCH,
             {"land": ["5,5", "none.csv"]},
-            "at land = none.csv: none.csv: expected a table of land",
+            "at land = none.csv: none.csv: expected a table of landing points",
         ),
         (
             SEARCH,

@@ -448,19 +448,69 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
 
 def read_polygon(text: str, *, where: str) -> Any:
     """Return a polygon or multipolygon from its well-known text, and refuse any other geometry."""
+    return _read_wkt(text, "POLYGON", "POLYGON ((0 0, 2 0, 2 1, 0 0))", where)
+
+
+def read_linestring(text: str, *, where: str) -> Any:
+    """Return a line from its well-known text, and refuse any other geometry."""
+    return _read_wkt(text, "LINESTRING", "LINESTRING (0 0, 2 0)", where)
+
+
+def _read_wkt(text: str, kind: str, example: str, where: str) -> Any:
     import shapely
 
-    why = f"{text.strip()[:20]!r}"
-    if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
+    if len(text) > LARGEST_WKT:
+        raise InvalidInputError(
+            f"{where}: expected at most {LARGEST_WKT} characters, got {len(text)}"
+        )
+    expected = f"expected well-known text such as {example}"
+    if not re.match(rf"\s*(MULTI)?{kind}\b", text, re.IGNORECASE):
+        raise InvalidInputError(f"{where}: {expected}, got {shortened(text.strip()[:40])}")
+    try:
+        # 1e400 is refused like any coordinate that is too large
+        with np.errstate(all="ignore"):
+            return shapely.from_wkt(text.strip())
+    except (shapely.errors.ShapelyError, TypeError, UnicodeError):
+        opening, closing = text.count("("), text.count(")")
+        if opening != closing:
+            raise InvalidInputError(
+                f"{where}: expected as many closing as opening parentheses, got {closing} and"
+                f" {opening}"
+            ) from None
+        for number, ring in enumerate(re.findall(r"\(([^()]*)\)", text), start=1):
+            vertices = [vertex.split() for vertex in ring.split(",")]
+            check_vertices(vertices, where, number if kind == "POLYGON" else None)
+        raise InvalidInputError(f"{where}: {expected}, got {shortened(text)}") from None
+
+
+def check_vertices(vertices: Any, where: str, ring: int | None = None) -> None:
+    """Refuse vertices that are no pairs of numbers, or a ring with a number (counted from 1) that
+    does not end where it begins, or a line of fewer than two vertices.
+    """
+    where += "" if ring is None else f", ring {ring}"
+    if not isinstance(vertices, list):
+        raise InvalidInputError(f"{where}: expected a list of vertices, got {shortened(vertices)}")
+    places = []
+    for number, vertex in enumerate(vertices, start=1):
         try:
-            # 1e400 is refused like any coordinate that is too large
-            with np.errstate(all="ignore"):
-                return shapely.from_wkt(text.strip())
-        except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
-            why = str(error).strip()[:120]
-    raise InvalidInputError(
-        f"{where}: expected well-known text of a polygon, got something else: {why}"
-    )
+            x, y = [float(value) for value in vertex[:4]][:2]
+        except (KeyError, TypeError, ValueError, OverflowError):
+            words = isinstance(vertex, list) and all(isinstance(value, str) for value in vertex)
+            actual = " ".join(vertex) if words else vertex
+            raise InvalidInputError(
+                f"{where}, vertex {number}: expected two numbers, x and y, got {shortened(actual)}"
+            ) from None
+        places.append((x, y))
+    if ring is None and len(places) < 2:
+        raise InvalidInputError(
+            f"{where}: expected a line of two points or more, got {len(places)}"
+        )
+    if ring is not None and places and places[0] != places[-1]:
+        begin, end = (f"({x:.10g}, {y:.10g})" for x, y in (places[0], places[-1]))
+        raise InvalidInputError(
+            f"{where}, vertex {len(places)}: expected a closed ring, which ends where it begins, at"
+            f" {begin}, got {end}"
+        )
 
 
 _NESTING = (list, dict)  # made once: a union in the loop takes most of its time

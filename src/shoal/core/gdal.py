@@ -61,7 +61,7 @@ def notes_beside(source: Path) -> tuple[list[Notes], Path]:
     beside = source.with_name(f"{source.name}.aux.xml")
     if not beside.is_file():
         return [], beside
-    text = read_text(beside, what="file of notes", most=LARGEST_NOTES)
+    text = read_text(beside, what="file with the notes of GDAL", most=LARGEST_NOTES)
     tree = _parse(text, str(beside), root="PAMDataset")
     said: dict[str, dict[str, str]] = {"1": {}}
     for band in tree.children:

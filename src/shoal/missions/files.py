@@ -41,7 +41,7 @@ from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.flight.vehicle import PRESETS, Vehicle
 from shoal.search.regions.coverage import TURNING
-from shoal.search.regions.outline import LARGEST_FILE
+from shoal.search.regions.outline import LARGEST_FILE, place_of
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
@@ -215,7 +215,8 @@ def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> Non
                 )
                 raise InvalidInputError(
                     f"{sheet.file}: expected fence polygons that neither touch nor cross themselves"
-                    f" as the file contains them, got {which}: {explain_validity(Polygon(ring))};"
+                    f" as the file contains them, got {which}, which does"
+                    f"{place_of(explain_validity(Polygon(ring)))};"
                     " no file was written"
                 )
         for name, distance in zip(*fence_clearances(sheet, fence), strict=True):
@@ -299,7 +300,11 @@ def _texts_in(folder: Path) -> ReadBeside:
 
     def read(name: str) -> str | None:
         path = folder / name
-        return read_text(path, what=name, most=LARGEST_FILE) if path.is_file() else None
+        return (
+            read_text(path, what="file that belongs to missions", most=LARGEST_FILE)
+            if path.is_file()
+            else None
+        )
 
     return read
 

@@ -123,7 +123,7 @@ def read_cargos(folder: str | os.PathLike[str], *, sortie: int = 1) -> dict[int,
 
 
 def _read_cargo(path: Path, form: str, mission: Mission, *, beside: bool) -> Cargo:
-    text = read_text(path, what=path.name, most=LARGEST_FILE)
+    text = read_text(path, what="file that belongs to missions", most=LARGEST_FILE)
     if form == "plan":
         flown, fence, rally = items_on_board(text)
     else:
@@ -142,7 +142,7 @@ def _table_beside(path: Path, check: Callable[[str, str], object]) -> list[Item]
     """Return the items of a file that all missions share; none if it does not exist."""
     if not path.is_file():
         return []
-    text = read_text(path, what=path.name, most=LARGEST_FILE)
+    text = read_text(path, what="file that belongs to missions", most=LARGEST_FILE)
     check(text, str(path))
     return table_items(text)
 
@@ -176,7 +176,11 @@ def read_seats(text: str) -> dict[int, Seat]:
         entries = [(where, part.strip()) for part in text.split(",")]
     else:
         path = Path(text)
-        content = read_text(path, what=f"systems {text!r}", most=LARGEST_FILE)
+        content = read_text(
+            path,
+            what="list such as 1=1,2=7, or a file with one ROBOT=SYSTEM a line",
+            most=LARGEST_FILE,
+        )
         lines = [line.partition("#")[0].strip() for line in content.splitlines()]
         entries = [(f"{path}: line {number}", line) for number, line in enumerate(lines, 1) if line]
     seats: dict[int, Seat] = {}

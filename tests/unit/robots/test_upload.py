@@ -448,7 +448,7 @@ def test_a_dry_run_opens_no_link(folder, capsys):
         ("1=1,2=2,3=3", "got robot 3"),
         ("1=1,2=256", "system id from 1 to 255"),
         ("1=1;2=2", "expected ROBOT=SYSTEM"),
-        ("nowhere.txt", "nowhere.txt"),
+        ("nowhere.txt", "nowhere.txt: expected a list such as 1=1,2=7, or a file"),
     ],
 )
 def test_a_wrong_mapping_is_refused(folder, capsys, systems, said):

@@ -191,7 +191,7 @@ def test_a_search_that_nobody_survives_fails(capsys):
         ),
         (
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
-            "nowhere.csv: expected a table of starts, got no such file",
+            "nowhere.csv: expected a table of start positions, got no such file",
         ),
         (
             "square:100 --robots 2 --footprint 10 --missions m --autopilot dji",

@@ -209,7 +209,7 @@ def test_turns_cost():
         (lambda c: planned("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
         (
             lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"),
-            "no.csv: expected a table of starts",
+            "no.csv: expected a table of start positions",
         ),
         (
             lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
@@ -237,6 +237,25 @@ def test_bad_input_is_refused_in_a_sentence(call, words):
     with pytest.raises(InvalidInputError, match=words) as caught:
         call(TourCost(make_tour("moore", (4, 4))))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "suffix", "expected"),
+    [
+        ("launch", ".csv", "a table of launch points"),
+        ("launch", ".geojson", "a file of launch points"),
+        ("land", ".csv", "a table of landing points"),
+        ("starts", ".geojson", "a file of start positions"),
+        ("along", ".csv", "a table of the points of a line"),
+        ("along", ".wkt", "a file of the points of a line"),
+        ("searched", ".csv", "a table of the points of a track"),
+        ("searched", ".gpx", "a GPX file with a line or a track"),
+        ("targets", ".csv", "a table of targets"),
+    ],
+)
+def test_a_missing_file_is_told_by_what_it_contains(field, suffix, expected):
+    with pytest.raises(InvalidInputError, match=f"no{suffix}: expected {expected}, got no such"):
+        search("square:100", robots=2, footprint=10, **{field: f"no{suffix}"})
 
 
 def test_unknown_names_are_refused():

@@ -20,6 +20,7 @@ from shoal.steering import (
     polygon,
     prism,
     reached_in_two_moves,
+    region,
     regular_polygon,
 )
 from shoal.steering.delta_space import two_move_pieces
@@ -63,6 +64,64 @@ def test_outlines_that_are_refused(vertices, wanted):
         polygon(vertices)
     assert wanted in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        (
+            "POLYGON ((0 0, 1 0, 1 1))",
+            "workspace, ring 1, vertex 3: expected a closed ring, which ends where it begins, at"
+            " (0, 0), got (1, 1)",
+        ),
+        (
+            "POLYGON ((0 0, 9 0, 9 9, 0 0), (2 1, 3 1, 3 2))",
+            "workspace, ring 2, vertex 3: expected a closed ring, which ends where it begins, at"
+            " (2, 1), got (3, 2)",
+        ),
+        (
+            "POLYGON ((0 0, 1 x, 1 1, 0 0))",
+            "workspace, ring 1, vertex 2: expected two numbers, x and y, got '1 x'",
+        ),
+        (
+            "POLYGON ((0 0, 1 0, 1 1, 0 0)",
+            "workspace: expected as many closing as opening parentheses, got 1 and 2",
+        ),
+        ("POLYGON EMPTY", "workspace: expected one polygon, got an empty one"),
+        (
+            "POLYGON 3",
+            "workspace: expected well-known text such as POLYGON ((0 0, 2 0, 2 1, 0 0)),",
+        ),
+        (
+            {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1]]]},
+            "workspace, ring 1, vertex 3: expected a closed ring, which ends where it begins, at"
+            " (0, 0), got (1, 1)",
+        ),
+        (
+            {"type": "MultiPolygon", "coordinates": [[[[0, 0], [1, "x"], [0, 0]]]]},
+            "workspace, ring 1, vertex 2: expected two numbers, x and y, got [1, 'x']",
+        ),
+        ({"type": "Polygon"}, "workspace: expected a GeoJSON polygon, got {'type': 'Polygon'}"),
+    ],
+)
+def test_texts_of_polygons_that_are_refused_are_told_in_words_of_their_own(text, wanted):
+    with pytest.raises(InvalidInputError) as caught:
+        open_workspace(text)
+    assert str(caught.value).startswith(wanted)
+    assert "Exception" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("outline", "obstacles", "wanted"),
+    [
+        ([(0, 0), (1, 1), (1, 0), (0, 1)], [], "got one that crosses itself at (0.5, 0.5)"),
+        ([(0, 0), (4, 0), (4, 4), (0, 4)], [[(3, 3), (5, 3), (5, 5)]], "got others at (4, 3)"),
+    ],
+)
+def test_regions_that_are_refused_name_the_place(outline, obstacles, wanted):
+    with pytest.raises(InvalidInputError) as caught:
+        region(outline, obstacles)
+    assert str(caught.value).endswith(wanted)
 
 
 @pytest.mark.parametrize(

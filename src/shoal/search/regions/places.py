@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import read_text
+from shoal.core.checks import read_linestring, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.flight_logs import GAP, LOGS, interruptions, search_lines
 from shoal.search.regions.formats.geodata import read_positions
@@ -101,7 +101,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
         raise InvalidInputError(f"{path}: expected points, got a line")
     if count is not None and len(points) != count:
         raise InvalidInputError(
-            f"{path}: expected {count} {what}, one per robot, got {len(points)}"
+            f"{path}: expected {count} {_content(what)}, one per robot, got {len(points)}"
         )
     return points
 
@@ -134,7 +134,7 @@ def read_line(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Poi
         path = Path(value)
         kind = path.suffix.lower()
         if kind == ".wkt":
-            text = read_text(path, what=f"file of {what}", most=LARGEST_FILE)
+            text = read_text(path, what=f"file of {_content(what)}", most=LARGEST_FILE)
             points = _in_metres(_wkt_line(text, value), region, value, degrees=None)
         elif kind == ".gpx":
             points = _in_metres(read_gpx_line(path), region, value, degrees=True)
@@ -148,14 +148,10 @@ def read_line(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Poi
 def _wkt_line(text: str, where: str) -> Points:
     import shapely
 
-    try:
-        line = shapely.from_wkt(text.strip())
-    except (shapely.errors.GEOSException, TypeError) as error:
-        raise InvalidInputError(
-            f"{where}: expected a LINESTRING, got no geometry: {error}"
-        ) from None
+    line = read_linestring(text, where=where)
     if line.geom_type != "LineString" or line.is_empty:
-        raise InvalidInputError(f"{where}: expected a LINESTRING, got a {line.geom_type}")
+        kind = "an empty one" if line.is_empty else f"a {line.geom_type}"
+        raise InvalidInputError(f"{where}: expected a LINESTRING, got {kind}")
     return check_plane_points(shapely.get_coordinates(line), what=where)
 
 
@@ -244,8 +240,10 @@ def _track_lines(
     elif kind in (".geojson", ".json"):
         return [_read(path, region, "searched")[0]]
     else:
-        rows, degrees, labels = read_vertices(path, what="table of searched")
-        heading = read_text(path, what="table of searched", most=LARGEST_FILE).partition("\n")[0]
+        rows, degrees, labels = read_vertices(path, what=f"table of {_content('searched')}")
+        heading = read_text(
+            path, what=f"table of {_content('searched')}", most=LARGEST_FILE
+        ).partition("\n")[0]
         if {"command", "sortie"} <= {*heading.lower().split(",")}:
             raise InvalidInputError(f"{path}: expected a track that was flown, got a mission")
         named = labels not in ("", "name")  # a name may be that of a point
@@ -270,6 +268,20 @@ def _uninterrupted(points: Points, times: NDArray[np.float64] | None) -> list[Po
     return np.split(points, interruptions(times, points, gap=max(GAP, _RARE * usual), exact=1.0))
 
 
+_CONTENTS = {
+    "launch": "launch points",
+    "land": "landing points",
+    "starts": "start positions",
+    "along": "the points of a line",
+    "searched": "the points of a track",
+}
+
+
+def _content(what: str) -> str:
+    """Return what the file of a field contains, for messages: names of fields are no nouns there."""
+    return _CONTENTS.get(what, what)
+
+
 def points_inside(source: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
     """Return points inside a region in metres, which are given as an array in metres or as the path
     of a file; float64, shape (k, 2).
@@ -289,9 +301,9 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     a line.
     """
     if path.suffix.lower() in (".geojson", ".json"):
-        positions, line, geographic = read_positions(path, what=f"file of {what}")
+        positions, line, geographic = read_positions(path, what=f"file of {_content(what)}")
         return _in_metres(positions, region, path, degrees=geographic), line
-    rows, degrees, labels = read_vertices(path, what=f"table of {what}")
+    rows, degrees, labels = read_vertices(path, what=f"table of {_content(what)}")
     vertices = [row for row in rows if row is not None]
     if labels == "robot":
         vertices = _by_robot(vertices, path)

@@ -43,7 +43,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
     >>> convex_outline([(0, 0), (0, 1), (1, 1), (1, 0.5), (1, 0)]).tolist()
     [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
     """
-    from shapely import LinearRing
+    from shapely import LinearRing, Polygon
 
     points = check_points(vertices, what="polygon", dimensions=2)
     places = np.arange(len(points))
@@ -66,7 +66,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
             " on a line"
         )
     if not ring.is_simple:
-        where = _crossing(corners)
+        where = fault_place(Polygon(corners))
         raise InvalidInputError(
             f"polygon: expected an outline that does not cross itself, got one that does{where}"
         )
@@ -133,11 +133,13 @@ def _turns(corners: Points) -> NDArray[np.float64]:
     return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
 
 
-def _crossing(corners: Points) -> str:
-    from shapely import Polygon
+def fault_place(shape: Any) -> str:
+    """Return where an invalid Shapely polygon crosses itself, as the text " at (x, y)", or an empty
+    text if nobody knows.
+    """
     from shapely.validation import explain_validity
 
-    explanation = explain_validity(Polygon(corners))
+    explanation = explain_validity(shape)
     return (
         f" at ({explanation.partition('[')[2].rstrip(']').replace(' ', ', ')})"
         if "[" in explanation

@@ -17,6 +17,7 @@ import numpy as np
 from shoal.core.checks import (
     as_path,
     check_choice,
+    check_vertices,
     parse_json,
     read_polygon,
     read_text,
@@ -437,9 +438,14 @@ def _from_geojson(data: Any, *, where: str) -> Workspace:
     try:
         with np.errstate(all="ignore"):  # numbers that are too large are refused below
             geometry = shapely.from_geojson(json.dumps(data))
-    except (shapely.errors.GEOSException, TypeError, ValueError) as error:
+    except (shapely.errors.GEOSException, TypeError, ValueError):
+        rings = data.get("coordinates") if isinstance(data, dict) else None
+        if isinstance(rings, list) and data.get("type") == "MultiPolygon" and len(rings) == 1:
+            rings = rings[0]
+        for number, ring in enumerate(rings if isinstance(rings, list) else (), start=1):
+            check_vertices(ring, where, number)
         raise InvalidInputError(
-            f"{where}: expected a GeoJSON polygon, got something else: {str(error).strip()[:120]}"
+            f"{where}: expected a GeoJSON polygon, got {shortened(data)}"
         ) from None
     return _from_geometry(geometry, where=where)
 
@@ -448,10 +454,14 @@ def _from_geometry(geometry: Any, *, where: str) -> Workspace:
     if geometry is not None and geometry.geom_type == "MultiPolygon" and len(geometry.geoms) == 1:
         geometry = geometry.geoms[0]
     if geometry is None or geometry.geom_type != "Polygon" or geometry.is_empty:
-        raise InvalidInputError(
-            f"{where}: expected one polygon, got"
-            f" {'nothing' if geometry is None else geometry.geom_type}"
+        actual = (
+            "nothing"
+            if geometry is None
+            else "an empty one"
+            if geometry.is_empty
+            else f"a {geometry.geom_type}"
         )
+        raise InvalidInputError(f"{where}: expected one polygon, got {actual}")
     return _from_rings(
         [np.asarray(ring.coords)[:, :2] for ring in (geometry.exterior, *geometry.interiors)],
         where=where,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_list, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.workspaces.convex import Points, SteeringWorkspace
+from shoal.steering.workspaces.convex import Points, SteeringWorkspace, fault_place
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,6 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
     """
     from shapely import Polygon
     from shapely.geometry.polygon import orient
-    from shapely.validation import explain_validity
 
     rings = [
         check_points(ring, what="outline" if k == 0 else f"obstacle {k}", dimensions=2)
@@ -84,16 +83,16 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
             )
         polygon = Polygon(ring)
         if not polygon.is_valid or polygon.area <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
-            why = explain_validity(polygon)
+            why = "one without an area" if polygon.is_valid else "one that crosses itself"
             raise InvalidInputError(
-                f"{name}: expected an outline that encloses an area and does not cross itself, got:"
-                f" {why}"
+                f"{name}: expected an outline that encloses an area and does not cross itself, got"
+                f" {why}{fault_place(polygon)}"
             )
     area = Polygon(rings[0], rings[1:])
     if not area.is_valid:
         raise InvalidInputError(
-            "region: expected obstacles inside the outline and apart from each other, got"
-            f" {explain_validity(area)}"
+            "region: expected obstacles inside the outline and apart from each other, got others"
+            f"{fault_place(area)}"
         )
     oriented = orient(area)
     corners = [np.asarray(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)]

@@ -431,7 +431,7 @@ def _open_database(path: Path) -> Iterator[sqlite3.Connection]:
         if (name := path.with_name(path.name + end)).is_file() and name.stat().st_size
     ]
     for name in changes:
-        check_file(name, what="changes of a GeoPackage", most=LARGEST_DATABASE)
+        check_file(name, what="file with the changes of a GeoPackage", most=LARGEST_DATABASE)
     how = "mode=ro" if changes else "mode=ro&immutable=1"
 
     def step() -> bool:

@@ -76,7 +76,7 @@ def read_gpx_tracks(path: Path) -> list[tuple[Points, NDArray[np.float64] | None
 
 
 def _gpx_elements(path: Path, *kinds: str) -> list[Element]:
-    check_file(path, what="file of a line", most=LARGEST_FILE)
+    check_file(path, what="GPX file with a line or a track", most=LARGEST_FILE)
     try:
         root = parse_xml(decode_xml(path.read_bytes(), where=str(path)), root="gpx")
     except XmlError as error:
