@@ -102,6 +102,24 @@ def test_one_result_through_every_door(part, tmp_path, monkeypatch):
         assert other.verify()
 
 
+@pytest.mark.parametrize("part", ["steering", "search"])
+def test_an_episode_or_a_file_of_another_part_is_no_problem_file(part, tmp_path, capsys):
+    command = {"steering": "steer", "search": "search"}
+    problem = parts.problem_type(part)(**SMALLEST[part])
+    episode, other = tmp_path / "episode.json", tmp_path / "other.json"
+    shoal.run(problem, seed=3).save(episode)
+    with pytest.raises(InvalidInputError, match="expected a problem, got an episode"):
+        parts.load_problem(episode)
+    assert run([command[part], str(episode)]) == 2
+    assert capsys.readouterr().err == (
+        f"shoal: {episode}: expected a problem, got an episode, whose field problem is one\n"
+    )
+    other.write_text(json.dumps(problem.to_dict()))
+    (wrong,) = {*command} - {part}
+    assert run([command[wrong], str(other)]) == 2
+    assert capsys.readouterr().err == f"shoal: {other}: kind: expected {wrong}, got '{part}'\n"
+
+
 def what_was_done(episode):
     if episode.part == "swarm":
         return episode.commands

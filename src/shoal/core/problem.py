@@ -365,6 +365,15 @@ class Problem:
             Raised if the data are invalid, or if ``trust`` is false and a field names third-party
             code.
         """
+        if isinstance(data, Mapping):
+            if "problem" in data:
+                raise InvalidInputError(
+                    f"{path}: expected a problem, got an episode, whose field problem is one"
+                )
+            if data.get("kind", cls.part) != cls.part:
+                raise InvalidInputError(
+                    f"{path}: kind: expected {cls.part}, got {shortened(data['kind'])}"
+                )
         if not trust:
             cls.refuse_code(data, where=path)
         return cls.from_dict(data, where=path)
