@@ -206,12 +206,12 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
 
 def _start_in_turn(missions: RobotMissions, plan: SearchPlan, start: float) -> RobotMissions:
     """Return the missions of one robot with their start times: each sortie begins when its vehicle
-    is back and recharged.
+    is back, after the climb of a return, and recharged.
     """
     timed = []
     for mission in missions:
         timed.append(replace(mission, start=start))
-        start += mission.duration(plan.vehicle) + plan.vehicle.recharge_seconds
+        start += mission.battery_seconds(plan.vehicle) + plan.vehicle.recharge_seconds
     return tuple(timed)
 
 
@@ -298,7 +298,7 @@ class _Schedule:
         ]
         starts = self._first_starts(flights, layers, stacked=stacked)
         ready = [
-            (self._ready_at(flights[robot], 0, starts[robot, 0]), robot, 1)
+            (self._ready_at(flights[robot][0], by_robot[robot][0], starts[robot, 0]), robot, 1)
             for robot in robots
             if len(by_robot[robot]) > 1
         ]
@@ -318,9 +318,10 @@ class _Schedule:
             )
             starts[robot, number] = float(start)
             if number + 1 < len(by_robot[robot]):
-                heappush(
-                    ready, (self._ready_at(flights[robot], number, float(start)), robot, number + 1)
+                again = self._ready_at(
+                    flights[robot][number], by_robot[robot][number], float(start)
                 )
+                heappush(ready, (again, robot, number + 1))
         # The time for which a vehicle stays in the air is part of its last flight.
         ends = [
             start
@@ -394,14 +395,14 @@ class _Schedule:
             for number, mission in enumerate(sorties)
         )
 
-    def _ready_at(
-        self, flights: Sequence[Sequence[Trajectory]], number: int, start: float
-    ) -> float:
-        """Return the time at which a vehicle can start again after a sortie, even if the sortie is
+    def _ready_at(self, flights: Sequence[Trajectory], mission: Mission, start: float) -> float:
+        """Return the time at which a vehicle can start again after a mission, even if the mission is
         late.
         """
-        duration = max(flight.duration for flight in flights[number])
-        return start + duration + self.separation.delay + self.plan.vehicle.recharge_seconds
+        vehicle = self.plan.vehicle
+        duration = max(flight.duration for flight in flights)
+        climb = mission.battery_seconds(vehicle) - mission.duration(vehicle)  # of a return
+        return start + duration + climb + self.separation.delay + vehicle.recharge_seconds
 
     def _stay(self, by_robot: Sequence[RobotMissions], robot: int, number: int) -> float:
         """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that

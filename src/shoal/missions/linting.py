@@ -426,7 +426,7 @@ def _check_overlaps(sheets: list[Sheet], vehicle: Vehicle | None) -> None:
                 )
             try:
                 mission = mission_of(sheet, sheet.file, vehicle)
-                lasts = mission.duration(vehicle or constant_speed(mission))
+                lasts = mission.battery_seconds(vehicle or constant_speed(mission))
             except InvalidInputError:
                 continue  # other rules report what is invalid
             ends[sheet.robot].append((sheet.sortie, sheet.start + lasts, sheet.file))

@@ -702,6 +702,34 @@ def test_the_battery_lasts_for_the_climb_of_a_return(tmp_path):
         assert all(one.endswith("min with the climb of its return") for one in told)
 
 
+@pytest.mark.parametrize("options", [{"separation": 0}, {"separation": 10, "ending": "return"}])
+def test_a_later_sortie_starts_after_the_climb_of_a_return(options, tmp_path):
+    problem = SearchProblem(
+        "square:200", robots=2, footprint=20, vehicle="multirotor,endurance=4,recharge=1"
+    )
+    planned = MissionSet.from_problem(problem, MissionOptions(**options), seed=1)
+    vehicle, missions = planned.plan.vehicle, planned.missions
+    assert max(mission.sortie for mission in missions) > 2
+    for before, after in pairwise(missions):
+        if before.robot == after.robot:
+            ready = before.start + before.battery_seconds(vehicle) + vehicle.recharge_seconds
+            assert before.battery_seconds(vehicle) == before.duration(vehicle) + RETURN
+            assert after.start >= ready - 1e-6
+            if not options["separation"]:  # the plan has the same times
+                times = planned.plan.sorties[after.robot - 1]
+                assert times[after.sortie - 1][0] == pytest.approx(after.start, abs=0.5)
+    # the check: a start that is too early by the climb alone
+    late = missions[1]
+    assert (late.robot, late.sortie) == (1, 2)
+    ready = missions[0].battery_seconds(vehicle)
+    for start, mistakes in ((ready + 1, 0), (ready - RETURN + 1, 1)):
+        write_missions(
+            [missions[0], replace(late, start=start)], tmp_path, formats=["csv"], vehicle=vehicle
+        )
+        found = lint(tmp_path, vehicle=vehicle)
+        assert [one.rule for one in found].count("sorties-overlap") == mistakes
+
+
 def test_a_plan_keeps_the_climb_of_a_return_in_the_battery():
     problem = SearchProblem("rectangle:300x200", robots=1, footprint=20, vehicle="multirotor")
     returns = MissionOptions(ending="return")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,12 +83,18 @@ class Sorties:
             If the battery or the memory is too small for a point of the path, if the path takes
             far more than 300 sorties, or if the vehicle has no room for a turn.
         """
-        return [self._trajectory(begin, until) for begin, until in self._sections()]
+        return [self._trajectory(begin, until) for begin, until in self._sections]
+
+    def returns(self) -> list[float]:
+        """Return the seconds by which the vehicle is back later than the trajectory of each sortie
+        tells, because its return begins with a climb.
+        """
+        return [self._return_seconds(self._sortie(begin, until)) for begin, until in self._sections]
 
     def searching(self) -> list[tuple[Trajectory, float, float]]:
         """Return the trajectory of each sortie, and when its search begins and ends."""
         searches = []
-        for begin, until in self._sections():
+        for begin, until in self._sections:
             flown, waypoints = self._trajectory(begin, until), self._sortie(begin, until)
             out, back = self._count_beside(waypoints, begin, until)
             places = waypoints[[out, len(waypoints) - 1 - back], :2]
@@ -105,10 +112,11 @@ class Sorties:
         """
         return [
             (waypoints, *self._count_beside(waypoints, begin, until))
-            for begin, until in self._sections()
+            for begin, until in self._sections
             for waypoints in (self._sortie(begin, until),)
         ]
 
+    @cached_property
     def _sections(self) -> list[tuple[float, float]]:
         """Return the distances along the path at which each sortie joins and leaves the path."""
         end, vehicle = float(self.at[-1]), self.flight.vehicle

@@ -132,8 +132,10 @@ Points = NDArray[np.float64]
 SortieTimes = tuple[tuple[float, float], ...]
 """The start and the duration of each sortie of a robot, in seconds."""
 
-Durations = tuple[float, ...] | InvalidInputError
-"""The durations of a robot's flights in seconds or, if it cannot fly its path, the reason."""
+Durations = tuple[tuple[float, float], ...] | InvalidInputError
+"""The duration of each of a robot's flights, and what the climb of its return adds, in seconds; or, if
+the robot cannot fly its path, the reason.
+"""
 
 MERGED = 0.001
 """Maximum distance in metres of an omitted point of a path from the straight leg that
@@ -333,18 +335,15 @@ class SearchPlan:
     def _durations(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
     ) -> Durations:
-        """Return the durations of a robot's flights in seconds or, if it cannot fly its path, the
-        reason.
-        """
+        """Return the `Durations` of a robot's flights."""
         landing = None if self.landing is None else self.landing[robot].tobytes()
         own = (self.rates[robot], self.footprints[robot], self.places[robot].tobytes(), landing)
         key = (robot, self.vehicle, own, np.asarray(stops).tobytes(), tuple(map(tuple, detours)))
         if key not in self.flown:
             try:
-                self.flown[key] = tuple(
-                    flight.duration
-                    for flight in self.flown_sorties(robot, stops, detours).trajectories()
-                )
+                sorties = self.flown_sorties(robot, stops, detours)
+                seconds = [flight.duration for flight in sorties.trajectories()]
+                self.flown[key] = tuple(zip(seconds, sorties.returns(), strict=True))
             except InvalidInputError as error:
                 self.flown[key] = error.with_traceback(None)
         return self.flown[key]
@@ -361,15 +360,17 @@ class SearchPlan:
         from 0) makes the given stops.
 
         If the vehicle cannot fly the path, because its battery is too small or it has no room for a
-        turn, the duration is that of ``cells`` cells.
+        turn, the duration is that of ``cells`` cells. A return begins with a climb, after which the
+        next sortie starts.
         """
         start, sorties = float(self.delays[robot]), []
         if not len(np.asarray(stops)):
             return ()
         durations = self._durations(robot, stops, detours)
-        for seconds in durations if isinstance(durations, tuple) else (self.seconds(cells),):
+        flights = durations if isinstance(durations, tuple) else ((self.seconds(cells), 0.0),)
+        for seconds, climb in flights:
             sorties.append((start, seconds))
-            start += seconds + self.vehicle.recharge_seconds
+            start += seconds + climb + self.vehicle.recharge_seconds
         return tuple(sorties)
 
     def flown_sorties(
