@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
-from shoal.core.geometry import step_lengths
+from shoal.core.geometry import partial_sums, step_lengths
 from shoal.missions.approach import MissionApproach, common_levels, raised
 from shoal.missions.checking import facing_of
 from shoal.missions.mission import Mission
@@ -28,7 +28,7 @@ from shoal.search.flight.separation import Approach, nearest_approach
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import image_of
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
-from shoal.search.regions.formats.flight_logs import ALOFT, GAP, Track
+from shoal.search.regions.formats.flight_logs import ALOFT, GAP, HIGH_ENOUGH, Track
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
@@ -36,6 +36,7 @@ from shoal.search.regions.region import SearchRegion
 _LEFT = 3.0  # metres from its first position, from which on a rover is on its way
 _STRAIGHT = 0.05  # metres: positions of a track nearer to a straight line are left out
 _LEVEL = 0.02  # share of a height by which heights differ that count as one
+_ADVANCE = 1e-3  # metres: less progress on a path is rounding, as of a vehicle that climbs
 _END = 1.0  # metres before the end of a path, which a vehicle cuts
 _FASTEST = 2.0  # times the planned speed, at which progress on a path may go
 _THIN = 0.02  # footprints: half the width of parts of the rest that are left out
@@ -55,6 +56,28 @@ class FlownPart(NamedTuple):
     known: bool
 
 
+@dataclass(frozen=True)
+class FlownHeights:
+    """How much of a search was flown far below or above its planned heights above home.
+
+    Parameters
+    ----------
+    far : float
+        The difference in metres from which on a height is far from the planned one: one minus
+        `HIGH_ENOUGH`, times the median of the planned heights.
+    lower_m, higher_m : float
+        Length of the search that was flown so.
+    lower, higher : tuple of (float, float)
+        The lowest and the highest height above home there, in metres.
+    """
+
+    far: float
+    lower_m: float
+    higher_m: float
+    lower: tuple[float, float]
+    higher: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class FlownMission:
     """What one robot has flown.
@@ -70,6 +93,8 @@ class FlownMission:
         Length of the search of the mission that it followed, and in all.
     farthest_m : float
         Largest distance of these parts from the mission's path.
+    heights : FlownHeights or None
+        None for a rover, and if the mission states no heights above home.
     aloft : Trajectory or None
         Its way from the first to the last moment in flight, in metres east, north and up above
         home.
@@ -85,6 +110,7 @@ class FlownMission:
     searched_m: float
     planned_m: float
     farthest_m: float
+    heights: FlownHeights | None
     aloft: Trajectory | None
     begin: float
     parts: tuple[FlownPart, ...] = ()
@@ -103,6 +129,8 @@ class FlownMission:
             "searched_m": self.searched_m,
             "planned_search_m": self.planned_m,
             "farthest_m": self.farthest_m,
+            "lower_m": None if self.heights is None else self.heights.lower_m,
+            "higher_m": None if self.heights is None else self.heights.higher_m,
             "begin": self.begin if self.track.absolute else None,
         }
 
@@ -184,6 +212,8 @@ def check_flown(
     A vehicle sees while it follows the search of its mission: from when it comes within a footprint
     of its first waypoint, forwards along the path, within a footprint of it. What it flies over on
     its ways out and home, or after it has left its path, does not count.
+    The images of a camera follow the height; a footprint is the same at any height, and notes tell how
+    much of a search was far below or above its planned height.
 
     Parameters
     ----------
@@ -254,13 +284,28 @@ def _footprint_side(options: CheckOptions | None, mission: Mission) -> float:
     return sides
 
 
+def _planned_heights(mission: Mission) -> Floats | None:
+    """Return the heights above home of the waypoints of a search, or None if the mission does not
+    state any, or if most of them are below home.
+    """
+    above_sea = mission.altitude_frame == "sea" and mission.elevation is None
+    above_ground = mission.altitude_frame == "ground" and mission.heights is None
+    if mission.kind == "rover" or above_sea or above_ground:
+        return None
+    heights = mission.heights_above_home[mission.searched]
+    return heights if np.median(heights) > 0 else None
+
+
 def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float) -> FlownMission:
     path = frame.to_metres(mission.waypoints[mission.searched])
     points = frame.to_metres(track.places)
     # what a receiver says of a rover's height is an error, and would count as a distance
     heights = track.heights * (mission.kind != "rover")
     raised = np.column_stack([points, heights])
-    stretches, searched, farthest = _follow_path(path, raised, track.times, side, mission.speed)
+    planned_heights = _planned_heights(mission)
+    stretches, searched, farthest, flown_heights = _follow_path(
+        path, planned_heights, raised, track.times, side, mission.speed
+    )
     if mission.kind == "rover":
         moving = np.hypot(*(points - points[0]).T) > _LEFT
     else:
@@ -278,7 +323,18 @@ def _match_flight(mission: Mission, track: Track, frame: LocalFrame, side: float
             last += bool(last < len(moving) and track.times[last] - track.times[last - 1] > GAP)
             parts = _parts(track.times[first:last], raised[first:last], _FASTEST * mission.speed)
     planned = float(step_lengths(path).sum())
-    return FlownMission(mission, track, stretches, searched, planned, farthest, aloft, begin, parts)
+    return FlownMission(
+        mission,
+        track,
+        stretches,
+        searched,
+        planned,
+        farthest,
+        flown_heights,
+        aloft,
+        begin,
+        parts,
+    )
 
 
 def _parts(times: Floats, way: Floats, fastest: float) -> tuple[FlownPart, ...]:
@@ -303,14 +359,25 @@ def _parts(times: Floats, way: Floats, fastest: float) -> tuple[FlownPart, ...]:
 
 
 def _follow_path(
-    path: Floats, points: Floats, times: Floats, side: float, speed: float
-) -> tuple[list[Floats], float, float]:
+    path: Floats,
+    planned_heights: Floats | None,
+    points: Floats,
+    times: Floats,
+    side: float,
+    speed: float,
+) -> tuple[list[Floats], float, float, FlownHeights | None]:
     """Return the parts of a track that follow a path forwards, how far on the path the track came,
-    and the largest distance between them.
+    the largest distance between them, and how far the heights differ.
 
     The progress on the path only grows, and only as far as the vehicle may have flown meanwhile.
     """
     import shapely
+
+    lengths = partial_sums(step_lengths(path))
+    far = 0.0 if planned_heights is None else (1 - HIGH_ENOUGH) * float(np.median(planned_heights))
+    lower_m = higher_m = 0.0
+    lower: list[float] = []
+    higher: list[float] = []
 
     line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
     total = float(line.length)
@@ -337,7 +404,7 @@ def _follow_path(
             before = None
             continue
         at = max(0.0, progress - side) + (float(window.project(position)) if total else 0.0)
-        progress = max(at, progress)
+        advance, progress = max(at - progress, 0.0), max(at, progress)
         if total - progress < _END:
             end_distance = float(np.hypot(*(point[:2] - path[-1])))
             if end_distance > nearest:
@@ -345,15 +412,28 @@ def _follow_path(
             nearest = end_distance
         reached_at = now
         searched, farthest = max(searched, progress), max(farthest, distance)
+        if planned_heights is not None and advance > _ADVANCE:
+            up, planned = float(point[2]), float(np.interp(progress, lengths, planned_heights))
+            if up < planned - far:
+                lower_m += advance
+                lower.append(up)
+            elif up > planned + far:
+                higher_m += advance
+                higher.append(up)
         if before is None or now - before > GAP:
             stretches.append([])
         stretches[-1].append(point)
         before = now
     parts = [np.array(part) for part in stretches]
+    heights = None
+    if planned_heights is not None:
+        ranges = [(min(ups, default=0.0), max(ups, default=0.0)) for ups in (lower, higher)]
+        heights = FlownHeights(far, lower_m, higher_m, *ranges)
     return (
         [_thinned(part) if len(part) > 2 else part for part in parts],
         searched,
         farthest,
+        heights,
     )
 
 
@@ -430,6 +510,23 @@ def _check_coverage(
 
 def _notes(flown: Sequence[FlownMission]) -> Iterator[str]:
     for flight in flown:
+        heights = flight.heights
+        if heights is None and flight.mission.kind != "rover":
+            yield (
+                f"robot {flight.mission.robot}: its heights were not compared with those of its"
+                " mission, which are not above home"
+            )
+        if heights is not None and flight.aloft is not None:
+            for length, (least, most), where in (
+                (heights.lower_m, heights.lower, "below"),
+                (heights.higher_m, heights.higher, "above"),
+            ):
+                if length >= _END:
+                    yield (
+                        f"robot {flight.mission.robot}: {length:.0f} m of its search were flown"
+                        f" {least:.3g} to {most:.3g} m above home, more than {heights.far:.2g} m"
+                        f" {where} the planned height"
+                    )
         if flight.aloft is None:
             yield f"robot {flight.mission.robot}: its log shows no flight"
         if flight.track.stepped_back:

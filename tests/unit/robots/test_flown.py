@@ -276,6 +276,57 @@ def test_a_track_beside_its_path_sees_what_is_below_it(field, tmp_path, capsys):
     assert 0.9 < found["covered_fraction"] < 0.999
 
 
+@pytest.mark.parametrize(
+    ("height", "sentence"),
+    [
+        (10.0, "flown 10 to 10 m above home, more than 6 m below the planned height"),
+        (25.0, None),
+        (35.0, None),
+        (90.0, "flown 90 to 90 m above home, more than 6 m above the planned height"),
+    ],
+)
+def test_heights_far_from_the_planned_one_are_told(field, tmp_path, capsys, height, sentence):
+    log = write_tlog(tmp_path / "a.tlog", {1: flight(field, 1, height=height)})
+    told, err = flown(capsys, field, log, "--systems", "1=1")[1:]
+    (robot,) = told["robots"]
+    assert robot["searched_m"] == pytest.approx(robot["planned_search_m"], abs=1)
+    lower, higher = robot["lower_m"], robot["higher_m"]
+    if sentence is None:
+        assert max(lower, higher) < 0.01
+        assert "planned height" not in err
+    else:
+        assert sorted((lower, higher)) == pytest.approx([0, robot["planned_search_m"]], abs=5)
+        assert sentence in err
+        assert told["notes"] == [err.splitlines()[0].removeprefix("shoal: ")]
+
+
+def test_a_part_of_a_search_that_was_too_low_is_told(field, tmp_path, capsys):
+    rows = flight(field, 1)
+    half = len(rows) // 2
+    rows[half : half + 40, 3] = np.linspace(12.0, 20.0, 40)
+    log = write_tlog(tmp_path / "a.tlog", {1: rows})
+    told, err = flown(capsys, field, log, "--systems", "1=1")[1:]
+    assert told["robots"][0]["lower_m"] == pytest.approx(40, abs=5)
+    assert "m of its search were flown 12 to 20 m above home, more than 6 m below" in err
+
+
+def test_missions_with_heights_above_ground_are_not_compared(field):
+    mission = read_mission(field / "missions" / "robot-01.plan")
+    path = field / "a.tlog"
+    (track,) = read_tracks(write_tlog(path, {1: flight(field, 1)}))
+    unknown = replace(mission, altitude_frame="ground", heights=None, rally=())
+    result = check_flown([(unknown, track)], None, angle=None)
+    assert result.report()["robots"][0]["lower_m"] is None
+    assert "its heights were not compared" in result.report()["notes"][0]
+    # over a valley, planned heights above home may be small: what counts is the usual height
+    count = len(mission.waypoints)
+    valley = np.where(np.arange(count) < count // 3, 2.0, 30.0)
+    result = check_flown([(replace(mission, heights=valley), track)], None, angle=None)
+    (robot,) = result.report()["robots"]
+    assert robot["lower_m"] == 0
+    assert 10 < robot["higher_m"] < 0.6 * robot["planned_search_m"]
+
+
 def test_a_flight_that_never_reaches_its_search_has_seen_nothing(field, tmp_path, capsys):
     rows = flight(field, 1)
     rows[:, 1:3] += 0.01
