@@ -268,6 +268,8 @@ PLANTED = {
         limit=proof["limit"] * 0.9, lower_bound=proof["lower_bound"]
     ),
     "unit": lambda proof, other: proof.update(unit=2 * proof["unit"]),
+    "unknown field": lambda proof, other: proof.update(note=1),
+    "no truth value": lambda proof, other: proof.update(runs=""),
     "negative unit": lambda proof, other: proof.update(unit=-proof["unit"]),
     "kind": lambda proof, other: proof.update(kind="plan"),
     # the tree: a case twice in place of another, and a proof for one order in place of two
@@ -295,6 +297,38 @@ def test_a_planted_certificate_is_refused(certificate, disk_certificate, name):
     PLANTED[name](proof, disk_certificate.proof)
     assert proof != certificate.proof
     assert not check_certificate_of(problem, proof)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda proof: proof.update(unit=proof["unit"] / 2), "the unit is not the least power"),
+        (lambda proof: proof.update(unit=proof["unit"] * 2), "the unit is not the least power"),
+        (lambda proof: proof.update(unit=proof["unit"] * 1.001), "the unit is not the least power"),
+        (lambda proof: proof.update(limit=0.9 * proof["lower_bound"]), "is above the limit"),
+        (lambda proof: proof.update(runs=not proof["runs"]), "holds are runs in disks and"),
+        (lambda proof: proof.update(extra=1), "expected no field 'extra'"),
+    ],
+)
+@pytest.mark.parametrize("place", ["disk", "regular:60"])
+def test_what_has_no_effect_on_a_bound_is_checked_as_well(place, damage, words, whole_proofs):
+    """Potentials are in units of the radius, and know no holds: whatever stood there was taken."""
+    proof = copy.deepcopy(whole_proofs[place])
+    assert check_certificate(proof)
+    damage(proof)
+    assert words in check_certificate(proof).message
+
+
+@pytest.fixture(scope="module")
+def whole_proofs():
+    """Return certificates whose proofs are potentials."""
+    ticks = count()
+    return {
+        place: certify(
+            run(SteeringProblem(place), seed=seed), seconds=1, clock=lambda: 0.002 * next(ticks)
+        ).proof
+        for place, seed in (("disk", 2), ("regular:60", 3))
+    }
 
 
 def test_no_random_damage_raises_a_bound(certificate):

@@ -186,6 +186,18 @@ class _RoundWalls:
         return [(middle, least)]
 
 
+def check_unit(unit: Fraction, extent: Fraction) -> None:
+    """Refuse a unit other than the least power of two above the extent of the workspace, which is
+    given in this unit. Proofs may hold in other units, too, but a changed file is none of a search.
+    """
+    whole = unit.numerator * unit.denominator  # one of both is 1 for a power of two
+    power = not whole & (whole - 1) and 1 in (unit.numerator, unit.denominator)
+    if not (power and _LEAST_EXTENT <= extent < 1):
+        raise _WrongError(
+            "the unit is not the least power of two above the extent of the workspace"
+        )
+
+
 class _Task:
     """One assignment of goals to particles, in whole numbers."""
 
@@ -222,13 +234,18 @@ class _Task:
         )
         self.tolerance, self.limit, *radius = (int(size * self.whole) for size in sizes)
         self.walls = _RoundWalls(radius[0], directions) if disk else _FlatWalls(corners)
-        self.runs = bool(certificate["runs"])
-        if disk and not self.runs:
-            raise _WrongError("the holds of a disk are no runs")
+        self.runs = certificate["runs"]
+        # a proof by potentials does not read it
+        if self.runs is not (disk or self.walls.count > _FEW_WALLS):
+            raise _WrongError(
+                f"holds are runs in disks and in polygons of more than {_FEW_WALLS} sides, and only"
+                " there"
+            )
         self.extent = (
             self.walls.high[0] - self.walls.low[0],
             self.walls.high[1] - self.walls.low[1],
         )
+        check_unit(unit, Fraction(max(self.extent), self.whole))
 
     @cached_property
     def growth(self) -> tuple[int, int, list[tuple[int, int]]]:
@@ -841,6 +858,8 @@ def _halves(hold: _Hold, node: Mapping[str, Any]) -> list[_Hold]:
     return holds
 
 
+_FEW_WALLS = 8  # of a polygon in which a hold is by one wall
+_LEAST_EXTENT = Fraction(1, 2) - Fraction(1, 1 << 20)  # with the rounding of an extent
 _PIECES = 256  # of the least distance, in the law of growth
 _BITS = 240  # of cosines and angles
 _HALVES = 20  # of an angle

@@ -16,6 +16,7 @@ from shoal.steering.certificates.check import (
     _numbered,
     _root,
     _WrongError,
+    check_unit,
 )
 
 # An item of a pattern is a hold (place, particle, cells), or a gap: a list of its holds, or None.
@@ -114,6 +115,7 @@ class _Cells:
             self._ends(floor, height, open_ends=open_ends)
         else:
             self._region(certificate["cells"], certificate["hull"])
+        check_unit(unit, Fraction(max(self.extent), self.whole))
 
     def _prism(self, floor: int, height: int) -> None:
         corners = self.rings[0]

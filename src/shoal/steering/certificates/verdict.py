@@ -18,6 +18,10 @@ _ROUND = {"center", "radius", "directions"}
 _SOLID = {"height", "open_ends"}
 _WORKSPACES = ({"corners"}, {"corners", *_SOLID}, _ROUND, {*_ROUND, *_SOLID}, {"rings"})
 """Fields of the workspaces. With those of two, a proof for one could be taken for the other's."""
+_KNOWN = {
+    *("kind", "start", "goal", "tolerance", "interchangeable", "limit", "unit", "lower_bound"),
+    *("trees", "moves", "runs", "cells", "hull"),
+}.union(*_WORKSPACES)
 _MOST_NUMBERS = 100_000  # of the problem that a certificate states
 
 
@@ -40,7 +44,11 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         stated = set[str]().union(*_WORKSPACES) & set(certificate)
         if stated not in _WORKSPACES:
             raise _WrongError(f"expected the fields of one workspace, got {sorted(stated)}")
+        if unknown := set(certificate) - _KNOWN:
+            raise _WrongError(f"expected no field {min(unknown, key=str)!r}")
         bound = Fraction(certificate["lower_bound"])
+        if bound > Fraction(certificate["limit"]):
+            raise _WrongError("the bound is above the limit")
         by_routes = "rings" in certificate or "height" in certificate
         orders = [tree["order"] for tree in certificate["trees"]]
         needed = [[1, 2], [2, 1]] if certificate["interchangeable"] else [[1, 2]]
