@@ -9,7 +9,8 @@ longer sees everything. Time is that of the whole search, with the way out and h
 with a turn that takes as long as a footprint (``--turn``); a turn is a change of direction of more
 than a degree. With --pictures, a picture of each pair is written. With --beside CHECKOUT, the command
 `shoal search` plans each region with this code and with that of another checkout of Shoal, and the
-turns that both report are compared.
+turns that both report are compared. With --limits, all tours at all orientations are planned in
+full, and the fewest turns are printed that any choice among these plans has at a time.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from shoal.search import SearchProblem, SearchRegion, coverage_check, plan_searc
 from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.flight.timing import turns_of
+from shoal.search.planning import orientation
+from shoal.search.planning import plan as planning
 
 INNER = 0.005  # metres: so far from the border are points that are moved inside
 _METRES = 111_194.9  # per degree at the equator
@@ -230,21 +233,95 @@ def short_legs(way: np.ndarray, size: float) -> int:
     return int((long < SHORT * size).sum())
 
 
+def starts_in(area: Any, robots: int) -> list[tuple[float, float]]:
+    """Return random places in an area, which are the same whatever the plan."""
+    rng, (low, high) = np.random.default_rng(robots), np.reshape(area.bounds, (2, 2))
+    points = rng.uniform(low, high, (1000, 2))
+    inside = points[shapely.contains_xy(area.buffer(-INNER), points)]
+    return [(x, y) for x, y in inside[:robots].tolist()]
+
+
+def problem_of(name: str, area: Any, size: float, robots: int, **fields: Any) -> SearchProblem:
+    """Return the search of an area from random places in it."""
+    return SearchProblem(
+        region_of(area, name=name),
+        robots=robots,
+        footprint=size,
+        angle="auto",
+        vehicle="ideal",
+        starts=starts_in(area, robots),
+        **fields,
+    )
+
+
+def ways_of(plan: planning.SearchPlan) -> list[np.ndarray]:
+    """Return the ways of all robots that have work, from their starts and back."""
+    ways = []
+    for robot in range(len(plan.places)):
+        stops = plan.stops(robot)
+        if len(stops):
+            route = plan.route(robot, stops).points
+            ways.append(np.vstack([route, plan.leg(route[-1], plan.places[robot])[1:]]))
+    return ways
+
+
+def figures_of(ways: Sequence[np.ndarray], turn: float) -> tuple[float, int]:
+    """Return the time of the last robot and the turns of all."""
+    turns = sum(int(turns_of(way, 0.01).sum()) for way in ways)
+    return max(cost(way, turn) for way in ways), turns
+
+
+def print_limits(options: argparse.Namespace) -> None:
+    """Print the fewest turns that any choice among the plans of all tours at all orientations has,
+    beside those of the strip planner, at some times.
+    """
+    orientation._TRIED = planning._PLANNED = 10**9
+    orientation._WORK = 10**9
+    found: list[np.ndarray] = []
+    teams = []
+    for name, area, size in outlines(options.regions)[options.first :]:
+        for robots in (int(word) for word in options.robots.split(",")):
+            problem, turn = problem_of(name, area, size, robots), options.turn * size
+            plans = planning.plans_along(problem, 1)
+            figures = np.array([figures_of(ways_of(plan), turn) for plan in plans])
+            their = figures_of(strip_plan(area, size, plans[0].places, turn), turn)
+            found.append(np.log(figures / their))
+            teams.append(robots)
+            fastest, fewest = np.exp(found[-1].min(axis=0))
+            print(
+                f"{name}, {robots} robots: {len(plans)} plans, at least {fastest:.3f} times the"
+                f" time and {fewest:.3f} times the turns",
+                flush=True,
+            )
+    for team in (*sorted(set(teams)), None):
+        chosen = [one for one, robots in zip(found, teams, strict=True) if team in (robots, None)]
+        for time in (0.95, 0.97, 1.0, np.inf):
+            turns = np.exp(least_log_turns(chosen, np.log(time)))
+            who = "all" if team is None else f"{team} robots"
+            print(f"{who}: at {time:.2f} times the time, at least {turns:.3f} times the turns")
+
+
+def least_log_turns(plans: Sequence[np.ndarray], log_time: float) -> float:
+    """Return a lower bound on the mean logarithm of the turns of one plan of each search, if the
+    mean logarithm of their times is at most ``log_time``: the dual of the choice, best over prices.
+
+    Each element of ``plans`` has the logarithms of time and turns; shape (n, 2).
+    """
+    prices = [0.0] if np.isinf(log_time) else np.linspace(0, 20, 401).tolist()
+    return max(
+        float(np.mean([(one[:, 1] + price * one[:, 0]).min() for one in plans]))
+        - (price * log_time if price else 0.0)
+        for price in prices
+    )
+
+
 def compare(
     name: str, area: Any, size: float, robots: int, turn: float, **fields: Any
 ) -> tuple[Any, list[np.ndarray], list[np.ndarray], SearchRegion]:
     """Return times, turns and lengths of both plans, their ways, and the region."""
-    region = region_of(area, name=name)
-    problem = SearchProblem(
-        region, robots=robots, footprint=size, angle="auto", vehicle="ideal", **fields
-    )
+    problem = problem_of(name, area, size, robots, **fields)
     plan = plan_search(problem, seed=1)
-    ours = []
-    for robot in range(robots):
-        stops = plan.stops(robot)
-        if len(stops):
-            route = plan.route(robot, stops).points
-            ours.append(np.vstack([route, plan.leg(route[-1], plan.places[robot])[1:]]))
+    ours, region = ways_of(plan), problem.place
     theirs = strip_plan(area, size, plan.places, turn * size)
     seen = coverage_check(region, ours, size, angle=plan.grid.angle)
     figures = [
@@ -320,9 +397,13 @@ def main() -> None:
     parser.add_argument("--turn", type=float, default=1.0, help="time of a turn, in footprints")
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--beside", type=Path, help="another checkout of Shoal")
+    parser.add_argument("--limits", action="store_true")
     options = parser.parse_args()
     if options.beside is not None:
         compare_checkouts(options)
+        return
+    if options.limits:
+        print_limits(options)
         return
     fields = {} if options.prefer is None else {"prefer": options.prefer}
     print(

@@ -40,6 +40,8 @@ def field(tmp_path_factory):
     }
     (folder / "field.json").write_text(json.dumps(region))
     made = ["search", str(folder / "field.json"), "--robots", "2", "--footprint", str(FOOTPRINT)]
+    # starts in different cells: both robots have work
+    made += ["--seed", "6"]
     options = [
         "--vehicle",
         "multirotor",

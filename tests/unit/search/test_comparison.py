@@ -98,7 +98,7 @@ def test_a_comparison_flies_nothing(more, capsys, tmp_path, monkeypatch):
 def paths_of(problem):
     """Return the rows and columns of each robot's cells in each pattern, in the order of the search."""
     found = {}
-    for name, plan in pattern_plans(problem, 1, {}):
+    for name, plan in pattern_plans(problem, 1):
         cells = plan.tour.cells.astype(int)
         work = plan.allocation.work
         found[name] = plan, [cells[plan.numbers(arcs)] for arcs in work]

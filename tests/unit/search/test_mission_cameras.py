@@ -88,7 +88,9 @@ def written(tmp_path_factory):
     def write(vehicle, formats=("plan",)):
         if (vehicle, formats) not in folders:
             folder = tmp_path_factory.mktemp("missions")
-            problem = SearchProblem(FIELD, robots=1, vehicle=vehicle)
+            # a plain plan: what changed missions see depends on it
+            rows = {"tour": "boustrophedon", "angle": 0.0}
+            problem = SearchProblem(FIELD, robots=1, vehicle=vehicle, **rows)
             MissionSet.from_problem(problem, MissionOptions(format=formats)).write(folder)
             folders[vehicle, formats] = folder
         return folders[vehicle, formats]

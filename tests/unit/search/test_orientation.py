@@ -32,7 +32,7 @@ from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
-from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
+from shoal.search.planning.orientation import compared_allocations, grid_tour, ranked_grid_tours
 from shoal.search.planning.plan import plan_at_margin, turns_by_robot
 from shoal.search.problem import AUTO_TOURS, TURN_PRICES
 from shoal.search.regions.projection import LocalFrame
@@ -95,7 +95,7 @@ def test_turning_the_region_and_the_rows_changes_nothing_else():
 def test_the_best_angle_is_along_a_long_field():
     field = shapely.affinity.rotate(shapely.box(0, 0, 600, 95), 38, origin=(0, 0))
     region = region_of(field, frame=None, name="field")
-    best = best_grid_tour(region, 20.0, ["boustrophedon", "spanning-tree"], turn_cost=2.0)
+    best = ranked_grid_tours(region, 20.0, ["boustrophedon", "spanning-tree"], turn_cost=2.0)[0]
     assert best.grid.angle == pytest.approx(38.0)
     assert best.once_round(2.0) < 0.8 * grid_tour(
         region, 20.0, "spanning-tree", angle=0.0
@@ -193,7 +193,7 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     region = blob(3)
     free, dear = (
-        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost)
+        ranked_grid_tours(region, 30.0, ["boustrophedon"], turn_cost=cost)[0]
         for cost in (0.0, TURN_PRICES["time"])
     )
     problem = SearchProblem(

@@ -193,6 +193,15 @@ class Flight:
         waypoints = self._exact_waypoints(path)
         return np.column_stack([self._rounded(waypoints[:, :2]), waypoints[:, 2]])
 
+    def height_at(self, point: Points) -> float:
+        """Return the planned height above home at a point of a path, in metres, without what other
+        points demand. The point has the coordinates of `waypoints`.
+        """
+        up = float(point[2]) if len(point) > 2 else float(self.vehicle.height)
+        there = np.tile(point[:2], (2, 1))
+        there[1, 0] += NEAR
+        return float(self._waypoints_at(there, up)[0, 2])
+
     def _rounded(self, points: Points) -> Points:
         """Return points rounded as in a mission file. Rounding changes directions of short legs,
         and can add or remove turns.

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +28,7 @@ _FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
 _GUESSES = 12  # of that place
 _SHORTEST = 0.1  # metres: minimum progress of a sortie
 _MOST = 300  # sorties of a vehicle: about 100 hours in the air with a battery for 20 minutes
+_LOWER = 1.0  # metres by which a fixed wing may begin a search lower than planned
 _HOPE = 2.0  # relative to the previous sortie: the longest rest that is tried at once
 
 
@@ -250,12 +252,36 @@ class Sorties:
         A fixed wing may pass an end of the section between two waypoints. In this case, the whole
         leg belongs to the search.
         """
-        path = waypoints[:, :2]
         first, last = (
-            self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until)
+            self._point(at) for at in (max(begin, min(self.searching_from, until)), until)
         )
-        before = min(_count_before(path, first), len(path) - 1)
-        return before, min(_count_before(path[::-1], last), len(path) - 1 - before)
+        before = min(self._count_before(waypoints, first), len(waypoints) - 1)
+        after = self._count_before(waypoints[::-1], last)
+        return before, min(after, len(waypoints) - 1 - before)
+
+    def _count_before(self, waypoints: NDArray[np.float64], point: Points) -> int:
+        """Return the number of waypoints before a path first passes a point; 0 if the path does not
+        pass the point.
+
+        Wings that climb in circles may pass the point before they are at its height: these passes
+        do not count.
+        """
+        path, place = waypoints[:, :2], point[:2]
+        least = self.flight.height_at(point) - _LOWER if self.flight.vehicle.radius else -inf
+        legs, heights = np.diff(path, axis=0), waypoints[:, 2]
+        far = np.clip(
+            ((place - path[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12),
+            0.0,
+            1.0,
+        )
+        near = np.flatnonzero(
+            (np.hypot(*(path[:-1] + far[:, None] * legs - place).T) < NEAR)
+            & (heights[:-1] + far * np.diff(heights) >= least)
+        )
+        # a vertical leg has both its ends at one place
+        if not len(near) or (np.hypot(*(path[0] - place)) < NEAR and heights[0] >= least):
+            return 0
+        return int(near[0]) + int(np.hypot(*(path[near[0] + 1] - place)) < NEAR)
 
     def _flight(self, until: float) -> Flight:
         """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all
@@ -316,20 +342,3 @@ class Sorties:
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot"
             f" {self.robot}, because {because}, got {self.limit / 60:.4g} min without the reserve"
         )
-
-
-def _count_before(path: Points, point: Points) -> int:
-    """Return the number of waypoints before a path first passes a point; 0 if the path does not
-    pass the point.
-    """
-    legs = np.diff(path, axis=0)
-    far = np.clip(
-        ((point - path[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12),
-        0.0,
-        1.0,
-    )
-    near = np.flatnonzero(np.hypot(*(path[:-1] + far[:, None] * legs - point).T) < NEAR)
-    # a vertical leg has both its ends at one place
-    if not len(near) or np.hypot(*(path[0] - point)) < NEAR:
-        return 0
-    return int(near[0]) + int(np.hypot(*(path[near[0] + 1] - point)) < NEAR)

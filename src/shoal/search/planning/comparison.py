@@ -124,22 +124,23 @@ def compare_plans(problem: SearchProblem, *, seed: int = 0) -> list[PlanFigures]
     seed = check_integer(seed, what="seed", least=0)
     check_kind(problem, SearchProblem, what="problem").check_at_place()
     names = [problem.tour] if problem.tour != AUTO else list(TOURS)
-    cache: dict[Any, Any] = {}
-    first = plans_along(problem, names[0], seed, cache)
-    if problem.launch is None:  # random starts are cells, which differ from tour to tour
-        places = tuple((x, y) for x, y in first[0].places.tolist())
+    plans, limit = plans_along(problem, seed, names=names), None
+    if problem.launch is None:  # random starts are cells, which differ from grid to grid
+        places = tuple((x, y) for x, y in plans[0].places.tolist())
         problem = problem.replaced(starts=places).at_place(problem.place)
-    others = [plan for name in names[1:] for plan in plans_along(problem, name, seed, cache)]
-    plans, limit = _all_with_prior_odds([*first, *others], problem), None
     figures = []
     if problem.prior:
         best = plan_search(problem, seed=seed)
         if problem.moves:
             limit = problem.at_most * (best.plain_seconds or 0.0)
         figures.append(_figures(best, problem, limit, by_prior=True))
-    figures += [_figures(plan, problem, limit) for plan in plans]
+    best_of: dict[tuple[str, str], PlanFigures] = {}
+    for plan in _all_with_prior_odds(plans, problem):
+        found = _figures(plan, problem, limit)
+        best_of[found.names] = min(best_of.get(found.names, found), found, key=_rank)
+    figures += best_of.values()
     if problem.tour == AUTO and problem.allocation == AUTO:
-        patterns = pattern_plans(problem, seed, {})
+        patterns = pattern_plans(problem, seed)
         figures += [_figures(plan, problem, limit, pattern=name) for name, plan in patterns]
     return sorted(figures, key=_rank)
 

@@ -414,7 +414,7 @@ def through_layers(
     return GridTour(grid, joined_tour, paths, compared, tuple(layers))
 
 
-def best_grid_tour(
+def ranked_grid_tours(
     region: SearchRegion,
     size: float,
     tours: Sequence[str],
@@ -427,9 +427,9 @@ def best_grid_tour(
     transit: bool = False,
     along_rows: bool | None = None,
     cache: dict[Any, Any] | None = None,
-) -> GridTour:
-    """Return the cells and the tour with the lowest cost of one round, over all compared tours,
-    angles and shifts of the rows.
+) -> list[GridTour]:
+    """Return the cells and the tours of all compared names, angles and shifts of the rows, that with
+    the lowest cost of one round first. The first one knows the best candidate of each name.
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. In regions of up to 800 cells, it makes rough tours for up
@@ -455,7 +455,8 @@ def best_grid_tour(
     stepwise, transit, along_rows
         Arguments of `grid_tour`.
     cache : dict, optional
-        Cache of cells and of tours with their costs, for calls that differ in ``tours`` alone.
+        Cache of cells and of tours with their costs, for calls that differ in ``tours`` and
+        ``turn_cost`` alone.
     """
     import shapely
 
@@ -465,7 +466,7 @@ def best_grid_tour(
     if line is not None:
         angle = 0.0
     cache = {} if cache is None else cache
-    if "orientations" not in cache:
+    if turn_cost not in cache:
         estimated = (
             [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         )
@@ -476,10 +477,10 @@ def best_grid_tour(
         if angle is None and rough_count > complete_count:
             likeliest = estimated[:rough_count]
             estimated = _ranked_by_tours(
-                region.area, size, tours, turn_cost, likeliest, complete_count
+                region.area, size, tours, turn_cost, likeliest, complete_count, cache
             )
-        cache["orientations"] = estimated
-    orientations = cache["orientations"]
+        cache[turn_cost] = estimated
+    orientations = cache[turn_cost]
     priced = []
     choices = list(product(orientations[:complete_count], tours))
     with one_by_one(choices, "tours") as each:
@@ -490,7 +491,8 @@ def best_grid_tour(
                     if line is None
                     else cells_along(region, size, line)
                 )
-            if (direction, offset, tour) not in cache:
+            key = (direction, offset, turn_cost)
+            if (*key, tour) not in cache:
                 candidate = _through(
                     cache[direction, offset],
                     tour,
@@ -499,16 +501,12 @@ def best_grid_tour(
                     transit=transit,
                     along_rows=along_rows,
                     priced={
-                        other: cache[direction, offset, other][0]
-                        for other in tours
-                        if (direction, offset, other) in cache
+                        other: cache[*key, other][0] for other in tours if (*key, other) in cache
                     },
                 )
-                cost = candidate.once_round(turn_cost, reach)
-                cache[direction, offset, tour] = candidate, cost
-            priced.append(cache[direction, offset, tour])
+                cache[*key, tour] = candidate, candidate.once_round(turn_cost, reach)
+            priced.append(cache[*key, tour])
     ranked = sorted(priced, key=lambda pair: pair[1])
-    best = ranked[0][0]
     compared = {
         candidate.tour.name: Candidate(
             candidate.tour.row_angle(candidate.grid.angle), candidate.tour.name, cost
@@ -520,9 +518,10 @@ def best_grid_tour(
         if angle is None or len(tours) > 1
         else ()
     )
+    best, *others = (candidate for candidate, _ in ranked)
     chosen: GridTour = replace(best, compared=tuple(chosen_among))
     vars(chosen)["route"] = best.route  # known already
-    return chosen
+    return [chosen, *others]
 
 
 def _ranked_by_tours(
@@ -532,11 +531,13 @@ def _ranked_by_tours(
     turn: float,
     orientations: list[tuple[float, float]],
     count: int,
+    cache: dict[Any, Any],
 ) -> list[tuple[float, float]]:
     """Return ``count`` orientations to plan in full: the best estimated one, and those of the next
     ones with the best rough tours, from centre to centre of the cells.
 
     The number and the length of rows do not tell how far it is from one arm of a region to another.
+    The argument ``cache`` is that of `ranked_grid_tours`.
     """
     import shapely
 
@@ -548,23 +549,38 @@ def _ranked_by_tours(
         return orientations
     costs = []
     for angle, shift in orientations:
-        flat = rotate_shape(simple, -angle)
-        lattice = lattice_over(flat, size, angle, (0.0, shift))
-        boxes = lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
-        shapely.prepare(flat)
-        # less than a fiftieth of a cell is not worth a row
-        mask = shapely.intersects(flat, shapely.buffer(boxes, -size / 50, join_style="mitre"))
+        if ("rough", angle, shift) not in cache:
+            cache["rough", angle, shift] = _rough_cells(simple, size, angle, shift)
+        mask = cache["rough", angle, shift]
         if not mask.any():
             return orientations
         costs.append(
             (
-                min(_rough_cost(maker, mask.reshape(lattice.shape), turn) for maker in makers),
+                min(_rough_cost(maker, mask, turn) for maker in makers),
                 angle,
                 shift,
             )
         )
     ranked = [(angle, shift) for _, angle, shift in sorted(costs)]
     return list(dict.fromkeys([orientations[0], *ranked]))[:count]
+
+
+def _rough_cells(area: Any, size: float, angle: float, shift: float) -> NDArray[np.bool_]:
+    """Return which cells of rows at an angle an area has, without those of which it has less than a
+    fiftieth of a row: these are not worth one.
+    """
+    import shapely
+
+    flat = rotate_shape(area, -angle)
+    lattice = lattice_over(flat, size, angle, (0.0, shift))
+    left, low, right, high = shapely.bounds(
+        lattice.boxes(*np.indices(lattice.shape).reshape(2, -1))
+    ).T
+    border = size / 50
+    boxes = shapely.box(left + border, low + border, right - border, high - border)
+    shapely.prepare(flat)
+    found: NDArray[np.bool_] = shapely.intersects(flat, boxes)
+    return found.reshape(lattice.shape)
 
 
 def _rough_cost(maker: TourMaker, mask: NDArray[np.bool_], turn: float) -> float:
@@ -587,7 +603,7 @@ def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[fl
     """Return the angles of rows that are tried if no vehicle can fly at the best one: those with
     the lowest estimated cost of one round, and along both axes.
 
-    The arguments are those of `best_grid_tour`.
+    The arguments are those of `ranked_grid_tours`.
     """
     estimated = _estimated(region.area, size, turn_cost)
     best = list(dict.fromkeys(angle for angle, _ in estimated))[:_NEXT_BEST]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,9 +115,7 @@ in which the robot starts. With None, parts are as compact as they can be, and i
 cell."""
 
 
-def pattern_plans(
-    problem: SearchProblem, seed: int, cache: dict[Any, Any]
-) -> list[tuple[str, SearchPlan]]:
+def pattern_plans(problem: SearchProblem, seed: int) -> list[tuple[str, SearchPlan]]:
     """Return a plan for each pattern.
 
     Rows have the distance of the planner's rows and run along the longer side of the region, unless
@@ -135,7 +132,7 @@ def pattern_plans(
     if problem.along is None and not isinstance(problem.angle, float):
         oriented = oriented.replaced(angle=longest_angle(problem.place.area))
     oriented = oriented.at_place(problem.place)
-    plan = plans_along(oriented, "boustrophedon", seed, cache)[0]
+    plan = plans_along(oriented, seed)[0]
     if not isinstance(plan.grid, CellGrid):
         return []
     plan = with_prior_odds(plan, problem)

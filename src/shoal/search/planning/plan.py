@@ -66,15 +66,14 @@ from shoal.search.planning.choosing import one_by_one
 from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
-    best_grid_tour,
     compared_allocations,
     in_layers,
     longest_angle,
     other_angles,
+    ranked_grid_tours,
     through_layers,
 )
 from shoal.search.problem import TOUR, TURN_PRICES, SearchProblem
-from shoal.search.problem.fields import AUTO
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
 from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
@@ -151,7 +150,8 @@ ALTERNATIVES = 2
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
-_TEAM = 2.5  # price of the turns of all vehicles, relative to that of the turns of the last one
+_TEAM = 2.5  # price of the turns of all vehicles on average, relative to the price of turns
+_PLANNED = 4  # number of tours that are planned in full, for each price of a turn
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1314,36 +1314,11 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     cover squares only if the squares are narrower. Squares of 1 / sqrt(2) of an image lie in the
     image whatever its heading.
     """
-    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    cache: dict[Any, Any] = {}
-    first = _grid_tour(problem, speeds, scale=scale, cache=cache)
-    landing = (
-        None
-        if problem.land is None
-        else places_of(problem.land, first.grid.region, problem.robots, what="land")
-    )
-    flies = problem.vehicle is not None
-    if not flies or first.grid.n_cells * problem.robots > _FLOWN:
-        return _team_plans(problem, first, speeds, landing, seed, scale)[0]
+    all_plans = plans_along(problem, seed, scale=scale)
+    if problem.vehicle is None or len(all_plans[0].tour_cost) * problem.robots > _FLOWN:
+        return all_plans[0]
     # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges
     # belong to that.
-    names = (
-        dict.fromkeys(problem.tours_to_compare(1.0))
-        if problem.tour == AUTO and problem.passes == 1
-        else {}
-    )
-    tours = [first]
-    for name in names:
-        grid_tour = _grid_tour(problem, speeds, tour=name, scale=scale, cache=cache)
-        # the best tour is also the best of its name, and others may be equal: planned once
-        if not any(_is_same(grid_tour, other) for other in tours):
-            tours.append(grid_tour)
-    all_plans = [
-        plan
-        for grid_tour in tours
-        for plan in _team_plans(problem, grid_tour, speeds, landing, seed, scale)
-    ]
-    all_plans = [replace(plan, airspace=all_plans[0].airspace) for plan in all_plans]
     with one_by_one(all_plans, "plans") as each:
         plans = [plan for plan in each if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
@@ -1357,6 +1332,75 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     return replace(best, alternatives=tuple(alternatives))
 
 
+def plans_along(
+    problem: SearchProblem, seed: int, *, scale: float = 1.0, names: Sequence[str] = ()
+) -> list[SearchPlan]:
+    """Return the plans of all allocations that the problem compares, along the best tours. The best
+    tour comes first. All robots start at the same places in all plans.
+
+    With the ways of vehicles out and home, a plan may turn out otherwise than its tour: for each
+    price of a turn, up to `_PLANNED` tours of vehicles are planned, unless cells times robots are
+    more than `_FLOWN`. With ``names``, the best tours of these names are planned, too, also where
+    two are equal.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    options: dict[str, Any] = {"scale": scale, "cache": {}}
+    chosen = _ranked_tours(problem, speeds, **options)
+    size, flies = chosen[0].grid.size, problem.vehicle is not None
+    own = turn_cells(problem.chosen_vehicle, size)
+    # Both prices rank all tours, in the same order whatever is preferred: the best plan at one price
+    # may be made of a tour that is best at the other, and robots start at the same places.
+    least_prices = TURN_PRICES.values() if flies else [problem.turn_price(0.0)]
+    prices = dict.fromkeys(max(own, least) for least in least_prices)
+    work = chosen[0].grid.n_cells * problem.robots
+    if flies and problem.passes == 1 and work <= _FLOWN:
+        found = [
+            grid_tour
+            for price in prices
+            for grid_tour in _ranked_tours(problem, speeds, price=price, **options)
+        ]
+        chosen = []
+        for least in least_prices:
+            costs = [one.once_round(_price_of_all(least, own), own * size) for one in found]
+            ranked = [found[k] for k in np.argsort(costs, kind="stable").tolist()]
+            chosen += _different(ranked)[:_PLANNED]
+        chosen = _different(chosen)
+    else:
+        del chosen[1:]
+    for name in names:
+        best = [
+            _ranked_tours(problem, speeds, price=price, names=(name,), **options)[0]
+            for price in prices
+        ]
+        alike = [grid_tour for grid_tour in chosen if grid_tour.tour.name == name]
+        chosen += _different([*alike, *best])[len(alike) :]
+    tours = [_in_layers(problem, grid_tour, speeds, scale) for grid_tour in chosen]
+    ground = layers_of(tours[0].grid)[0]
+    places = start_points(problem, ground, np.random.default_rng(seed))
+    landing = (
+        None
+        if problem.land is None
+        else places_of(problem.land, ground.region, problem.robots, what="land")
+    )
+    plans = [
+        plan
+        for grid_tour in tours
+        for plan in _team_plans(problem, grid_tour, speeds, places, landing, scale)
+    ]
+    return [replace(plan, airspace=plans[0].airspace) for plan in plans]
+
+
+def _different(tours: Sequence[GridTour]) -> list[GridTour]:
+    """Return the tours that lead through other cells, or through them in another order, than all
+    before.
+    """
+    found: list[GridTour] = []
+    for grid_tour in tours:
+        if not any(_is_same(grid_tour, other) for other in found):
+            found.append(grid_tour)
+    return found
+
+
 def _is_same(first: GridTour, second: GridTour) -> bool:
     """Return whether two tours lead through the same cells in the same order."""
     return np.array_equal(first.tour.cells, second.tour.cells) and np.array_equal(
@@ -1364,20 +1408,28 @@ def _is_same(first: GridTour, second: GridTour) -> bool:
     )
 
 
+def _price_of_all(least: float, own: float) -> float:
+    """Return what a vehicle's turn costs in `price_of_turns`, in cells, if all vehicles turn as
+    often, a turn takes the time for ``own`` cells, and it costs at least ``least``.
+    """
+    return max(own, least) + _TEAM * least
+
+
 def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return the time that decides between plans, in seconds: the longest time between the
-    departure of a robot and its return, with what the robot's turns cost in comparisons beyond
-    their own time. For vehicles, `_TEAM` times the least price of a robot's turns on average comes
-    on top, so that the turns of all count. Without a vehicle, robots do not return.
+    departure of a robot and its return, where each of its turns takes at least the time that turns
+    cost with ``prefer="time"``, and what a robot's turns on average cost beyond that. Without a
+    vehicle, robots do not return.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
-    price = problem.turn_price(own)
+    time_price = max(own, TURN_PRICES["time"])
+    price = _price_of_all(problem.turn_price(0.0), own) if plan.flies else problem.turn_price(own)
     counts = turns_by_robot(plan)
     latest = max(
-        time + (price - own) * plan.cell_seconds * count
+        time + (time_price - own) * plan.cell_seconds * count
         for time, count in zip(_working_times(plan), counts.tolist(), strict=True)
     )
-    more = plan.flies * _TEAM * problem.turn_price(0.0) * plan.cell_seconds * counts.mean()
+    more = (price - time_price) * plan.cell_seconds * counts.mean()
     return float(latest + more)
 
 
@@ -1406,22 +1458,6 @@ def whole_routes(plan: SearchPlan) -> list[tuple[int, Points]]:
             route = np.vstack([route, np.hstack([back, level])[1:]])
         routes.append((robot, route))
     return routes
-
-
-def plans_along(
-    problem: SearchProblem, tour: str, seed: int, cache: dict[Any, Any]
-) -> list[SearchPlan]:
-    """Return the plans of all allocations that the problem compares, along one tour. The argument
-    ``cache`` is that of `best_grid_tour`.
-    """
-    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    grid_tour = _grid_tour(problem, speeds, tour=tour, scale=1.0, cache=cache)
-    landing = (
-        None
-        if problem.land is None
-        else places_of(problem.land, grid_tour.grid.region, problem.robots, what="land")
-    )
-    return _team_plans(problem, grid_tour, speeds, landing, seed, 1.0)
 
 
 def without_delays(plan: SearchPlan) -> float:
@@ -1476,8 +1512,8 @@ def _team_plans(
     problem: SearchProblem,
     grid_tour: GridTour,
     speeds: NDArray[np.float64],
+    places: Points,
     landing: Points | None,
-    seed: int,
     scale: float,
 ) -> list[SearchPlan]:
     """Return a plan for each compared allocation of a tour, the best by its cost in cells first."""
@@ -1494,7 +1530,6 @@ def _team_plans(
         # also where rows are preferred: robots are back together only if turns count as they take
         tour_cost = replace(tour_cost, turn_price=max(TURN_PRICES["time"] - own, 0.0))
     ground = layers_of(grid)[0]
-    places = start_points(problem, ground, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
     # Messages contain cells, not positions. Therefore robots can agree only on parts that they
@@ -1595,48 +1630,68 @@ def _lateness(plan: SearchPlan, robot: int, first: int | None) -> float:
     return late
 
 
-def _grid_tour(
+def _sizes_of_cells(
+    problem: SearchProblem, speeds: NDArray[np.float64], scale: float
+) -> list[float]:
+    """Return the side of the cells at each altitude, in metres."""
+    return [
+        cell_side(scale * check_footprints(problem.footprint_at(up), problem.robots), speeds)
+        for up in problem.altitudes
+    ]
+
+
+def _ranked_tours(
     problem: SearchProblem,
     speeds: NDArray[np.float64],
     *,
     scale: float,
-    tour: str | None = None,
-    cache: dict[Any, Any] | None = None,
-) -> GridTour:
-    """Divide the region into cells at the given angle or at the best angle, and compute a tour
-    through all layers.
+    cache: dict[Any, Any],
+    price: float | None = None,
+    names: Sequence[str] | None = None,
+) -> list[GridTour]:
+    """Divide the region into cells at the given angle or at the likeliest angles, and return the
+    tours through them, as `ranked_grid_tours` does.
 
-    With ``tour``, the function compares no other tours. The argument ``cache`` is that of
-    `best_grid_tour`.
+    The argument ``price`` is that of a turn in cells, in place of the problem's, and ``names`` those
+    of the tours.
     """
-    vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
-    sizes = [
-        cell_side(scale * check_footprints(problem.footprint_at(up), problem.robots), speeds)
-        for up in altitudes
-    ]
-    turn_cost = turn_cells(vehicle, sizes[0])
-    options: dict[str, Any] = {
-        "transit": problem.transit,
-        "turn_cost": problem.turn_price(turn_cost),
-        "stepwise": problem.stepwise,
-    }
-    tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
-    options["along_rows"] = isinstance(problem.angle, float) or None
-    first = best_grid_tour(
+    size = _sizes_of_cells(problem, speeds, scale)[0]
+    own = turn_cells(problem.chosen_vehicle, size)
+    return ranked_grid_tours(
         problem.place,
-        sizes[0],
-        tours,
-        reach=turn_cost * sizes[0],
+        size,
+        problem.tours_to_compare(own) if names is None else names,
+        turn_cost=problem.turn_price(own) if price is None else price,
+        reach=own * size,
         angle=problem.chosen_angle,
         line=problem.line,
         cache=cache,
-        **options,
+        transit=problem.transit,
+        stepwise=problem.stepwise,
+        along_rows=isinstance(problem.angle, float) or None,
     )
-    name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
+
+
+def _in_layers(
+    problem: SearchProblem, first: GridTour, speeds: NDArray[np.float64], scale: float
+) -> GridTour:
+    """Return a tour through all layers that begins with a tour of the lowest one."""
+    vehicle, sizes = problem.chosen_vehicle, _sizes_of_cells(problem, speeds, scale)
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(
         first.tour.row_angle(first.grid.angle)
     )
-    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **options)
+    return in_layers(
+        first,
+        problem.altitudes,
+        problem.passes,
+        sizes,
+        first.tour.name,
+        climb=climb,
+        turn_cost=problem.turn_price(turn_cells(vehicle, sizes[0])),
+        transit=problem.transit,
+        stepwise=problem.stepwise,
+        along_rows=isinstance(problem.angle, float) or None,
+    )
 
 
 def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
